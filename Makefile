@@ -1,0 +1,33 @@
+# Two commands matter: `make demo` (set-up and the main job) and `make test` (set-up and tests).
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: setup demo test check interop paper-tables clean
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[plot,test]'
+	touch $@
+
+demo: setup
+	$(BIN)/gcs demo
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: check
+	$(BIN)/python -m pytest
+
+interop: setup
+	$(BIN)/python -m pytest tests/interop
+
+paper-tables: setup
+	$(BIN)/python benchmarks/paper_tables.py
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info demo-output

@@ -1,0 +1,45 @@
+"""Framing and checksum of a buffer, and bytes to columns, against pymavlink. Run: python benchmarks/framing.py"""
+
+from __future__ import annotations
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from telemetry import compare, telemetry
+
+from gcs.dialect import Dialect
+from gcs.framing import Framer, scan
+
+
+def main() -> None:
+    """Print the ratios."""
+    frames = [frame for _, frame in telemetry(60.0)]
+    data = b"".join(frames)
+    copies = 50
+    large = np.frombuffer(data * copies, np.uint8)
+    dialect = Dialect.load()
+
+    def pymavlink_parse() -> None:
+        parser = mavlink.MAVLink(None)
+        parser.robust_parsing = True
+        count = sum(len(parser.parse_buffer(data[at : at + 4096]) or []) for at in range(0, len(data), 4096))
+        assert count == len(frames)
+
+    def whole_buffer() -> None:
+        assert len(scan(large, dialect)) == len(frames) * copies
+
+    def pieces() -> None:
+        framer = Framer(dialect)
+        count = sum(len(framer.feed(data[at : at + 4096])[1]) for at in range(0, len(data), 4096))
+        assert count == len(frames)
+
+    many = float(len(frames) * copies)
+    compare(
+        "framing and checksum",
+        "frames",
+        {"pymavlink parse_buffer, 4 KiB": len(frames), "scan, whole buffer": many, "Framer, 4 KiB": len(frames)},
+        {"pymavlink parse_buffer, 4 KiB": pymavlink_parse, "scan, whole buffer": whole_buffer, "Framer, 4 KiB": pieces},
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The ground station: links, recording, flights, jobs, REST and the command line."""

@@ -1,0 +1,57 @@
+"""The application: everything it needs is handed in, nothing is opened on import."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+from fastapi.responses import HTMLResponse
+
+from gcs.api import problems
+from gcs.api.flights import router as flights_router
+from gcs.api.jobs import router as jobs_router
+from gcs.api.page import PAGE
+from gcs.api.security import Guard
+from gcs.api.service import Service
+from gcs.api.status import router as status_router
+from gcs.catalogue import Catalogue
+from gcs.jobs import JobRunner
+from gcs.settings import Settings
+from gcs.station import RecordingStation
+from gcs.version import VERSION
+
+
+def create_app(settings: Settings, catalogue: Catalogue, recorder: RecordingStation, jobs: JobRunner) -> FastAPI:
+    """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        jobs.start()
+        recorder.start()
+        try:
+            yield
+        finally:
+            recorder.stop()
+            jobs.stop()
+            catalogue.close()
+
+    app = FastAPI(
+        title="Ground station",
+        version=VERSION,
+        description="Flights recorded from MAVLink telemetry, and the flight models identified from them.",
+        lifespan=lifespan,
+        redoc_url=None,
+    )
+    app.state.service = Service(settings, catalogue, recorder, jobs, started=time.monotonic())
+    app.add_middleware(Guard, token=settings.token)
+    problems.install(app)
+    for router in (status_router, flights_router, jobs_router):
+        app.include_router(router)
+
+    @app.get("/", include_in_schema=False)
+    def page() -> HTMLResponse:
+        return HTMLResponse(PAGE)
+
+    return app

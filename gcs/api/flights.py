@@ -1,0 +1,119 @@
+"""Flights: the list, uploads, summaries, recordings and signals."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import FileResponse
+from starlette.concurrency import run_in_threadpool
+
+from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView
+from gcs.api.service import Serving
+from gcs.api.upload import receive_upload
+from gcs.catalogue import Flight
+from gcs.errors import RecordingError
+from gcs.flightview import utc_text
+from gcs.intake import take_in
+
+router = APIRouter(tags=["flights"])
+
+_PROBLEM = {"model": Problem}
+_UPLOAD_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": {"type": "string", "format": "binary"}},
+                }
+            },
+            "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
+        },
+    }
+}
+
+
+def _item(flight: Flight) -> FlightItem:
+    return FlightItem.model_validate(_fields(flight))
+
+
+def _fields(flight: Flight) -> dict[str, Any]:
+    return {
+        "id": flight.id,
+        "name": flight.name,
+        "source": flight.source,
+        "state": flight.state,
+        "system": flight.system,
+        "start": utc_text(flight.start_ns),
+        "end": utc_text(flight.end_ns),
+        "duration_s": (flight.end_ns - flight.start_ns) / 1e9,
+        "messages": flight.messages,
+        "bytes": flight.bytes,
+        "end_reason": flight.end_reason,
+    }
+
+
+@router.get("/api/flights", responses={404: _PROBLEM})
+def flights(service: Serving, limit: Annotated[int, Query(ge=1, le=1000)] = 50, after: str | None = None) -> FlightPage:
+    """Flights, newest first."""
+    found = service.catalogue.flights(limit + 1, after)
+    page = found[:limit]
+    return FlightPage(flights=[_item(flight) for flight in page], next=page[-1].id if len(found) > limit else None)
+
+
+@router.post(
+    "/api/flights",
+    status_code=201,
+    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM},
+    openapi_extra=_UPLOAD_BODY,
+)
+async def upload(
+    request: Request,
+    service: Serving,
+    name: Annotated[str, Query(description="File name of a body that is not multipart")] = "",
+) -> FlightItem:
+    """Upload a recording (.mcap or .tlog): a form with the part `file`, or the file itself with `?name=`."""
+    async with receive_upload(request, service.settings, name) as (path, original):
+        flight = await run_in_threadpool(take_in, path, original, service.settings, service.catalogue)
+    return _item(flight)
+
+
+@router.get("/api/flights/{flight_id}", responses={404: _PROBLEM})
+def flight(service: Serving, flight_id: str) -> FlightSummary:
+    """What a flight holds, and the state of its jobs."""
+    found = service.catalogue.flight(flight_id)
+    jobs = [JobView.model_validate(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
+    return FlightSummary.model_validate({**_fields(found), **service.viewer.summary(found), "jobs": jobs})
+
+
+@router.get(
+    "/api/flights/{flight_id}/recording",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/octet-stream": {}}}, 206: {"description": "The range asked for"}},
+)
+def recording(service: Serving, flight_id: str) -> FileResponse:
+    """The MCAP file; HTTP ranges are honoured."""
+    found = service.catalogue.flight(flight_id)
+    path = service.settings.flights / found.file
+    if not path.is_file():
+        raise RecordingError(f"the recording of flight {flight_id} is gone from the data folder")
+    return FileResponse(path, media_type="application/octet-stream", filename=f"{found.id}.mcap")
+
+
+@router.get("/api/flights/{flight_id}/signals", responses={404: _PROBLEM, 409: _PROBLEM})
+def signals(
+    service: Serving,
+    flight_id: str,
+    names: Annotated[str, Query(description="Names from the flight's summary, separated by commas")],
+    start: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+    end: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+    points: Annotated[int, Query(ge=2, le=100_000)] = 2000,
+) -> SignalsView:
+    """Signals for plotting, at most about `points` samples of each; the extremes of every stretch are kept."""
+    found = service.catalogue.flight(flight_id)
+    wanted = [name.strip() for name in names.split(",") if name.strip()]
+    series = service.viewer.series(found, wanted, start, end, points)
+    return SignalsView(flight=flight_id, signals={name: Series(**entry) for name, entry in series.items()})

@@ -1,0 +1,170 @@
+"""Shapes of requests and answers: what OpenAPI describes is what the handlers give."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Problem(BaseModel):
+    """An error (RFC 9457): `detail` is a sentence that says what to do."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+
+
+class Health(BaseModel):
+    """State of the service. `problem` is empty when all is well."""
+
+    status: Literal["ok", "degraded"]
+    version: str
+    uptime_s: float
+    links_connected: int
+    links_total: int
+    disk_free_bytes: int
+    disk_total_bytes: int
+    recording: list[str] = Field(description="Ids of the flights being recorded now")
+    unrecorded_bytes: int
+    problem: str
+
+
+class ComponentStatus(BaseModel):
+    """One sender on a link."""
+
+    component: int
+    received: int
+    lost: int = Field(description="Frames missing in the sender's sequence")
+    loss: float = Field(description="lost / (lost + received)")
+
+
+class SystemStatus(BaseModel):
+    """One system (vehicle or ground station) heard on a link."""
+
+    system: int
+    clock_offset_s: float | None = Field(description="Time of reception (UTC) minus the vehicle's time since boot")
+    clock_drift_ppm: float | None = Field(description="How much faster the vehicle's clock runs than ours")
+    components: list[ComponentStatus]
+
+
+class LinkStatus(BaseModel):
+    """One link: its connection, what it carried and who speaks on it."""
+
+    url: str
+    connected: bool
+    problem: str
+    bytes: int
+    reads: int
+    dropped: int = Field(description="Datagrams for which the kernel had no room")
+    bytes_sent: int
+    send_errors: int
+    connections: int
+    last_received_ns: int
+    frames: int
+    frames_per_s: float
+    bytes_per_s: float
+    raw_bytes: int = Field(description="Bytes that belong to no frame")
+    bad_crc: int
+    unknown_messages: int
+    systems: list[SystemStatus]
+
+
+class FlightItem(BaseModel):
+    """One flight of the catalogue. Times are UTC."""
+
+    id: str
+    name: str
+    source: Literal["live", "upload"]
+    state: Literal["recording", "complete", "recovered"]
+    system: int | None
+    start: str
+    end: str
+    duration_s: float
+    messages: int
+    bytes: int
+    end_reason: str
+
+
+class FlightPage(BaseModel):
+    """Flights, newest first. `next` is the value of `after` for the page behind this one, null on the last."""
+
+    flights: list[FlightItem]
+    next: str | None
+
+
+class JobView(BaseModel):
+    """A job. `progress` runs from 0 to 1; `error` says in words why it failed.
+
+    One that nobody asked for is skipped where nothing airborne and excited is found; the end of its log says so.
+    """
+
+    id: str
+    flight_id: str
+    kind: Literal["identify", "discrepancy"]
+    request: dict[str, Any]
+    state: Literal["queued", "running", "done", "failed", "skipped"]
+    progress: float
+    error: str | None
+    attempts: int
+    created_ns: int
+    started_ns: int | None
+    ended_ns: int | None
+    log: list[str]
+
+
+class FlightSummary(FlightItem):
+    """What a flight holds."""
+
+    topics: dict[str, int] = Field(description="Messages per topic")
+    lost: int = Field(description="Frames missing in the senders' sequences")
+    damage: list[str] = Field(description="Parts of the recording that cannot be read")
+    signals: list[str] = Field(description="Names that GET …/signals accepts")
+    warnings: list[str]
+    jobs: list[JobView]
+
+
+class Series(BaseModel):
+    """One signal, decimated: of each stretch the smallest and the largest value are kept. Time in s from the start."""
+
+    unit: str
+    source: str
+    time: list[float]
+    value: list[float | None]
+
+
+class SignalsView(BaseModel):
+    """Signals of a flight for plotting."""
+
+    flight: str
+    signals: dict[str, Series]
+
+
+class JobRequest(BaseModel):
+    """An estimation to run. A model is the id of one (GET /api/models) or the model itself as JSON."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    kind: Literal["identify", "discrepancy"]
+    model: str | dict[str, Any] | None = Field(None, description="The model to be judged; discrepancy needs it")
+    structure: str | dict[str, Any] | None = None
+    prior: str | dict[str, Any] | None = None
+    validate_: list[str] = Field(
+        default_factory=list, alias="validate", max_length=50, description="Ids of flights to judge the result on"
+    )
+    method: Literal["auto", "ee", "oe"] = "auto"
+    from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
+    to: float | None = Field(None, ge=0)
+    system: int | None = Field(None, ge=1, le=255)
+
+
+class ModelItem(BaseModel):
+    """One identified model."""
+
+    id: str
+    flight_id: str
+    kind: Literal["identify", "discrepancy"]
+    job_id: str
+    name: str
+    created_ns: int

@@ -1,0 +1,36 @@
+"""What the handlers work with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from gcs.catalogue import Catalogue
+from gcs.flightview import FlightViewer
+from gcs.jobs import JobRunner
+from gcs.settings import Settings
+from gcs.station import RecordingStation
+
+
+@dataclass
+class Service:
+    """The parts of the running service. started: monotonic time of its start, s."""
+
+    settings: Settings
+    catalogue: Catalogue
+    recorder: RecordingStation
+    jobs: JobRunner
+    started: float
+    viewer: FlightViewer = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.viewer = FlightViewer(self.settings)
+
+
+def _service(request: Request) -> Service:
+    return cast(Service, request.app.state.service)
+
+
+Serving = Annotated[Service, Depends(_service)]

@@ -1,0 +1,40 @@
+"""Health and links."""
+
+from __future__ import annotations
+
+import shutil
+import time
+
+from fastapi import APIRouter
+
+from gcs.api.schemas import Health, LinkStatus
+from gcs.api.service import Serving
+from gcs.version import VERSION
+
+router = APIRouter(tags=["state"])
+
+
+@router.get("/api/health")
+def health(service: Serving) -> Health:
+    """Whether the service records: links, disk, version. Needs no token."""
+    links = service.recorder.links
+    state = service.recorder.state
+    disk = shutil.disk_usage(service.settings.data)
+    return Health(
+        status="degraded" if state.problem else "ok",
+        version=VERSION,
+        uptime_s=time.monotonic() - service.started,
+        links_connected=sum(link.connected for link in links),
+        links_total=len(links),
+        disk_free_bytes=disk.free,
+        disk_total_bytes=disk.total,
+        recording=service.recorder.live_flights(),
+        unrecorded_bytes=state.unrecorded_bytes,
+        problem=state.problem,
+    )
+
+
+@router.get("/api/links")
+def links(service: Serving) -> list[LinkStatus]:
+    """Every link: rates, losses, checksum failures, and the systems heard on it with their clocks."""
+    return [LinkStatus.model_validate(status) for status in service.recorder.link_status()]

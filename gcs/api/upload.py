@@ -1,0 +1,125 @@
+"""Reception of an uploaded file: streamed to disk, its size limited before and while it comes."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import HTTPException, Request
+from python_multipart.multipart import MultipartParser, parse_options_header
+from starlette.concurrency import run_in_threadpool
+
+from gcs.settings import Settings
+
+_WRITE_BYTES = 1 << 20
+
+
+@asynccontextmanager
+async def receive_upload(request: Request, settings: Settings, name: str) -> AsyncIterator[tuple[Path, str]]:
+    """A temporary file with the upload, and the name that its sender gives it; the file is gone afterwards.
+
+    The name is only ever shown and asked for its ending; no part of it reaches the file system.
+    """
+    settings.flights.mkdir(parents=True, exist_ok=True)
+    declared = request.headers.get("content-length", "")
+    if declared.isdecimal() and int(declared) > settings.max_upload_bytes:
+        raise _too_large(settings)
+    with tempfile.TemporaryDirectory(prefix="upload-", dir=settings.data) as folder:
+        path = Path(folder) / "upload"
+        with path.open("wb") as file:
+            target = _Target(request, name)
+            received = 0
+            pending = bytearray()
+            async for chunk in request.stream():
+                received += len(chunk)
+                if received > settings.max_upload_bytes:
+                    raise _too_large(settings)
+                pending += target.content(chunk)
+                if len(pending) >= _WRITE_BYTES:
+                    await run_in_threadpool(file.write, bytes(pending))
+                    pending.clear()
+            await run_in_threadpool(file.write, bytes(pending))
+        target.check_complete()
+        if path.stat().st_size == 0:
+            raise HTTPException(422, "the upload holds no file; send it as the form's part 'file', or as the body")
+        yield path, target.name
+
+
+def _too_large(settings: Settings) -> HTTPException:
+    return HTTPException(413, f"the file is larger than {settings.max_upload_bytes} bytes, the most that is taken")
+
+
+class _Target:
+    """Takes the file out of the request's body: the body itself, or the first file part of a form."""
+
+    def __init__(self, request: Request, name: str) -> None:
+        kind, options = parse_options_header(request.headers.get("content-type"))
+        self.name = name
+        self._parser: MultipartParser | None = None
+        self._bytes = bytearray()
+        self._headers: dict[bytes, bytes] = {}
+        self._field = self._value = b""
+        self._in_file = self._seen_file = self._ended = False
+        if kind == b"multipart/form-data":
+            if not options.get(b"boundary"):
+                raise HTTPException(422, "the form has no boundary in its content type")
+            self._parser = MultipartParser(
+                options[b"boundary"],
+                {
+                    "on_part_begin": self._begin_part,
+                    "on_part_data": self._data,
+                    "on_part_end": self._end_part,
+                    "on_header_field": self._header_field,
+                    "on_header_value": self._header_value,
+                    "on_header_end": self._header_end,
+                    "on_headers_finished": self._headers_finished,
+                    "on_end": self._end,
+                },
+            )
+
+    def content(self, chunk: bytes) -> bytes:
+        """The bytes of the file in the next chunk of the body."""
+        if self._parser is None:
+            return chunk
+        self._parser.write(chunk)
+        taken = bytes(self._bytes)
+        self._bytes.clear()
+        return taken
+
+    def check_complete(self) -> None:
+        """HTTP 422 for a form that was cut off."""
+        if self._parser is not None and not self._ended:
+            raise HTTPException(422, "the form ends early; send it again")
+
+    def _begin_part(self) -> None:
+        self._headers = {}
+
+    def _header_field(self, data: bytes, start: int, end: int) -> None:
+        self._field += data[start:end]
+
+    def _header_value(self, data: bytes, start: int, end: int) -> None:
+        self._value += data[start:end]
+
+    def _header_end(self) -> None:
+        self._headers[self._field.lower()] = self._value
+        self._field = self._value = b""
+
+    def _headers_finished(self) -> None:
+        _, options = parse_options_header(self._headers.get(b"content-disposition", b""))
+        filename = options.get(b"filename")
+        self._in_file = filename is not None and not self._seen_file
+        if self._in_file and filename is not None:
+            self._seen_file = True
+            self.name = self.name or filename.decode("utf-8", "replace")
+
+    def _data(self, data: bytes, start: int, end: int) -> None:
+        if self._in_file:
+            self._bytes += data[start:end]
+
+    def _end_part(self) -> None:
+        self._in_file = False
+
+    def _end(self) -> None:
+        self._ended = True

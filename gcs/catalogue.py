@@ -1,0 +1,295 @@
+"""The catalogue: flights, jobs, results and models in one SQLite file that survives a crash at any moment."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import CatalogueError
+from gcs.jsontext import dumps
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS flights (
+    id TEXT PRIMARY KEY, file TEXT NOT NULL, name TEXT NOT NULL, source TEXT NOT NULL, state TEXT NOT NULL,
+    system INTEGER, start_ns INTEGER NOT NULL, end_ns INTEGER NOT NULL, messages INTEGER NOT NULL,
+    bytes INTEGER NOT NULL, end_reason TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS flights_by_start ON flights (start_ns DESC, id DESC);
+CREATE TABLE IF NOT EXISTS jobs (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL,
+    kind TEXT NOT NULL, request TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL, error TEXT,
+    attempts INTEGER NOT NULL, created_ns INTEGER NOT NULL, started_ns INTEGER, ended_ns INTEGER);
+CREATE TABLE IF NOT EXISTS job_log (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, job_id TEXT NOT NULL, at_ns INTEGER NOT NULL, line TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS job_log_by_job ON job_log (job_id, number);
+CREATE TABLE IF NOT EXISTS results (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, flight_id TEXT NOT NULL, kind TEXT NOT NULL, job_id TEXT NOT NULL,
+    created_ns INTEGER NOT NULL, json TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS results_by_flight ON results (flight_id, kind, number DESC);
+CREATE TABLE IF NOT EXISTS models (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL, kind TEXT NOT NULL,
+    job_id TEXT NOT NULL, name TEXT NOT NULL, created_ns INTEGER NOT NULL, json TEXT NOT NULL);
+"""
+
+# A job that was running when the service stopped is tried once more; one that stops it twice is not.
+_MAX_ATTEMPTS = 2
+_MAX_LOG_LINES = 1000
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight and its recording.
+
+    file: name of the MCAP in the folder of flights. name: what the user called the file, or its own name.
+    source: "live" or "upload". state: "recording", "complete", or "recovered" after a crash.
+    """
+
+    id: str
+    file: str
+    name: str
+    source: str
+    state: str
+    system: int | None
+    start_ns: int
+    end_ns: int
+    messages: int
+    bytes: int
+    end_reason: str = ""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One estimation. state: queued, running, done, failed or skipped; progress 0..1; error in words if it failed."""
+
+    id: str
+    flight_id: str
+    kind: str
+    request: dict[str, Any]
+    state: str
+    progress: float
+    error: str | None
+    attempts: int
+    created_ns: int
+    started_ns: int | None
+    ended_ns: int | None
+    log: list[str] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """The job as the REST interface gives it."""
+        return asdict(self)
+
+
+class Catalogue:
+    """Thread-safe access to the catalogue's file. `clock` gives UTC in ns."""
+
+    def __init__(self, path: Path, clock: Callable[[], int] = time.time_ns) -> None:
+        self._clock = clock
+        self._lock = threading.RLock()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
+            self._db.row_factory = sqlite3.Row
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = NORMAL")
+            self._db.executescript(_SCHEMA)
+        except (sqlite3.Error, OSError) as error:
+            raise CatalogueError(f"{path}: the catalogue cannot be opened ({error})") from error
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._db.close()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._db
+            except BaseException:
+                self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+
+    def _rows(self, query: str, *values: object) -> list[sqlite3.Row]:
+        with self._lock:
+            return self._db.execute(query, values).fetchall()
+
+    # flights
+
+    def put_flight(self, flight: Flight) -> None:
+        """Add a flight, or replace what is known of it."""
+        columns = asdict(flight)
+        marks = ", ".join("?" for _ in columns)
+        with self._transaction() as db:
+            db.execute(
+                f"INSERT OR REPLACE INTO flights ({', '.join(columns)}) VALUES ({marks})",
+                tuple(columns.values()),
+            )
+
+    def flight(self, flight_id: str) -> Flight:
+        """The flight of that id; CatalogueError if there is none."""
+        rows = self._rows("SELECT * FROM flights WHERE id = ?", flight_id)
+        if not rows:
+            raise CatalogueError(f"there is no flight {flight_id!r}; GET /api/flights lists them")
+        return Flight(**rows[0])
+
+    def has_flight(self, flight_id: str) -> bool:
+        """Whether the id is taken."""
+        return bool(self._rows("SELECT 1 FROM flights WHERE id = ?", flight_id))
+
+    def flights(self, limit: int = 50, after: str | None = None) -> list[Flight]:
+        """Newest first; `after` is the id of the last flight of the page before."""
+        if after is None:
+            rows = self._rows("SELECT * FROM flights ORDER BY start_ns DESC, id DESC LIMIT ?", limit)
+        else:
+            last = self.flight(after)
+            rows = self._rows(
+                "SELECT * FROM flights WHERE (start_ns, id) < (?, ?) ORDER BY start_ns DESC, id DESC LIMIT ?",
+                last.start_ns,
+                last.id,
+                limit,
+            )
+        return [Flight(**row) for row in rows]
+
+    def unfinished_flights(self) -> list[Flight]:
+        """Flights that were being recorded when the service stopped without ending them."""
+        return [Flight(**row) for row in self._rows("SELECT * FROM flights WHERE state = 'recording'")]
+
+    # jobs
+
+    def add_job(self, flight_id: str, kind: str, request: dict[str, Any]) -> Job:
+        """Queue a job."""
+        job_id = secrets.token_hex(6)
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO jobs (id, flight_id, kind, request, state, progress, attempts, created_ns)"
+                " VALUES (?, ?, ?, ?, 'queued', 0, 0, ?)",
+                (job_id, flight_id, kind, dumps(request), self._clock()),
+            )
+        return self.job(job_id)
+
+    def job(self, job_id: str) -> Job:
+        """The job of that id with its log; CatalogueError if there is none."""
+        rows = self._rows("SELECT * FROM jobs WHERE id = ?", job_id)
+        if not rows:
+            raise CatalogueError(f"there is no job {job_id!r}")
+        lines = self._rows("SELECT line FROM job_log WHERE job_id = ? ORDER BY number", job_id)
+        return _job(rows[0], [row["line"] for row in lines])
+
+    def jobs_of(self, flight_id: str) -> list[Job]:
+        """Jobs of a flight, newest first, without their logs."""
+        rows = self._rows("SELECT * FROM jobs WHERE flight_id = ? ORDER BY number DESC", flight_id)
+        return [_job(row, []) for row in rows]
+
+    def take_job(self) -> Job | None:
+        """Turn the oldest queued job into a running one."""
+        with self._transaction() as db:
+            row = db.execute("SELECT id FROM jobs WHERE state = 'queued' ORDER BY number LIMIT 1").fetchone()
+            if row is None:
+                return None
+            db.execute(
+                "UPDATE jobs SET state = 'running', progress = 0, started_ns = ?, attempts = attempts + 1 WHERE id = ?",
+                (self._clock(), row["id"]),
+            )
+        return self.job(row["id"])
+
+    def report_progress(self, job_id: str, progress: float, line: str = "") -> None:
+        """Progress (0..1, never backwards) and a line for the log, of which the last 1000 are kept."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE jobs SET progress = max(progress, ?) WHERE id = ?",
+                (min(max(progress, 0.0), 1.0), job_id),
+            )
+            if line:
+                db.execute(
+                    "INSERT INTO job_log (job_id, at_ns, line) VALUES (?, ?, ?)",
+                    (job_id, self._clock(), line),
+                )
+                db.execute(
+                    "DELETE FROM job_log WHERE job_id = ? AND number <= (SELECT max(number) FROM job_log) - ?",
+                    (job_id, _MAX_LOG_LINES),
+                )
+
+    def finish_job(self, job: Job, result: dict[str, Any]) -> None:
+        """Store a result and its model, and mark the job done, all or nothing."""
+        now = self._clock()
+        model = result.get("model")
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO results (flight_id, kind, job_id, created_ns, json) VALUES (?, ?, ?, ?, ?)",
+                (job.flight_id, job.kind, job.id, now, dumps(result)),
+            )
+            if isinstance(model, dict):
+                db.execute(
+                    "INSERT OR REPLACE INTO models (id, flight_id, kind, job_id, name, created_ns, json)"
+                    " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                    (job.id, job.flight_id, job.kind, job.id, str(model.get("name", "")), now, dumps(model)),
+                )
+            db.execute("UPDATE jobs SET state = 'done', progress = 1, ended_ns = ? WHERE id = ?", (now, job.id))
+
+    def fail_job(self, job_id: str, error: str) -> None:
+        """Mark a job failed, with the reason in words."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE jobs SET state = 'failed', error = ?, ended_ns = ? WHERE id = ?",
+                (error, self._clock(), job_id),
+            )
+
+    def skip_job(self, job_id: str, reason: str) -> None:
+        """Mark a job as having nothing to work on; its log says why."""
+        self.report_progress(job_id, 1.0, reason)
+        with self._transaction() as db:
+            db.execute("UPDATE jobs SET state = 'skipped', ended_ns = ? WHERE id = ?", (self._clock(), job_id))
+
+    def requeue_interrupted_jobs(self) -> None:
+        """What ran when the service stopped is queued again, or failed if that has happened to it before."""
+        for row in self._rows("SELECT id, attempts FROM jobs WHERE state = 'running'"):
+            if row["attempts"] >= _MAX_ATTEMPTS:
+                self.fail_job(row["id"], "the service stopped twice while this job was running; start it anew")
+                continue
+            with self._transaction() as db:
+                db.execute("UPDATE jobs SET state = 'queued', progress = 0 WHERE id = ?", (row["id"],))
+            self.report_progress(row["id"], 0.0, "the service was stopped while this job ran; queued again")
+
+    # results and models
+
+    def result(self, flight_id: str, kind: str) -> dict[str, Any]:
+        """Newest result of a kind ("identify" or "discrepancy"); CatalogueError if there is none."""
+        rows = self._rows(
+            "SELECT json FROM results WHERE flight_id = ? AND kind = ? ORDER BY number DESC LIMIT 1",
+            flight_id,
+            kind,
+        )
+        if not rows:
+            skipped = [job for job in self.jobs_of(flight_id) if (job.kind, job.state) == (kind, "skipped")]
+            reason = f" ({self.job(skipped[0].id).log[-1]})" if skipped else ""
+            raise CatalogueError(
+                f"flight {flight_id} has no {kind} result yet{reason}; POST /api/flights/{flight_id}/jobs starts one"
+            )
+        return dict(json.loads(rows[0]["json"]))
+
+    def models(self) -> list[dict[str, Any]]:
+        """Every model, newest first, without its coefficients."""
+        rows = self._rows("SELECT id, flight_id, kind, job_id, name, created_ns FROM models ORDER BY number DESC")
+        return [dict(row) for row in rows]
+
+    def model(self, model_id: str) -> dict[str, Any]:
+        """One model; CatalogueError if there is none."""
+        rows = self._rows("SELECT json FROM models WHERE id = ?", model_id)
+        if not rows:
+            raise CatalogueError(f"there is no model {model_id!r}; GET /api/models lists them")
+        return dict(json.loads(rows[0]["json"]))
+
+
+def _job(row: sqlite3.Row, log: list[str]) -> Job:
+    columns = {key: row[key] for key in row.keys() if key != "number"}  # noqa: SIM118 - a Row iterates its values
+    columns["request"] = json.loads(columns["request"])
+    return Job(**columns, log=log)

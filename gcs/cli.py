@@ -1,0 +1,74 @@
+"""The command line: `gcs COMMAND …`. Each command is a module of `gcs.commands`.
+
+Exit codes: 0 done, 1 failed on its input (one line on standard error), 2 wrong use: settings and
+connection strings that cannot be meant, and a vehicle file that cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import pkgutil
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType, ModuleType
+
+import gcs.commands
+from gcs.errors import GcsError, LinkUrlError, SettingsError
+from gcs.version import VERSION
+from sim_vehicle.errors import SimVehicleError, VehicleFileError
+
+_WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
+
+
+def _modules() -> list[ModuleType]:
+    """Every command: a module with NAME, HELP, add_arguments(parser) and run(args) -> exit code."""
+    names = sorted(module.name for module in pkgutil.iter_modules(gcs.commands.__path__))
+    return [importlib.import_module(f"gcs.commands.{name}") for name in names]
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(prog="gcs", description="Ground station: from telemetry to a flight model.")
+    parser.add_argument("--version", action="version", version=f"gcs {VERSION}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in _modules():
+        command = commands.add_parser(module.NAME, help=module.HELP, description=module.HELP)
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; its exit code."""
+    from sysid.errors import SysidError
+
+    args = build_parser().parse_args(arguments)
+    # A shell starts background commands with SIGINT ignored; a recorder must close its file all the same.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+    try:
+        return int(args.run(args))
+    except (GcsError, SysidError, SimVehicleError) as error:
+        print(f"gcs {args.command}: {error}", file=sys.stderr)
+        return 2 if isinstance(error, _WRONG_USE) else 1
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            # The reader of our output (head, less) has gone; nothing more is to be written, not even by Python's exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        name = f"{error.filename}: " if error.filename else ""
+        print(f"gcs {args.command}: {name}{error.strerror or error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f"gcs {args.command}: interrupted", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

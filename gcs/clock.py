@@ -1,0 +1,311 @@
+"""One clock for a flight: the vehicle's time since boot, for messages with and without a stamp.
+
+A stamp may count from boot or from 1970, be 32 or 64 bits wide, come from another board with a clock of its own, or be
+missing. All are put on the reference component's time since boot:
+
+- 32-bit stamps are unwrapped against the time of reception, and joined to the others by whole periods;
+- stamps since 1970 are told by their size (as the MAVLink definition of `time_usec` says) and moved by the difference
+  that SYSTEM_TIME gives, or, without it, by the difference of the two kinds' arrival;
+- another component whose stamps disagree is moved so that its earliest arrivals agree, with a warning;
+- a message without a stamp gets its time of reception through the fitted line of reception over stamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import SignalMapError
+
+Times = NDArray[np.int64]
+
+NS_PER_S = 1_000_000_000
+SMALLEST_EPOCH_NS = 500_000_000 * NS_PER_S  # 1985; no vehicle has been up for 16 years
+SAME_COMPONENT_NS = 2 * NS_PER_S  # a GPS fix may be stamped that much before it is sent
+OTHER_COMPONENT_NS = NS_PER_S // 10  # a second board's clock is as good as its time synchronisation
+RESET_NS = NS_PER_S
+STRAY_NS = 10 * NS_PER_S
+BINS = 60
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Stamps of one message of one component in order of reception.
+
+    log_ns: (N,) time of reception, UTC. raw_ns: (N,) the message's own stamp; what a 0 means, `valid` tells.
+    period_ns: after how long the field wraps, 0 for 64 bits.
+    """
+
+    message: str
+    component: int
+    log_ns: Times
+    raw_ns: Times
+    period_ns: int = 0
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """(N,) which messages carry a stamp.
+
+        A 0 is how MAVLink leaves a stamp out. At the very start, before stamps of the first second, it is the moment of
+        boot: as many of them as there are messages of the next stamp (a message that comes under several names).
+        """
+        given: NDArray[np.bool_] = self.raw_ns != 0
+        first = int(np.argmax(given)) if given.any() else 0
+        if first > 0 and self.raw_ns[first] <= NS_PER_S:
+            alike = int(np.argmin(self.raw_ns[first:] == self.raw_ns[first])) or self.raw_ns.size - first
+            given[:first] = first <= alike
+        return given
+
+    @property
+    def is_short(self) -> bool:
+        """Whether the stamp wraps within a day, so that it says nothing of how long ago the vehicle started."""
+        return 0 < self.period_ns < 86_400 * NS_PER_S
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """Reception = stamp + offset + drift (stamp - origin) for a message that arrives without delay."""
+
+    origin_ns: int
+    offset_ns: int
+    drift: float
+
+    def to_vehicle(self, log_ns: Times) -> Times:
+        """Vehicle's time, ns, at which a message received at `log_ns` left, at the smallest delay."""
+        since = (log_ns - self.offset_ns - self.origin_ns).astype(np.float64) / (1.0 + self.drift)
+        return np.rint(since).astype(np.int64) + self.origin_ns
+
+    def delay(self, log_ns: Times, stamp_ns: Times) -> Times:
+        """Delay, ns, beyond the smallest one."""
+        slope = np.rint(self.drift * (stamp_ns - self.origin_ns).astype(np.float64)).astype(np.int64)
+        return log_ns - stamp_ns - self.offset_ns - slope
+
+
+def fit_clock(log_ns: Times, stamp_ns: Times) -> ClockFit:
+    """Line under the arrival delays of N >= 1 messages, robust against outliers.
+
+    The smallest delay of each of up to 60 equal stretches of time stands for an unhindered message, since delay only
+    ever adds (Moon, Skelly, Towsley, INFOCOM 1999); Theil and Sen's median of slopes bears outliers in 29 % of them.
+    """
+    origin = int(np.median(stamp_ns))
+    since = (stamp_ns - origin).astype(np.float64)
+    base = int(np.median(log_ns - stamp_ns))
+    delay = (log_ns - stamp_ns - base).astype(np.float64)
+    # Stretches of reception, which unlike a stamp never strays.
+    arrived = (log_ns - log_ns.min()).astype(np.float64)
+    span = float(arrived.max())
+    count = int(min(BINS, max(1.0, span / NS_PER_S)))
+    place = np.minimum((arrived * (count / max(span, 1.0))).astype(np.int64), count - 1)
+    order = np.lexsort((delay, place))
+    first = order[np.unique(place[order], return_index=True)[1]]
+    t, d = since[first], delay[first]
+    drift = 0.0
+    if t.size >= 3:
+        i, j = np.triu_indices(t.size, 1)
+        apart = t[j] - t[i]
+        drift = float(np.median((d[j] - d[i])[apart > 0] / apart[apart > 0]))
+    offset = float(np.median(d - drift * t))
+    return ClockFit(origin, base + round(offset), drift)
+
+
+def unwrap(stamps: Stamps) -> Times:
+    """Raw stamps with whole periods added so that they follow the time of reception; first one as it is."""
+    if stamps.period_ns == 0 or stamps.raw_ns.size == 0:
+        return stamps.raw_ns
+    if not stamps.valid.any():
+        return stamps.raw_ns
+    start = int(np.argmax(stamps.valid))
+    expected = stamps.log_ns - stamps.log_ns[start] + stamps.raw_ns[start]
+    turns = np.rint((expected - stamps.raw_ns).astype(np.float64) / stamps.period_ns).astype(np.int64)
+    return np.where(stamps.valid, stamps.raw_ns + turns * stamps.period_ns, 0)
+
+
+@dataclass
+class VehicleClock:
+    """The clock of one flight; times come out in seconds from its first stamp.
+
+    fit: reception over the reference component's time since boot. epoch_ns: 1970 minus boot, None where unknown.
+    start_ns: first stamp, time since boot. offsets: (component, message) -> what is added to its stamps, ns.
+    window: first and last reception of the flight, the one with most messages between two restarts of the clock.
+    """
+
+    fit: ClockFit
+    reference: int
+    epoch_ns: int | None
+    start_ns: int
+    window: tuple[int, int]
+    offsets: dict[tuple[int, str], int] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def utc_start_ns(self) -> int:
+        """UTC of second 0: by the vehicle's own UTC where it tells, else by the receiver's clock."""
+        if self.epoch_ns is not None:
+            return self.start_ns + self.epoch_ns
+        slope = self.fit.drift * (self.start_ns - self.fit.origin_ns)
+        return self.start_ns + self.fit.offset_ns + int(slope)
+
+    def seconds(self, stamps: Stamps) -> NDArray[np.float64]:
+        """Seconds from the flight's first stamp of every message, by reception where it carries no stamp."""
+        own = boot_stamps(stamps, self.epoch_ns, self.fit) + self.offsets.get((stamps.component, stamps.message), 0)
+        times = np.where(stamps.valid, own, self.fit.to_vehicle(stamps.log_ns))
+        return np.asarray((times - self.start_ns) / NS_PER_S, dtype=np.float64)
+
+    def inside(self, log_ns: Times) -> NDArray[np.bool_]:
+        """Which receptions belong to the flight."""
+        return np.asarray((log_ns >= self.window[0]) & (log_ns <= self.window[1]))
+
+
+def boot_stamps(stamps: Stamps, epoch_ns: int | None, fit: ClockFit | None = None) -> Times:
+    """Stamps unwrapped and since boot; with `fit`, joined to its clock by whole periods as well."""
+    own = unwrap(stamps)
+    if epoch_ns is not None:
+        own = np.where(own > SMALLEST_EPOCH_NS, own - epoch_ns, own)
+    valid = stamps.valid
+    if fit is not None and stamps.period_ns and valid.any():
+        # The stamp had wrapped before the recording began, where it lies whole periods behind the others.
+        late = float(np.median(fit.delay(stamps.log_ns[valid], own[valid])))
+        own = own + round(late / stamps.period_ns) * stamps.period_ns
+    return own
+
+
+def build_clock(stamps: Sequence[Stamps], system_time: tuple[Times, Times, Times] | None = None) -> VehicleClock:
+    """The clock of a flight from the stamps of all its messages.
+
+    system_time: SYSTEM_TIME's (reception ns, unix ns, boot ns), each (M,), if the vehicle sends any.
+    Raises SignalMapError where no message carries a stamp.
+    """
+    stamped = [entry for entry in stamps if entry.valid.any()]
+    if not stamped:
+        raise SignalMapError("no message of the vehicle carries a time stamp; the recording cannot be put on one clock")
+    warnings: list[str] = []
+    window = _longest_run(stamped, warnings)
+    stamped = [cut for entry in stamped if (cut := _cut(entry, window)).raw_ns.size]
+    if system_time is not None:
+        inside = (system_time[0] >= window[0]) & (system_time[0] <= window[1])
+        system_time = (system_time[0][inside], system_time[1][inside], system_time[2][inside])
+    epoch = _epoch(stamped, system_time, warnings)
+    reference = _reference_component(stamped)
+    clock = VehicleClock(_fit_reference(stamped, reference, epoch), reference, epoch, 0, window, {}, warnings)
+    for component in sorted({entry.component for entry in stamped}):
+        _align(clock, [entry for entry in stamped if entry.component == component])
+    clock.start_ns = min(_first_stamp(clock, entry) for entry in stamped)
+    return clock
+
+
+def _fit_reference(stamped: Sequence[Stamps], reference: int, epoch: int | None) -> ClockFit:
+    """Fit over the reference component's commonest message and every other of it that keeps the same clock."""
+    own = [entry for entry in stamped if entry.component == reference]
+    own = [entry for entry in own if not entry.is_short] or own
+    own.sort(key=lambda entry: -entry.raw_ns.size)
+    times = [boot_stamps(entry, epoch) for entry in own]
+    offsets = [fit_clock(entry.log_ns, stamp).offset_ns for entry, stamp in zip(own, times, strict=True)]
+    chosen = [i for i, offset in enumerate(offsets) if abs(offset - offsets[0]) < SAME_COMPONENT_NS]
+    return fit_clock(np.concatenate([own[i].log_ns for i in chosen]), np.concatenate([times[i] for i in chosen]))
+
+
+def _first_stamp(clock: VehicleClock, entry: Stamps) -> int:
+    """Earliest stamp that its reception confirms, ns since boot: one stray stamp must not move the flight's start."""
+    times = boot_stamps(entry, clock.epoch_ns, clock.fit) + clock.offsets.get((entry.component, entry.message), 0)
+    confirmed = np.abs(clock.fit.delay(entry.log_ns, times)) < STRAY_NS
+    return int(times[confirmed].min()) if confirmed.any() else int(clock.fit.to_vehicle(entry.log_ns).min())
+
+
+def _cut(entry: Stamps, window: tuple[int, int]) -> Stamps:
+    inside = _chosen(entry, (entry.log_ns >= window[0]) & (entry.log_ns <= window[1]))
+    return _chosen(inside, inside.valid)
+
+
+def _chosen(entry: Stamps, keep: NDArray[np.bool_]) -> Stamps:
+    return Stamps(entry.message, entry.component, entry.log_ns[keep], entry.raw_ns[keep], entry.period_ns)
+
+
+def _reference_component(stamped: Sequence[Stamps]) -> int:
+    """The autopilot (component 1) where it sends stamps, else whoever sends most."""
+    counts: dict[int, int] = {}
+    for entry in stamped:
+        counts[entry.component] = counts.get(entry.component, 0) + entry.raw_ns.size
+    return 1 if 1 in counts else max(counts, key=lambda component: counts[component])
+
+
+def _longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, int]:
+    """Receptions between two restarts of the vehicle's clock that hold the longest flight."""
+    reference = _reference_component(stamped)
+    # Messages without a stamp may come before the first stamp and after the last.
+    edges = {0, int(np.iinfo(np.int64).max)}
+    for entry in stamped:
+        boot = entry.valid & (entry.raw_ns < SMALLEST_EPOCH_NS)
+        times, log = entry.raw_ns[boot], entry.log_ns[boot]
+        # A 32-bit wrap looks like a restart; a single stray stamp does too, so two on either side must agree.
+        if entry.component != reference or entry.is_short or times.size < 4:
+            continue
+        before, after = np.minimum(times[:-3], times[1:-2]), np.maximum(times[2:-1], times[3:])
+        edges.update(int(log[i + 2]) for i in np.flatnonzero(after < before - RESET_NS))
+    cuts = sorted(edges)
+    # Messages of the same restart are told apart by moments only.
+    cuts = [cut for i, cut in enumerate(cuts) if i == 0 or cut - cuts[i - 1] > 2 * NS_PER_S or i == len(cuts) - 1]
+    runs = [(a, b - 1) for a, b in pairwise(cuts)]
+    if len(runs) > 1:
+        warnings.append(
+            f"the vehicle's clock restarted, {len(runs) - 1} times; the longest flight is taken, the rest left out"
+        )
+    return max(
+        runs, key=lambda run: sum(np.count_nonzero((e.log_ns >= run[0]) & (e.log_ns <= run[1])) for e in stamped)
+    )
+
+
+def _epoch(
+    stamped: Sequence[Stamps], system_time: tuple[Times, Times, Times] | None, warnings: list[str]
+) -> int | None:
+    """1970 minus boot, ns; None where neither SYSTEM_TIME nor two kinds of stamps tell."""
+    if system_time is not None:
+        _, unix, boot = system_time
+        known = (unix > SMALLEST_EPOCH_NS) & (boot > 0)
+        if known.any():
+            differences = unix[known] - boot[known]
+            # time_boot_ms is cut off to whole ms, so the smallest difference is the true one, while they agree.
+            spread = int(differences.max() - differences.min())
+            if spread > NS_PER_S // 10:
+                warnings.append(f"the vehicle's UTC was set during the flight, by {spread / NS_PER_S:.1f} s")
+            return int(differences.min()) if spread <= NS_PER_S // 500 else int(np.median(differences))
+    kinds: dict[bool, list[int]] = {True: [], False: []}
+    for entry in stamped:
+        times = unwrap(entry)
+        for since_epoch in (True, False):
+            chosen = (times > SMALLEST_EPOCH_NS) == since_epoch
+            if chosen.any() and not (entry.is_short and not since_epoch):
+                kinds[since_epoch].append(fit_clock(entry.log_ns[chosen], times[chosen]).offset_ns)
+    if not kinds[True]:
+        return None
+    if not kinds[False]:
+        return 0
+    warnings.append("stamps since boot and since 1970 without SYSTEM_TIME; they are joined by their arrival")
+    return min(kinds[False]) - min(kinds[True])
+
+
+def _align(clock: VehicleClock, group: Sequence[Stamps]) -> None:
+    """Move the stamps of one component where they do not agree with the reference's clock.
+
+    Within the reference component each message stands for itself, within another all move together.
+    """
+    component = group[0].component
+    delays = {}
+    for entry in group:
+        delay = clock.fit.delay(entry.log_ns, boot_stamps(entry, clock.epoch_ns, clock.fit))
+        delays[entry.message] = int(np.quantile(delay, 0.05))
+    if component == clock.reference:
+        apart = {message: late for message, late in delays.items() if abs(late) > SAME_COMPONENT_NS}
+    else:
+        smallest = min(delays.values())
+        apart = dict.fromkeys(delays, smallest) if abs(smallest) > OTHER_COMPONENT_NS else {}
+    clock.offsets.update({(component, message): shift for message, shift in apart.items()})
+    if apart:
+        clock.warnings.append(
+            f"component {component} stamps {', '.join(apart)} by another clock,"
+            f" {-min(apart.values()) / NS_PER_S:+.3f} s apart; they are aligned by their arrival"
+        )

@@ -1,0 +1,60 @@
+"""`gcs record`: everything a link brings, into one file."""
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gcs.capture import Capture
+    from gcs.link import Link
+
+NAME = "record"
+HELP = "record what links bring into one MCAP file, until Ctrl-C or --duration"
+
+_COUNT_EVERY_S = 10.0  # where nobody watches, each new count is another line
+
+
+def problems(links: "list[Link]") -> list[str]:
+    """What keeps links from bringing anything, in words."""
+    return [f"{link.name}: {link.problem}" for link in links if link.problem]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("--connect", metavar="URL", action="append", required=True, help="link, repeatable")
+    parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True)
+    parser.add_argument("--duration", metavar="S", type=float, help="stop after this time")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record and say what was recorded."""
+    from gcs.capture import record
+    from gcs.errors import LinkError, SettingsError
+    from gcs.links import open_link
+    from gcs.linkurl import parse_url
+    from gcs.progress import Progress
+
+    if args.duration is not None and not args.duration > 0:
+        raise SettingsError(f"--duration {args.duration}: give a time above 0 s")
+    for url in args.connect:
+        parse_url(url)
+    with contextlib.ExitStack() as stack:
+        links = [stack.enter_context(contextlib.closing(open_link(url))) for url in args.connect]
+        next_count, counted = 0.0, ""
+        with Progress() as progress:
+
+            def show(passed: float, capture: "Capture") -> None:
+                nonlocal next_count, counted
+                if progress.watched or passed >= next_count:
+                    next_count = passed + _COUNT_EVERY_S
+                    counted = f"{capture.messages} messages"
+                share = passed / args.duration if args.duration else 0.0
+                progress(share, "; ".join([counted, *problems(links)]))
+
+            capture = record(links, args.output, args.duration, show)
+        if capture.bytes == 0:
+            args.output.unlink()
+            raise LinkError("nothing was received: " + ("; ".join(problems(links)) or "no link brought a byte"))
+    print(f"{args.output}: {capture.messages} messages, {capture.bytes} bytes")
+    return 0

@@ -1,0 +1,54 @@
+"""`gcs serve`: the service."""
+
+import argparse
+import logging
+from pathlib import Path
+
+NAME = "serve"
+HELP = "record flights from links, identify them, and answer over REST"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "--connect", metavar="URL", action="append", default=[], help="link to receive from, repeatable"
+    )
+    parser.add_argument("--forward", metavar="URL", action="append", default=[], help="link to pass all bytes on to")
+    parser.add_argument("--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle")
+    parser.add_argument("--no-identify", action="store_true", help="identify flights only when asked to")
+    parser.add_argument(
+        "--data", metavar="DIR", type=Path, default=Path("data"), help="folder of flights and catalogue"
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on; other than loopback demands a token")
+    parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--token-file", metavar="FILE", type=Path, help="file with the token, else GCS_TOKEN")
+    parser.add_argument("--silence", metavar="S", type=float, default=10.0, help="silence that ends a flight (10)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until told to stop."""
+    from gcs.errors import SettingsError
+    from gcs.linkurl import parse_url
+    from gcs.serve import serve
+    from gcs.settings import Settings, read_token
+
+    if not 0 <= args.port <= 65535:
+        raise SettingsError(f"--port {args.port}: a port is a number from 0 to 65535")
+    if not args.silence > 0:
+        raise SettingsError(f"--silence {args.silence}: give a time above 0 s")
+    for url in (*args.connect, *args.forward):
+        parse_url(url)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    settings = Settings(
+        data=args.data,
+        connect=tuple(args.connect),
+        forward=tuple(args.forward),
+        vehicle=args.vehicle,
+        identify=not args.no_identify,
+        host=args.host,
+        port=args.port,
+        token=read_token(args.host, args.token_file),
+        silence_s=args.silence,
+    )
+    serve(settings, lambda url: print(f"serving on {url}", flush=True))
+    return 0

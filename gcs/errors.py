@@ -1,0 +1,58 @@
+"""Errors of the ground station.
+
+GcsError                       every error a user can cause; its text is one line that says what to do
+├── RecordingError             a recording that cannot be opened, read or written
+│   └── ImportFileError        a log of another format that cannot be imported
+├── DialectError               a MAVLink dialect that is unknown or cannot be loaded
+├── LinkError                  a link that cannot be opened or brings nothing
+│   └── LinkUrlError           a connection string that is wrong
+├── CatalogueError             a flight, model or result that the catalogue does not hold
+├── JobError                   a job that cannot be started or has failed
+├── SignalMapError             a signal whose message or field does not exist
+├── ServiceError               a data folder or port that the service cannot have
+└── SettingsError              a setting, of the command line or the environment, that is missing or impossible
+"""
+
+
+class GcsError(Exception):
+    """Base of every error that a user's input can cause."""
+
+
+class RecordingError(GcsError):
+    """A recording cannot be opened, read or written."""
+
+
+class ImportFileError(RecordingError):
+    """A log of another format cannot be imported."""
+
+
+class DialectError(GcsError):
+    """A MAVLink dialect is unknown or cannot be loaded."""
+
+
+class LinkError(GcsError):
+    """A link cannot be opened, or brings nothing."""
+
+
+class LinkUrlError(LinkError):
+    """A connection string is wrong."""
+
+
+class CatalogueError(GcsError):
+    """The catalogue does not hold the flight, model or result asked for."""
+
+
+class JobError(GcsError):
+    """A job cannot be started, or has failed."""
+
+
+class SignalMapError(GcsError):
+    """A signal names a message or field that does not exist."""
+
+
+class ServiceError(GcsError):
+    """The service cannot have its data folder or its port."""
+
+
+class SettingsError(GcsError):
+    """A setting, of the command line or the environment, is missing or impossible."""

@@ -1,0 +1,138 @@
+"""What a recording holds, for people and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from gcs.conversion import check_file, import_file
+from gcs.flightview import utc_text
+from gcs.recording.reader import Recording
+
+
+@contextmanager
+def as_recordings(paths: list[Path]) -> Iterator[list[Path]]:
+    """The same recordings as MCAP: other formats are imported to files that are gone afterwards."""
+    with TemporaryDirectory(prefix="gcs-") as folder:
+        converted = []
+        for number, path in enumerate(paths):
+            check_file(path)
+            if path.suffix.lower() == ".mcap":
+                converted.append(path)
+                continue
+            target = Path(folder) / str(number) / f"{path.stem}.mcap"
+            target.parent.mkdir()
+            import_file(path, target)
+            converted.append(target)
+        yield converted
+
+
+def describe_recording(path: Path) -> dict[str, Any]:
+    """Counts, rates, losses and clocks of an MCAP recording, ready for JSON. Raises RecordingError."""
+    recording = Recording(path)
+    counts = recording.counts()
+    damage = recording.damage
+    duration_s = (recording.end_ns - recording.start_ns) / 1e9
+    raw = _raw_bytes(recording)
+    return {
+        "file": str(path),
+        "size_bytes": path.stat().st_size,
+        "start": utc_text(recording.start_ns) if recording.start_ns else None,
+        "end": utc_text(recording.end_ns) if recording.end_ns else None,
+        "duration_s": duration_s,
+        "messages": sum(counts.values()),
+        "topics": [_topic(recording, topic, count) for topic, count in sorted(counts.items())],
+        "components": _components(recording, counts),
+        "links": [{"link": link, "raw_bytes": raw.get(link, 0)} for link in recording.links()],
+        "raw_bytes": sum(raw.values()),
+        "clock": _clock(recording),
+        "damage": list(damage.notes),
+        "truncated": damage.truncated,
+    }
+
+
+def _topic(recording: Recording, topic: str, count: int) -> dict[str, Any]:
+    _, _, system, component, name = topic.split("/")
+    times = [columns.log_time for columns in recording.columns(name, int(system), int(component))]
+    span = max((float(at[-1] - at[0]) / 1e9 for at in times if at.size > 1), default=0.0)
+    distinct = sum(at.size for at in times)
+    return {"topic": topic, "count": count, "rate_hz": (distinct - 1) / span if span > 0 else None}
+
+
+def _components(recording: Recording, counts: dict[str, int]) -> list[dict[str, Any]]:
+    """Losses per link and component by gaps in the sender's counter."""
+    return [
+        {
+            "link": link,
+            "system": system,
+            "component": component,
+            "messages": sum(
+                count for topic, count in counts.items() if topic.startswith(f"/mavlink/{system}/{component}/")
+            ),
+            "lost": lost,
+        }
+        for (link, system, component), lost in sorted(recording.lost().items())
+    ]
+
+
+def _raw_bytes(recording: Recording) -> dict[str, int]:
+    """Bytes of each link that belong to no frame."""
+    from gcs.recording.reader import RUN_NOISE
+
+    raw: dict[str, int] = {}
+    for part in recording.wire_pieces():
+        noise = part.pieces[:, 3] == RUN_NOISE
+        raw[part.link] = raw.get(part.link, 0) + int(part.pieces[noise, 2].sum())
+    return raw
+
+
+def _clock(recording: Recording) -> list[dict[str, Any]]:
+    """Per component that sends SYSTEM_TIME: time of reception less time since boot (smallest delay), and drift."""
+    clocks = []
+    for columns in recording.columns("SYSTEM_TIME"):
+        boot_s = columns["time_boot_ms"].astype(np.float64) / 1e3
+        received_s = (columns.log_time - columns.log_time[0]).astype(np.float64) / 1e9
+        offset = received_s - boot_s
+        unix_us = columns["time_unix_usec"]
+        drift = None
+        if boot_s.size >= 3 and boot_s[-1] - boot_s[0] >= 10.0:
+            drift = float(-np.polyfit(received_s, offset, 1)[0] * 1e6)
+        clocks.append(
+            {
+                "system": columns.system,
+                "component": columns.component,
+                "boot_utc": utc_text(int(columns.log_time[0] + offset.min() * 1e9)),
+                "drift_ppm": drift,
+                "knows_utc": bool((unix_us > 0).any()),
+            }
+        )
+    return clocks
+
+
+def info_text(info: dict[str, Any]) -> str:
+    """The same as lines for a terminal."""
+    lines = [
+        f"{info['file']}: {info['size_bytes']} bytes, {info['messages']} messages",
+        f"from {info['start']} to {info['end']}, {info['duration_s']:.3f} s",
+        "",
+        f"{'topic':<44} {'count':>9} {'Hz':>9}",
+    ]
+    for topic in info["topics"]:
+        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}"
+        lines.append(f"{topic['topic']:<44} {topic['count']:>9} {rate:>9}")
+    lines += ["", f"{'link, system, component':<44} {'lost':>9}"]
+    for entry in info["components"]:
+        sender = f"{entry['link']}, {entry['system']}, {entry['component']}"
+        lines.append(f"{sender:<44} {entry['lost']:>9}")
+    lines += ["", *(f"{entry['link']}: {entry['raw_bytes']} bytes in no frame" for entry in info["links"])]
+    for clock in info["clock"]:
+        drift = "" if clock["drift_ppm"] is None else f", drift {clock['drift_ppm']:.1f} ppm"
+        known = "" if clock["knows_utc"] else ", it does not know UTC"
+        lines.append(f"clock of system {clock['system']}: started {clock['boot_utc']}{drift}{known}")
+    lines += [f"damage: {note}" for note in info["damage"]]
+    return "\n".join(lines)

@@ -1,0 +1,102 @@
+"""What all links share: the interface, the counters, and the spacing of attempts to reconnect.
+
+A link gives batches of bytes, each read stamped with its UTC time of arrival, and takes bytes to send. One that
+loses its peer goes on trying; nothing that happens on a link raises out of `receive` or `send`.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+
+from gcs.datagrams import Batch
+from gcs.linkurl import LinkUrl
+
+_BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+
+@dataclass
+class LinkCounters:
+    """What went over a link since it was opened. `dropped`: datagrams the kernel had no room for."""
+
+    bytes: int = 0
+    reads: int = 0
+    dropped: int = 0
+    bytes_sent: int = 0
+    send_errors: int = 0
+    connections: int = 0
+    last_received_ns: int = 0
+
+
+class Link(ABC):
+    """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words."""
+
+    def __init__(self, url: LinkUrl) -> None:
+        self.url = url
+        self.name = url.text
+        self.counters = LinkCounters()
+        self.connected = False
+        self.problem = ""
+
+    @abstractmethod
+    def receive(self, timeout_s: float) -> Batch | None:
+        """Bytes that arrived within `timeout_s`, or None; never raises for what a peer does."""
+
+    @abstractmethod
+    def send(self, data: bytes) -> None:
+        """Send to every peer known now; what cannot be sent is counted."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give the socket or device back; the link must not be used after it."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is a peer to send to."""
+        return self.connected
+
+    def status(self) -> dict[str, object]:
+        """Counters and state as JSON-ready values."""
+        return {
+            "url": self.name,
+            "connected": self.connected,
+            "problem": self.problem,
+            **asdict(self.counters),
+        }
+
+    def _count(self, batch: Batch) -> Batch:
+        self.counters.bytes += len(batch.data)
+        self.counters.reads += batch.ends.size
+        self.counters.last_received_ns = int(batch.received_ns[-1])
+        return batch
+
+
+def resolve(url: LinkUrl, kind: socket.SocketKind) -> tuple[int, tuple[str, int]]:
+    """Family and address of the URL's host; OSError where the name is unknown."""
+    info = socket.getaddrinfo(url.host, url.port, type=kind)
+    family, _, _, _, address = min(info, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, (str(address[0]), int(address[1]))
+
+
+class Backoff:
+    """Spaces the attempts to reconnect: 0.1 s at first, then up to 2 s."""
+
+    def __init__(self) -> None:
+        self._failures = 0
+        self._next = 0.0
+
+    def due(self, timeout_s: float) -> bool:
+        """Wait for the next attempt, at most `timeout_s`; whether it is due."""
+        wait = self._next - time.monotonic()
+        if wait > 0:
+            time.sleep(min(wait, timeout_s))
+        if time.monotonic() < self._next:
+            return False
+        self._next = time.monotonic() + _BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)]
+        self._failures += 1
+        return True
+
+    def reset(self) -> None:
+        self._failures = 0

@@ -1,0 +1,290 @@
+"""The MCAP file below the messages: finding chunks, whole file or not, and checking what is in them."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from gcs.conversion import IMPORTS
+from gcs.errors import RecordingError
+from gcs.recording import records
+from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
+from gcs.recording.scan import list_messages, walk_records
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
+_FOOTER_BYTES = 9 + 20 + 8
+_LARGEST_CHUNK = 1 << 31
+
+
+@dataclass
+class Damage:
+    """What of a file could not be used.
+
+    chunks: chunks left out because their bytes are not what was written. bytes: bytes of the file that cannot be read.
+    truncated: the file has no end; at most its last chunk is missing. notes: one line for each finding.
+    """
+
+    chunks: int = 0
+    bytes: int = 0
+    truncated: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def __bool__(self) -> bool:
+        return bool(self.chunks or self.bytes)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some consecutive chunks, uncompressed, and their messages.
+
+    data: (B,) uint8. rows: (N, 6) int64: channel, sequence, log time, publish time, offset and length of the
+    message's data. chunk_rows: (chunks + 1,) where each chunk's messages begin in `rows`.
+    """
+
+    data: Bytes
+    rows: Ints
+    chunk_rows: Ints
+
+    @cached_property
+    def channel(self) -> NDArray[np.uint16]:
+        """(N,) channel of each message."""
+        return self.rows[:, 0].astype(np.uint16)
+
+    @cached_property
+    def _by_channel(self) -> tuple[Ints, NDArray[np.uint16]]:
+        order = np.argsort(self.channel, kind="stable")
+        return order, self.channel[order]
+
+    def rows_of(self, channels: Iterable[int]) -> Ints:
+        """Positions in `rows` of the messages of these channels, in file order."""
+        order, sorted_channels = self._by_channel
+        pieces = []
+        for channel in channels:
+            start, stop = np.searchsorted(sorted_channels, (channel, channel + 1))
+            pieces.append(order[start:stop])
+        if len(pieces) == 1:
+            return pieces[0]
+        return np.sort(np.concatenate(pieces)) if pieces else np.empty(0, np.int64)
+
+
+class Container:
+    """One MCAP file, opened. RecordingError if it is none, or if there is nothing in it to use."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.damage = Damage()
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.chunks: list[ChunkInfo] = []
+        self.message_counts: dict[int, int] | None = None
+        self.attachments: list[Attachment] = []
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        self._cached: Group | None = None
+        self._zstd = zstandard.ZstdDecompressor()
+        self._bad_chunks: set[int] = set()
+        self.bytes = self._map()
+        self._check_head()
+        self._read_records()
+
+    def _map(self) -> Bytes:
+        try:
+            with open(self.path, "rb") as file:
+                if os.fstat(file.fileno()).st_size == 0:
+                    raise RecordingError(f"{self.path} is empty; nothing was recorded in it")
+                return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
+        except OSError as error:
+            raise RecordingError(f"{self.path} cannot be read: {error.strerror}") from None
+
+    def _check_head(self) -> None:
+        magic = self.bytes[: len(records.MAGIC)].tobytes()
+        if magic != records.MAGIC[: len(magic)]:
+            others = " and ".join(ending for ending in IMPORTS if ending != ".mcap")
+            raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {others}")
+        if self.bytes.size < len(records.MAGIC) + 9:
+            raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
+
+    def _content(self, place: Ints) -> bytes:
+        return self.bytes[place[1] : place[1] + place[2]].tobytes()
+
+    def _walk(self, start: int, stop: int) -> tuple[Ints, int]:
+        """Records from `start` on, and where they end."""
+        places = np.empty((4096, 3), np.int64)
+        count, end = walk_records(self.bytes, start, stop, places, 0)
+        while count == places.shape[0]:
+            places = np.concatenate((places, np.empty_like(places)))
+            count, end = walk_records(self.bytes, end, stop, places, count)
+        return places[:count], int(end)
+
+    def _read_records(self) -> None:
+        start, stop = len(records.MAGIC), self.bytes.size
+        whole = self.bytes[-len(records.MAGIC) :].tobytes() == records.MAGIC
+        summary = self._read_summary() if whole else []
+        places, end = self._walk(start, stop)
+        self._take(places)
+        ended = places.size > 0 and places[-1, 0] == records.FOOTER
+        while not ended and summary:
+            # A record's length was damaged; the summary says where the chunks behind it begin.
+            later = [chunk.offset for chunk in summary if chunk.offset > end]
+            if not later:
+                break
+            self._lose(end, later[0] - end, "a record's length is damaged")
+            places, end = self._walk(later[0], stop)
+            self._take(places)
+            ended = places.size > 0 and places[-1, 0] == records.FOOTER
+        if not ended:
+            self.damage.truncated = True
+            self._lose(end, stop - end, "the file was cut off")
+        if self.message_counts is None:
+            self._take_definitions_of_chunks()
+        if not self.channels:
+            raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
+
+    def _lose(self, offset: int, size: int, why: str) -> None:
+        if size > 0:
+            self.damage.bytes += size
+            self.damage.notes.append(f"{size} bytes at {offset} cannot be read: {why}")
+
+    def _read_summary(self) -> list[ChunkInfo]:
+        """Schemas, channels, counts and chunk places of the summary, if it is there and sound."""
+        footer = self.bytes[-_FOOTER_BYTES:].tobytes()
+        if len(footer) < _FOOTER_BYTES or footer[0] != records.FOOTER:
+            return []
+        start, _, checksum = records.Cursor(footer[9:]).numbers("QQI")
+        end = self.bytes.size - _FOOTER_BYTES
+        if not 0 < start <= end:
+            return []
+        if checksum and zlib.crc32(self.bytes[start : end + 25].data) != checksum:
+            self.damage.notes.append("the summary is damaged; the file was read without it")
+            return []
+        chunks = []
+        try:
+            for place in self._walk(start, end)[0]:
+                if place[0] in (records.SCHEMA, records.CHANNEL):
+                    self._take_definition(int(place[0]), self._content(place))
+                elif place[0] == records.STATISTICS:
+                    self.message_counts = records.read_statistics(self._content(place))
+                elif place[0] == records.CHUNK_INDEX:
+                    chunks.append(records.read_chunk_index(self._content(place)))
+        except ValueError as error:
+            self.damage.notes.append(f"the summary is damaged ({error}); the file was read without it")
+            self.message_counts = None
+            return []
+        return sorted(chunks, key=lambda chunk: chunk.offset)
+
+    def _take_definition(self, opcode: int, content: bytes) -> None:
+        if opcode == records.SCHEMA:
+            schema = records.read_schema(content)
+            self.schemas[schema.id] = schema
+        else:
+            channel = records.read_channel(content)
+            self.channels[channel.id] = channel
+
+    def _take(self, places: Ints) -> None:
+        """Keep what the records say; chunks are only noted."""
+        wanted = np.isin(
+            places[:, 0], (records.SCHEMA, records.CHANNEL, records.CHUNK, records.ATTACHMENT, records.METADATA)
+        )
+        for place in places[wanted]:
+            opcode = int(place[0])
+            try:
+                if opcode == records.CHUNK:
+                    head = self.bytes[place[1] : place[1] + min(place[2], 4096)].tobytes()
+                    info, _, _ = records.read_chunk_head(head, int(place[1]) - 9, int(place[2]) + 9)
+                    self.chunks.append(info)
+                elif opcode == records.ATTACHMENT:
+                    self.attachments.append(records.read_attachment(self._content(place)))
+                elif opcode == records.METADATA:
+                    self.metadata.append(records.read_metadata(self._content(place)))
+                else:
+                    self._take_definition(opcode, self._content(place))
+            except ValueError as error:
+                self._lose(int(place[1]) - 9, int(place[2]) + 9, str(error))
+
+    def _take_definitions_of_chunks(self) -> None:
+        """Without a summary the schemas and channels are only found inside the chunks."""
+        for group in self.groups():
+            places, _ = _walk_all(group.data)
+            for opcode, at, length in places[np.isin(places[:, 0], (records.SCHEMA, records.CHANNEL))].tolist():
+                self._take_definition(opcode, group.data[at : at + length].tobytes())
+
+    def _uncompressed(self, chunk: ChunkInfo) -> bytes | None:
+        """The chunk's content, or None (and a note of the damage) if it is not what was written."""
+        head = self.bytes[chunk.offset + 9 : chunk.offset + 9 + min(chunk.length - 9, 4096)].tobytes()
+        try:
+            info, checksum, at = records.read_chunk_head(head, chunk.offset, chunk.length)
+            if at + info.compressed_size > chunk.offset + chunk.length or info.uncompressed_size > _LARGEST_CHUNK:
+                raise ValueError("a chunk's lengths are damaged")
+            stored = self.bytes[at : at + info.compressed_size].tobytes()
+            data = self._decompress(info, stored)
+            if len(data) != info.uncompressed_size or (checksum and zlib.crc32(data) != checksum):
+                raise ValueError("a chunk's checksum is wrong")
+        except (ValueError, RuntimeError, zstandard.ZstdError) as error:
+            if chunk.offset not in self._bad_chunks:
+                self._bad_chunks.add(chunk.offset)
+                self.damage.chunks += 1
+                self._lose(chunk.offset, chunk.length, str(error))
+            return None
+        return data
+
+    def _decompress(self, chunk: ChunkInfo, stored: bytes) -> bytes:
+        if chunk.compression == "zstd":
+            return self._zstd.decompress(stored, max_output_size=chunk.uncompressed_size)
+        if chunk.compression == "lz4":
+            return bytes(lz4.frame.decompress(stored))
+        if chunk.compression == "":
+            return stored
+        raise ValueError(f"compression {chunk.compression!r} is not known")
+
+    def groups(self) -> Iterator[Group]:
+        """All messages, some chunks at a time, in file order."""
+        if self._cached is not None:
+            yield self._cached
+            return
+        pending: list[bytes] = []
+        size = 0
+        single = sum(chunk.uncompressed_size for chunk in self.chunks) <= GROUP_BYTES
+        for chunk in self.chunks:
+            data = self._uncompressed(chunk)
+            if data is None:
+                continue
+            pending.append(data)
+            size += len(data)
+            if size > GROUP_BYTES and not single:
+                yield _group(pending)
+                pending, size = [], 0
+        if single:
+            self._cached = _group(pending)
+            yield self._cached
+        elif pending:
+            yield _group(pending)
+
+
+def _walk_all(data: Bytes) -> tuple[Ints, int]:
+    places = np.empty((data.size // 9 + 1, 3), np.int64)
+    count, end = walk_records(data, 0, data.size, places, 0)
+    return places[:count], int(end)
+
+
+def _group(chunks: list[bytes]) -> Group:
+    data = np.frombuffer(b"".join(chunks), np.uint8)
+    rows = np.empty((data.size // 31 + 1, 6), np.int64)
+    chunk_rows = np.zeros(len(chunks) + 1, np.int64)
+    start = count = 0
+    for i, chunk in enumerate(chunks):
+        count = int(list_messages(data, start, start + len(chunk), rows, count))
+        start += len(chunk)
+        chunk_rows[i + 1] = count
+    return Group(data, rows[:count], chunk_rows)

@@ -1,0 +1,394 @@
+"""Reading recordings: columns of one message type in bulk, counts, losses, and each link's bytes as they came.
+
+Whole files and files that were cut off read alike. What is damaged is left out, counted and named in
+`Recording.damage`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.crc import CRC_TABLES
+from gcs.errors import RecordingError
+from gcs.recording import scan
+from gcs.recording.build import RUN_NOISE, RUN_UNKNOWN
+from gcs.recording.cdr import Layout, parse_ros2msg
+from gcs.recording.container import Container, Damage, Group
+from gcs.recording.records import Attachment
+from gcs.recording.wire import WIRE_TOPIC, WireRecord, decode_wire
+
+# A message repeated over another link is the same one only if it comes within this time.
+_SAME_MESSAGE_NS = 2_000_000_000
+_LARGEST_FRAME = 10 + 255 + 2 + 13
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MessageColumns:
+    """All N messages of one type from one component, in the order of reception.
+
+    log_time: (N,) UTC of reception, ns. publish_time: (N,) the sender's stamp in ns, 32-bit ones unwrapped, or
+    log_time where the message has none. sequence: (N,) the sender's counter, unwrapped.
+    fields: (N,) structured, the message's fields in lower case, units as in the dialect.
+    """
+
+    name: str
+    system: int
+    component: int
+    log_time: Ints
+    publish_time: Ints
+    sequence: Ints
+    fields: NDArray[Any]
+    text_fields: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return int(self.log_time.size)
+
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        """One field, (N,) or (N, array length)."""
+        values: NDArray[Any] = self.fields[field]
+        return values
+
+    def text(self, field: str) -> NDArray[np.str_]:
+        """(N,) a char array as text: up to its first zero byte."""
+        letters = np.ascontiguousarray(self.fields[field])
+        ended = np.cumsum(letters == 0, axis=1) > 0
+        cut = np.where(ended, 0, letters).astype(np.uint8)
+        joined = cut.view(f"S{cut.shape[1]}").reshape(-1)
+        return np.char.decode(joined, "utf-8", "replace") if joined.size else np.empty(0, np.str_)
+
+
+@dataclass(frozen=True)
+class _MessageChannel:
+    """One channel of MAVLink messages."""
+
+    id: int
+    topic: str
+    name: str
+    link: str
+    system: int
+    component: int
+    message_id: int
+    crc_extra: int
+    base_length: int
+    text_fields: tuple[str, ...]
+    schema_id: int
+
+
+@dataclass(frozen=True)
+class WirePieces:
+    """One link's bytes of one chunk: `data` in N pieces of (time ns, offset, length, kind).
+
+    chunk: number of the chunk. kind: -1 a frame of known id, RUN_NOISE bytes of no frame, RUN_UNKNOWN a frame of
+    unknown id.
+    """
+
+    chunk: int
+    link: str
+    data: Bytes
+    pieces: Ints
+
+
+class Recording:
+    """One MCAP recording, opened for reading.
+
+    RecordingError, in one line, if the file is missing, empty, no MCAP file, or cut off before its first message.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._file = Container(path)
+        self._layouts: dict[int, Layout] = {}
+        self._channels = {}
+        self._wire_channels: dict[int, str] = {}
+        for channel in self._file.channels.values():
+            message = _message_channel(channel.id, channel.topic, channel.schema_id, channel.metadata)
+            if message is not None:
+                self._channels[channel.id] = message
+            elif channel.topic == WIRE_TOPIC:
+                self._wire_channels[channel.id] = channel.metadata.get("link", "")
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._file.path
+
+    @property
+    def damage(self) -> Damage:
+        """What could not be read; checks the whole file."""
+        for _ in self._file.groups():
+            pass
+        return self._file.damage
+
+    @property
+    def start_ns(self) -> int:
+        """UTC of the first reception, 0 in a recording without messages."""
+        return min((chunk.start_ns for chunk in self._file.chunks if chunk.end_ns), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """UTC of the last reception, 0 in a recording without messages."""
+        return max((chunk.end_ns for chunk in self._file.chunks), default=0)
+
+    def topics(self) -> tuple[str, ...]:
+        """Topics of all MAVLink messages, in the order of first reception."""
+        return tuple(dict.fromkeys(channel.topic for channel in self._channels.values()))
+
+    def messages(self) -> tuple[str, ...]:
+        """Names of all message types, sorted."""
+        return tuple(sorted({channel.name for channel in self._channels.values()}))
+
+    def links(self) -> tuple[str, ...]:
+        """Names of the links that were recorded."""
+        return tuple(dict.fromkeys(self._wire_channels.values()))
+
+    def systems(self) -> tuple[tuple[int, int], ...]:
+        """(system, component) of everything heard, sorted."""
+        return tuple(sorted({(channel.system, channel.component) for channel in self._channels.values()}))
+
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Metadata by name; of several with one name the last."""
+        return dict(self._file.metadata)
+
+    def attachments(self) -> tuple[Attachment, ...]:
+        """Files inside the recording."""
+        return tuple(self._file.attachments)
+
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic, over all links."""
+        per_channel = self._file.message_counts
+        if per_channel is None or self._file.damage:
+            per_channel = {}
+            for group in self._file.groups():
+                for channel, count in zip(*np.unique(group.rows[:, 0], return_counts=True), strict=True):
+                    per_channel[int(channel)] = per_channel.get(int(channel), 0) + int(count)
+        counts: dict[str, int] = dict.fromkeys(self.topics(), 0)
+        for channel in self._channels.values():
+            counts[channel.topic] += per_channel.get(channel.id, 0)
+        return counts
+
+    def columns(
+        self, message_name: str, system: int | None = None, component: int | None = None
+    ) -> list[MessageColumns]:
+        """Every message of that name, one entry per (system, component), ordered by these; empty if there are none.
+
+        A message that came over several links counts once.
+        """
+        wanted: dict[tuple[int, int, int], list[_MessageChannel]] = {}
+        for channel in self._channels.values():
+            fits = system in (None, channel.system) and component in (None, channel.component)
+            if channel.name == message_name and fits:
+                wanted.setdefault((channel.system, channel.component, channel.schema_id), []).append(channel)
+        columns = [self._columns(wanted[key]) for key in sorted(wanted)]
+        return [entry for entry in columns if len(entry)]
+
+    def _columns(self, channels: list[_MessageChannel]) -> MessageColumns:
+        first = channels[0]
+        layout = self._layout(first.schema_id)
+        parts = [self._gather(group, channels, layout.cdr_size) for group in self._file.groups()]
+        links, heads, bodies = parts[0] if len(parts) == 1 else _joined(parts)
+        fields = bodies.view(layout.dtype)
+        if np.unique(links).size > 1:
+            keep = _first_of_each(links, heads, bodies, layout.cdr_size)
+            heads, fields = heads[:, keep], fields[keep]
+        return MessageColumns(
+            first.name, first.system, first.component, heads[1], heads[2], heads[0], fields, first.text_fields
+        )
+
+    def _gather(
+        self, group: Group, channels: list[_MessageChannel], size: int
+    ) -> tuple[NDArray[np.uint16], Ints, Bytes]:
+        """Channels (N,), heads (3, N) and CDR bodies (N * size,) of these channels' messages in a group.
+
+        One channel stands for one link here, as all of them carry the same message of the same component.
+        """
+        picked = group.rows_of(channel.id for channel in channels)
+        bodies = np.empty(picked.size * size, np.uint8)
+        heads = np.empty((3, picked.size), np.int64)
+        scan.gather(group.data, group.rows, picked, size, bodies, heads)
+        ids = group.channel[picked] if len(channels) > 1 else np.zeros(picked.size, np.uint16)
+        return ids, heads, bodies
+
+    def _layout(self, schema_id: int) -> Layout:
+        if schema_id not in self._layouts:
+            schema = self._file.schemas.get(schema_id)
+            if schema is None:
+                raise RecordingError(f"{self.path} lacks the definition of a message; it is damaged there")
+            self._layouts[schema_id] = parse_ros2msg(schema.text)
+        return self._layouts[schema_id]
+
+    def lost(self) -> dict[tuple[str, int, int], int]:
+        """Messages that never came, by (link, system, component): gaps in the counter over all their channels.
+
+        Frames of unknown id fill a gap too.
+        """
+        members: dict[tuple[str, int, int], list[int]] = {}
+        for channel in self._channels.values():
+            members.setdefault((channel.link, channel.system, channel.component), []).append(channel.id)
+        counters: dict[tuple[str, int, int], list[Ints]] = {key: [] for key in members}
+        for group in self._file.groups():
+            for key, channels in members.items():
+                counters[key].append(group.rows[group.rows_of(channels), 1])
+        lost = {key: _gaps(np.concatenate(parts)) if parts else 0 for key, parts in counters.items()}
+        for link, system, component in self._unknown_frames():
+            key = (link, system, component)
+            if lost.get(key, 0) > 0:
+                lost[key] -= 1
+        return lost
+
+    def _unknown_frames(self) -> Iterator[tuple[str, int, int]]:
+        """(link, system, component) of each frame whose id the dialect did not know."""
+        for group in self._file.groups():
+            for row in group.rows_of(self._wire_channels).tolist():
+                record = self._wire_record(group, row)
+                ends = np.cumsum(record.run_length)
+                for i in np.flatnonzero(record.run_kind == RUN_UNKNOWN).tolist():
+                    frame = record.run_bytes[int(ends[i] - record.run_length[i]) : int(ends[i])]
+                    at = 5 if frame[0] == 0xFD else 3
+                    yield self._wire_channels[int(group.rows[row, 0])], int(frame[at]), int(frame[at + 1])
+
+    def wire_streams(self) -> dict[str, Iterator[tuple[int, bytes]]]:
+        """Per link its bytes exactly as they came, in pieces (UTC of reception in ns, bytes) of one time each."""
+        return {link: self._stream(link) for link in self.links()}
+
+    def _stream(self, link: str) -> Iterator[tuple[int, bytes]]:
+        for part in self.wire_pieces():
+            if part.link != link:
+                continue
+            data = part.data.tobytes()
+            times = part.pieces[:, 0]
+            starts = np.flatnonzero(np.diff(times, prepend=times[0] - 1))
+            ends = np.append(part.pieces[starts[1:], 1], len(data))
+            for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+                yield int(times[start]), data[int(part.pieces[start, 1]) : end]
+
+    def wire_pieces(self) -> Iterator[WirePieces]:
+        """Each link's bytes chunk by chunk, cut into frames and what lay between them."""
+        channel_rows = self._channel_rows()
+        members: dict[str, list[int]] = {link: [] for link in self.links()}
+        for channel in self._channels.values():
+            members.setdefault(channel.link, []).append(channel.id)
+        first_chunk = 0
+        for group in self._file.groups():
+            picked = {link: group.rows_of(channels) for link, channels in members.items()}
+            for row in group.rows_of(self._wire_channels).tolist():
+                link = self._wire_channels[int(group.rows[row, 0])]
+                chunk = int(np.searchsorted(group.chunk_rows, row, side="right")) - 1
+                limits = np.searchsorted(picked[link], group.chunk_rows[chunk : chunk + 2])
+                messages = picked[link][limits[0] : limits[1]]
+                data, pieces = self._rebuild(group, self._wire_record(group, row), messages, link, channel_rows)
+                yield WirePieces(first_chunk + chunk, link, data, pieces)
+            first_chunk += group.chunk_rows.size - 1
+
+    def _rebuild(
+        self, group: Group, record: WireRecord, messages: Ints, link: str, channel_rows: Ints
+    ) -> tuple[Bytes, Ints]:
+        if messages.size != record.form.size:
+            raise RecordingError(
+                f"{self.path}: the bytes of link {link} cannot be rebuilt: messages are missing or in other chunks"
+            )
+        out = np.empty(messages.size * _LARGEST_FRAME + record.run_bytes.size, np.uint8)
+        pieces = np.empty((messages.size + record.run_frame.size, 4), np.int64)
+        count = scan.rebuild(
+            group.data,
+            group.rows,
+            messages,
+            channel_rows,
+            record.form,
+            record.run_frame,
+            record.run_kind,
+            record.run_length,
+            record.run_time,
+            record.run_bytes,
+            record.start_ns,
+            CRC_TABLES,
+            out,
+            pieces,
+        )
+        used = int(pieces[count - 1, 1] + pieces[count - 1, 2]) if count else 0
+        return out[:used], pieces[:count]
+
+    def _wire_record(self, group: Group, row: int) -> WireRecord:
+        start = int(group.rows[row, 4])
+        try:
+            return decode_wire(group.data[start : start + int(group.rows[row, 5])].tobytes())
+        except ValueError as error:
+            raise RecordingError(f"{self.path}: {error}; the bytes of its links cannot be rebuilt") from None
+
+    def _channel_rows(self) -> Ints:
+        """One row per channel for `scan.rebuild`."""
+        rows = np.zeros((max(self._file.channels, default=0) + 1, scan.ROW_WIDTH), np.int64)
+        for channel in self._channels.values():
+            layout = self._layout(channel.schema_id)
+            runs = [value for run in layout.runs for value in run]
+            head = (
+                channel.message_id,
+                channel.system,
+                channel.component,
+                channel.crc_extra,
+                channel.base_length,
+                layout.wire_size,
+                len(layout.runs),
+            )
+            rows[channel.id, : len(head)] = head
+            rows[channel.id, scan.RUNS : scan.RUNS + len(runs)] = runs
+        return rows
+
+
+def _message_channel(identity: int, topic: str, schema_id: int, metadata: Any) -> _MessageChannel | None:
+    """What a channel says about its MAVLink messages; None for other channels."""
+    try:
+        return _MessageChannel(
+            identity,
+            topic,
+            metadata["message"],
+            metadata["link"],
+            int(metadata["system"]),
+            int(metadata["component"]),
+            int(metadata["message_id"]),
+            int(metadata["crc_extra"]),
+            int(metadata["base_length"]),
+            tuple(filter(None, metadata["text_fields"].split(","))),
+            schema_id,
+        )
+    except (KeyError, ValueError):
+        return None
+
+
+def _joined(
+    parts: list[tuple[NDArray[np.uint16], Ints, Bytes]],
+) -> tuple[NDArray[np.uint16], Ints, Bytes]:
+    if not parts:
+        return np.empty(0, np.uint16), np.empty((3, 0), np.int64), np.empty(0, np.uint8)
+    links, heads, bodies = zip(*parts, strict=True)
+    return np.concatenate(links), np.concatenate(heads, axis=1), np.concatenate(bodies)
+
+
+def _first_of_each(links: NDArray[np.uint16], heads: Ints, bodies: Bytes, size: int) -> NDArray[np.bool_]:
+    """(N,) False for what another link had brought already."""
+    keys = np.empty(links.size, np.uint64)
+    scan.hash_bodies(bodies, size, heads[0], keys)
+    keep = np.ones(links.size, np.uint8)
+    order = np.lexsort((heads[1], keys))
+    scan.keep_first(keys, links.astype(np.int64), heads[1], order, _SAME_MESSAGE_NS, keep)
+    return keep.astype(bool)
+
+
+def _gaps(counters: Ints) -> int:
+    """Numbers missing between the smallest and the largest counter, which is kept in 32 bits."""
+    if counters.size == 0:
+        return 0
+    steps = np.diff(counters.astype(np.uint32).view(np.int32)).astype(np.int32)
+    unwrapped = np.concatenate(([0], np.cumsum(steps, dtype=np.int64)))
+    return int(unwrapped.max() - unwrapped.min() + 1 - np.unique(unwrapped).size)
+
+
+__all__ = ["RUN_NOISE", "RUN_UNKNOWN", "MessageColumns", "Recording", "WirePieces"]

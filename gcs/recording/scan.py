@@ -1,0 +1,255 @@
+"""Compiled loops of the reader: records of a file or chunk, columns of one message type, and the wire as it was."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.crc import Int, crc_accumulate, crc_step
+from gcs.framing import MAGIC_V1, MAGIC_V2, SIGNATURE_LENGTH, SIGNED
+from gcs.recording.build import (
+    FORM_EXPLICIT,
+    FORM_V1,
+    RUN_EXPLICIT,
+    copy_8,
+    get,
+    get_4,
+    put,
+)
+from sim_vehicle.jit import jit
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+# Columns of a channel's row for `rebuild`.
+MESSAGE_ID, SYSTEM, COMPONENT, SEED, BASE, WIRE, RUN_COUNT, RUNS = range(8)
+ROW_WIDTH = RUNS + 3 * 8
+
+_MESSAGE = 5
+_DATA_END = 15
+
+
+@jit
+def walk_records(data: Bytes, start: Int, stop: Int, places: Ints, n: Int) -> tuple[Int, Int]:
+    """Note (opcode, content offset, content length) of records from `start` on.
+
+    Returns the number of rows in use, and where the walk ended: at `stop`, at a record that cannot be one, or
+    at the first record that does not fit any more into `places`.
+    """
+    p = start
+    while p + 9 <= stop and n < places.shape[0]:
+        opcode = np.int64(data[p])
+        length = get(data, p + 1, 8)
+        if opcode == 0 or (_DATA_END < opcode < 128) or length < 0 or length > stop - p - 9:
+            break
+        places[n, 0], places[n, 1], places[n, 2] = opcode, p + 9, length
+        n += 1
+        p += 9 + length
+    return n, p
+
+
+@jit
+def list_messages(data: Bytes, start: Int, stop: Int, rows: Ints, n: Int) -> Int:
+    """Note (channel, sequence, log time, publish time, data offset, data length) of every message record."""
+    p = start
+    while p + 9 <= stop:
+        length = get_4(data, p + 1) | get_4(data, p + 5) << 32
+        if length < 0 or length > stop - p - 9:
+            break
+        if data[p] == _MESSAGE and length >= 22:
+            rows[n, 0] = np.int64(data[p + 9]) | np.int64(data[p + 10]) << 8
+            rows[n, 1] = get_4(data, p + 11)
+            rows[n, 2] = get_4(data, p + 15) | get_4(data, p + 19) << 32
+            rows[n, 3] = get_4(data, p + 23) | get_4(data, p + 27) << 32
+            rows[n, 4] = p + 31
+            rows[n, 5] = length - 22
+            n += 1
+        p += 9 + length
+    return n
+
+
+@jit
+def gather(data: Bytes, rows: Ints, picked: Ints, size: Int, bodies: Bytes, heads: Ints) -> None:
+    """Copy the messages rows[picked] into columns.
+
+    bodies: the CDR bodies behind one another, `size` bytes each, zero-extended. heads: (3, N) sequence, log time and
+    publish time.
+    """
+    for i in range(picked.size):
+        row = picked[i]
+        heads[0, i], heads[1, i], heads[2, i] = rows[row, 1], rows[row, 2], rows[row, 3]
+        at = rows[row, 4] + 4
+        have = min(rows[row, 5] - 4, size)
+        to = i * size
+        k = 0
+        if at + have + 8 <= data.size and to + have + 8 <= bodies.size:
+            # Writes up to 7 bytes into the next body, which comes next.
+            while k < have:
+                copy_8(data, at + k, bodies, to + k)
+                k += 8
+            k = max(have, 0)
+        while k < have:
+            bodies[to + k] = data[at + k]
+            k += 1
+        while k < size:
+            bodies[to + k] = 0
+            k += 1
+
+
+@jit
+def hash_bodies(bodies: Bytes, size: Int, counters: Ints, keys: NDArray[np.uint64]) -> None:
+    """A 64-bit FNV-1a hash of each body and its 8-bit counter."""
+    for i in range(keys.size):
+        value = np.uint64(14695981039346656037)
+        value = (value ^ np.uint64(counters[i] & 0xFF)) * np.uint64(1099511628211)
+        for k in range(size):
+            value = (value ^ np.uint64(bodies[i * size + k])) * np.uint64(1099511628211)
+        keys[i] = value
+
+
+@jit
+def keep_first(keys: NDArray[np.uint64], links: Ints, times: Ints, order: Ints, window: Int, keep: Bytes) -> None:
+    """Clear `keep` where the same message came over another link at most `window` ns before.
+
+    order: positions sorted by key and then time.
+    """
+    kept = -1
+    for n in range(order.size):
+        i = order[n]
+        same = kept >= 0 and keys[kept] == keys[i] and times[i] - times[kept] <= window
+        if same and links[kept] != links[i]:
+            keep[i] = 0
+        else:
+            kept = i
+
+
+@jit
+def _frame(
+    data: Bytes,
+    body: Int,
+    available: Int,
+    counter: Int,
+    row: Ints,
+    form: Int,
+    explicit: Bytes,
+    at: Int,
+    out: Bytes,
+    p: Int,
+    crc_tables: NDArray[np.uint16],
+) -> Int:
+    """Write one frame at out[p:]; its length."""
+    start = p
+    payload = np.zeros(255, np.uint8)
+    for run in range(row[RUN_COUNT]):
+        wire, cdr, length = row[RUNS + 3 * run], row[RUNS + 3 * run + 1], row[RUNS + 3 * run + 2]
+        for k in range(min(length, available - cdr)):
+            payload[wire + k] = data[body + cdr + k]
+    magic: Int = MAGIC_V2
+    incompat: Int = 0
+    compat: Int = 0
+    sent: Int = row[WIRE]
+    if form == FORM_EXPLICIT:
+        magic = np.int64(explicit[at])
+        sent = np.int64(explicit[at + 1])
+        incompat = np.int64(explicit[at + 2])
+        compat = np.int64(explicit[at + 3])
+        at += 4
+        for k in range(row[WIRE], sent):
+            payload[k] = explicit[at]
+            at += 1
+    elif form == FORM_V1:
+        magic, sent = MAGIC_V1, row[BASE]
+    else:
+        while sent > 1 and payload[sent - 1] == 0:
+            sent -= 1
+    out[p] = magic
+    out[p + 1] = sent
+    if magic == MAGIC_V2:
+        out[p + 2] = incompat
+        out[p + 3] = compat
+        out[p + 4] = counter & 0xFF
+        out[p + 5] = row[SYSTEM]
+        out[p + 6] = row[COMPONENT]
+        put(out, p + 7, row[MESSAGE_ID], 3)
+        p += 10
+    else:
+        out[p + 2] = counter & 0xFF
+        out[p + 3] = row[SYSTEM]
+        out[p + 4] = row[COMPONENT]
+        out[p + 5] = row[MESSAGE_ID]
+        p += 6
+    for k in range(sent):
+        out[p + k] = payload[k]
+    p += sent
+    crc = crc_step(crc_accumulate(out, start + 1, p, 0xFFFF, crc_tables), row[SEED], crc_tables)
+    put(out, p, crc, 2)
+    p += 2
+    if magic == MAGIC_V2 and incompat & SIGNED:
+        for k in range(SIGNATURE_LENGTH):
+            out[p + k] = explicit[at + k]
+        p += SIGNATURE_LENGTH
+    return p - start
+
+
+@jit
+def rebuild(
+    data: Bytes,
+    rows: Ints,
+    picked: Ints,
+    channel_rows: Ints,
+    form: Bytes,
+    run_frame: Ints,
+    run_kind: Ints,
+    run_length: Ints,
+    run_time: Ints,
+    run_bytes: Bytes,
+    start_ns: Int,
+    crc_tables: NDArray[np.uint16],
+    out: Bytes,
+    pieces: Ints,
+) -> Int:
+    """One link's byte stream of one chunk, as it came.
+
+    picked: the link's messages among `rows`, in file order, one per entry of `form`.
+    pieces: (frames + runs, 4) filled with time in ns, offset and length in `out`, kind (-1 a frame of known id,
+    else the run's).
+    Returns the number of pieces.
+    """
+    p: Int = 0
+    n = 0
+    run = 0
+    at: Int = 0
+    frames = form.size
+    for i in range(frames + 1):
+        while run < run_frame.size and run_frame[run] == i and run_kind[run] != RUN_EXPLICIT:
+            for k in range(run_length[run]):
+                out[p + k] = run_bytes[at + k]
+            pieces[n, 0], pieces[n, 1], pieces[n, 2] = start_ns + run_time[run], p, run_length[run]
+            pieces[n, 3] = run_kind[run]
+            p += run_length[run]
+            at += run_length[run]
+            n += 1
+            run += 1
+        if i == frames:
+            break
+        message = rows[picked[i]]
+        length = _frame(
+            data,
+            message[4] + 4,
+            message[5] - 4,
+            message[1],
+            channel_rows[message[0]],
+            np.int64(form[i]),
+            run_bytes,
+            at,
+            out,
+            p,
+            crc_tables,
+        )
+        if form[i] == FORM_EXPLICIT:
+            at += run_length[run]
+            run += 1
+        pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3] = message[2], p, length, -1
+        p += length
+        n += 1
+    return n

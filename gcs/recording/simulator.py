@@ -1,0 +1,38 @@
+"""The ground station's writer, lent to the simulator: it records what it sends as if a link had received it."""
+
+from __future__ import annotations
+
+from gcs.dialect import Dialect
+from gcs.framing import Framer
+from gcs.recording.writer import McapWriter
+
+LINK_NAME = "simulator"
+
+
+class McapSink:
+    """Takes the bytes of one vehicle and writes a recording."""
+
+    def __init__(self, path: str) -> None:
+        dialect = Dialect.load()
+        self._framer = Framer(dialect)
+        self._writer = McapWriter(path, dialect)
+        self._last_ns = 0
+
+    def write(self, data: bytes, utc_ns: int) -> None:
+        """Record bytes sent at `utc_ns` (UTC, ns)."""
+        buffer, frames = self._framer.feed(data)
+        self._last_ns = utc_ns
+        if buffer.size:
+            self._writer.write(LINK_NAME, buffer, frames, utc_ns)
+
+    def close(self) -> None:
+        """Write what is left and close the file."""
+        buffer, frames = self._framer.flush()
+        if buffer.size:
+            self._writer.write(LINK_NAME, buffer, frames, self._last_ns)
+        self._writer.close()
+
+
+def open_mcap_sink(path: str) -> McapSink:
+    """Create the recording `path`; RecordingError if that cannot be done."""
+    return McapSink(path)

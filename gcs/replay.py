@@ -1,0 +1,134 @@
+"""Sending a recording again, byte for byte, at the pace at which it was received."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.errors import LinkError, RecordingError
+from gcs.links import Link, open_link
+from gcs.recording.reader import Recording, WirePieces
+
+_CONNECT_TIMEOUT_S = 30.0
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a replay sent: frames (and stretches of bytes between them), and the time it took, s."""
+
+    pieces: int
+    bytes: int
+    unsent_bytes: int
+    duration_s: float
+
+
+def timeline(recording: Recording, link: str | None = None) -> Iterator[tuple[int, bytes]]:
+    """(UTC of reception in ns, bytes) of every frame and every stretch of noise, all links merged in time.
+
+    link: only what that link received. RecordingError if there is no such link.
+    """
+    if link is not None and link not in recording.links():
+        raise RecordingError(f"{recording.path} has no link {link!r}; it has {', '.join(recording.links())}")
+    together: list[WirePieces] = []
+    for part in recording.wire_pieces():
+        if link is not None and part.link != link:
+            continue
+        if any(part.link == other.link for other in together):  # the next chunk begins
+            yield from _merged(together)
+            together = []
+        together.append(part)
+    yield from _merged(together)
+
+
+def _merged(parts: list[WirePieces]) -> Iterator[tuple[int, bytes]]:
+    entries = [
+        (int(at), number, part.data[start : start + length].tobytes())
+        for number, part in enumerate(parts)
+        for at, start, length in part.pieces[:, :3].tolist()
+    ]
+    entries.sort(key=lambda entry: entry[:2])  # stable, so each link keeps its order
+    return ((at, data) for at, _, data in entries)
+
+
+def replay(
+    pieces: Iterator[tuple[int, bytes]],
+    send: Callable[[bytes], None],
+    speed: float = 1.0,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], object] = time.sleep,
+    progress: Callable[[int], None] = lambda ns: None,
+) -> tuple[int, int]:
+    """Send each piece when it is due; (pieces, bytes) sent.
+
+    speed: 1 is the recorded pace, 0 or infinity as fast as possible. Every wake-up is computed from the start, so
+    errors of sleeping do not add up. clock, sleep: seconds. progress: called with the ns of flight replayed so far.
+    """
+    started = clock()
+    first_ns: int | None = None
+    count = total = 0
+    paced = speed > 0 and math.isfinite(speed)
+    for at_ns, data in pieces:
+        first_ns = at_ns if first_ns is None else first_ns
+        if paced:
+            wait = started + (at_ns - first_ns) / 1e9 / speed - clock()
+            if wait > 0:
+                sleep(wait)
+        send(data)
+        count += 1
+        total += len(data)
+        progress(at_ns - first_ns)
+    return count, total
+
+
+def replay_file(
+    path: Path,
+    url: str,
+    speed: float = 1.0,
+    *,
+    link: str | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Replayed:
+    """Replay a recording to a connection string. Raises RecordingError, LinkError."""
+    recording = Recording(path)
+    span = max(recording.end_ns - recording.start_ns, 1)
+    pieces = timeline(recording, link)
+    out = open_link(url)
+    stopping = threading.Event()
+    listener = threading.Thread(target=_listen, args=(out, stopping), daemon=True)
+    listener.start()
+    started = time.monotonic()
+    try:
+        _wait_for_peer(out)
+        count, total = replay(pieces, out.send, speed, progress=lambda ns: progress(ns / span))
+    finally:
+        stopping.set()
+        listener.join()
+        out.close()
+    if count == 0:
+        raise RecordingError(f"{path} holds no bytes of any link; there is nothing to replay")
+    return Replayed(count, total, total - out.counters.bytes_sent, time.monotonic() - started)
+
+
+def _listen(link: Link, stopping: threading.Event) -> None:
+    """Connect, notice a lost connection, and throw away what the other side says."""
+    while not stopping.is_set():
+        link.receive(_POLL_S)
+
+
+def _wait_for_peer(link: Link) -> None:
+    deadline = time.monotonic() + _CONNECT_TIMEOUT_S
+    while not link.ready:
+        if time.monotonic() > deadline:
+            raise LinkError(
+                f"{link.name}: nobody to send to after {_CONNECT_TIMEOUT_S:.0f} s ({link.problem or 'silent'})"
+            )
+        time.sleep(_POLL_S)
+
+
+__all__ = ["Replayed", "replay", "replay_file", "timeline"]

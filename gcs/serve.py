@@ -1,0 +1,153 @@
+"""Putting the service together and running it until it is told to stop."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import signal
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+from pymavlink.dialects.v20 import common
+
+from gcs.api import create_app
+from gcs.catalogue import Catalogue, Flight
+from gcs.datagrams import Batch
+from gcs.dialect import Dialect
+from gcs.errors import GcsError, ServiceError
+from gcs.framing import Framer
+from gcs.intake import recover
+from gcs.jobs import JobRunner
+from gcs.links import Link, open_link
+from gcs.linkstats import LinkStatistics
+from gcs.recorder import FlightRecorder, frame_times
+from gcs.recording.writer import McapWriter
+from gcs.segmentation import FlightSegmenter
+from gcs.settings import Settings
+from gcs.station import RecordingStation
+from sim_vehicle.vehicle import load_vehicle
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def _sole_user(data: Path) -> Iterator[None]:
+    """Two services on one data folder would take each other's running jobs and flights for crashed ones."""
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+        lock = (data / "lock").open("a")
+    except OSError as error:
+        raise ServiceError(f"{data}: the data folder cannot be used ({error.strerror}); choose another") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ServiceError(f"{data}: another service uses this data folder; stop it or choose another") from error
+        yield
+
+
+@contextmanager
+def _links(urls: tuple[str, ...]) -> Iterator[list[Link]]:
+    """Open all links or none; the station closes them."""
+    links: list[Link] = []
+    try:
+        for url in urls:
+            links.append(open_link(url))
+        yield links
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+
+
+def _listen(settings: Settings) -> socket.socket:
+    try:
+        family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+        return socket.create_server((settings.host, settings.port), family=family, backlog=128)
+    except OSError as error:
+        raise ServiceError(
+            f"cannot listen on {settings.host} port {settings.port} ({error.strerror or error}); choose another --port"
+        ) from error
+
+
+def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight], None]:
+    """Queue an identification of every flight that has ended, where a vehicle file says of what aircraft."""
+
+    def queue(flight: Flight) -> None:
+        if settings.vehicle is None or flight.system is None or not settings.identify:
+            return
+        try:
+            jobs.submit(flight.id, {"kind": "identify", "system": flight.system, "automatic": True})
+        except GcsError as error:
+            _log.error("flight %s cannot be identified: %s", flight.id, error)
+
+    return queue
+
+
+def _warm_up(dialect: Dialect) -> None:
+    """Take one frame through everything compiled, which loads it.
+
+    The first bytes of a link would else wait for that, while the silence behind them counts as the flight's end.
+    """
+    sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    beat = common.MAVLink_heartbeat_message(common.MAV_TYPE_FIXED_WING, common.MAV_AUTOPILOT_GENERIC, 0, 0, 0, 3)
+    batch = Batch.of([(bytes(beat.pack(sender)), 1)])
+    buffer, frames = Framer(dialect).feed(batch.data)
+    received = frame_times(frames, batch, 0)
+    LinkStatistics(dialect).add(frames, received)
+    segmenter = FlightSegmenter(dialect, 1, 1)
+    segmenter.system = 1
+    segmenter.clock_reset("", frames)
+    with tempfile.TemporaryDirectory(prefix="gcs-") as folder, McapWriter(Path(folder) / "x.mcap", dialect) as writer:
+        writer.write("", buffer, frames, received)
+
+
+def serve(settings: Settings, announce: Callable[[str], None]) -> None:
+    """Run the service until SIGINT or SIGTERM. Raises ServiceError, LinkError, VehicleFileError, CatalogueError.
+
+    announce: called once with the URL at which the service answers.
+    """
+    if settings.vehicle is not None:
+        for warning in load_vehicle(settings.vehicle).warnings:
+            _log.warning("%s", warning)
+    with (
+        _sole_user(settings.data),
+        _listen(settings) as listener,
+        closing(Catalogue(settings.database)) as catalogue,
+    ):
+        recover(settings, catalogue)
+        jobs = JobRunner(settings, catalogue)
+        dialect = Dialect.load()
+        _warm_up(dialect)
+        recorder = FlightRecorder(
+            settings.flights,
+            dialect,
+            catalogue,
+            silence_s=settings.silence_s,
+            disarm_s=settings.disarm_s,
+            on_flight_end=_identify_when_over(settings, jobs),
+        )
+        with _links(settings.connect) as links, _links(settings.forward) as forward:
+            station = RecordingStation(links, recorder, forward)
+            app = create_app(settings, catalogue, station, jobs)
+            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
+            server = uvicorn.Server(config)
+            host = f"[{settings.host}]" if ":" in settings.host else settings.host
+            announce(f"http://{host}:{listener.getsockname()[1]}")
+            _run(server, listener)
+
+
+def _run(server: uvicorn.Server, listener: socket.socket) -> None:
+    """Run until a signal; being told to stop is a good end, so the signal must not be raised again behind it."""
+
+    def stopped(number: int, frame: FrameType | None) -> None:
+        server.should_exit = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stopped)
+    server.run(sockets=[listener])

@@ -1,0 +1,86 @@
+"""Settings of the service: one frozen record, read once from the command line and the environment."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.errors import SettingsError
+
+TOKEN_VARIABLE = "GCS_TOKEN"
+_MIN_TOKEN = 8
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the service is told at its start.
+
+    connect, forward: connection strings to receive from, and to pass all bytes on to.
+    vehicle: vehicle file or the name of a built-in one; None records only. identify: whether every flight that
+    ends is identified at once.
+    silence_s: silence of the vehicle that ends a flight; disarm_s: time recorded behind a disarming.
+    max_upload_bytes: largest recording that may be uploaded.
+    token: demanded from every client as `Authorization: Bearer`, None where only this machine can connect.
+    """
+
+    data: Path
+    connect: tuple[str, ...] = ()
+    forward: tuple[str, ...] = ()
+    vehicle: str | None = None
+    identify: bool = True
+    host: str = "127.0.0.1"
+    port: int = 8000
+    token: str | None = None
+    silence_s: float = 10.0
+    disarm_s: float = 2.0
+    max_upload_bytes: int = 4 * 1024**3
+
+    @property
+    def flights(self) -> Path:
+        """Folder of the recordings."""
+        return self.data / "flights"
+
+    @property
+    def jobs(self) -> Path:
+        """Folder in which running jobs leave their results."""
+        return self.data / "jobs"
+
+    @property
+    def database(self) -> Path:
+        """The catalogue's file."""
+        return self.data / "catalogue.sqlite"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach a server bound to `host`."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def read_token(host: str, token_file: Path | None, environment: Mapping[str, str] = os.environ) -> str | None:
+    """The token from GCS_TOKEN or a file; SettingsError if `host` demands one and there is none."""
+    token = environment.get(TOKEN_VARIABLE, "").strip()
+    if token_file is not None:
+        try:
+            token = token_file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "no text in UTF-8"
+            raise SettingsError(f"{token_file}: the token file cannot be read: {reason}") from error
+        if not token:
+            raise SettingsError(f"{token_file}: the token file is empty; write the token into it")
+    if not token:
+        if is_loopback(host):
+            return None
+        raise SettingsError(
+            f"--host {host} can be reached by others, so a token is needed: set {TOKEN_VARIABLE} or --token-file"
+        )
+    if len(token) < _MIN_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
+        raise SettingsError(f"the token needs at least {_MIN_TOKEN} printable ASCII characters without spaces")
+    return token

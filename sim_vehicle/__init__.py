@@ -1,0 +1,1 @@
+"""The vehicle: equations of motion, aerodynamics and effects, sensors, manoeuvres, MAVLink telemetry."""

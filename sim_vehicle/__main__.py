@@ -1,0 +1,7 @@
+"""`python -m sim_vehicle` is the command `sim_vehicle`."""
+
+import sys
+
+from sim_vehicle.cli import main
+
+sys.exit(main())

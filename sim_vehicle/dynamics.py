@@ -1,0 +1,278 @@
+"""Equations of motion of a rigid aircraft over a flat earth (compiled).
+
+Stevens & Lewis, Aircraft Control and Simulation, ch. 1.7 and 3; moments with Ixz. The aerodynamic model is a table of
+terms, so that another model needs no compilation. CL is summed first, then everything that may use it.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.elastic_tail import elastic_gain
+from sim_vehicle.effects.propeller import gyroscopic_moment, normal_force, p_factor_moment, torque_roll
+from sim_vehicle.effects.propwash_elevator import propwash_gain
+from sim_vehicle.effects.reynolds_drag import reynolds_factor
+from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
+from sim_vehicle.effects.thrust_line_offset import thrust_line_moment
+from sim_vehicle.effects.thrust_scale import scaled_thrust
+from sim_vehicle.effects.thrust_speed_loss import speed_thrust
+from sim_vehicle.effects.unsteady_lift import lag_rate
+from sim_vehicle.jit import jit
+from sim_vehicle.layout import Aux, Par
+from sim_vehicle.terms import REGRESSORS
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_STALL, _STALL_A, _STALL_M = slot("stall"), slot("stall", "alpha_stall"), slot("stall", "sharpness")
+_WASH, _WASH_K = slot("propwash_elevator"), slot("propwash_elevator", "k")
+_TAIL, _TAIL_K = slot("elastic_tail"), slot("elastic_tail", "k")
+_RE, _RE_N = slot("reynolds_drag"), slot("reynolds_drag", "n")
+_SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
+_LINE, _LINE_Z = slot("thrust_line_offset"), slot("thrust_line_offset", "z_T")
+_LOSS, _LOSS_K = slot("thrust_speed_loss"), slot("thrust_speed_loss", "dT_dV")
+_TSC, _TSC_K = slot("thrust_scale"), slot("thrust_scale", "scale")
+_TORQUE, _TORQUE_K = slot("propeller_torque"), slot("propeller_torque", "k_Q")
+_PFAC, _PFAC_K = slot("p_factor"), slot("p_factor", "k_P")
+_GYRO, _GYRO_I = slot("propeller_gyroscopic"), slot("propeller_gyroscopic", "I_P")
+_NORM, _NORM_K = slot("propeller_normal_force"), slot("propeller_normal_force", "k")
+_RHO, _RHO_E = slot("density_error"), slot("density_error", "scale")
+_MASS, _MASS_E = slot("mass_error"), slot("mass_error", "scale")
+_INERTIA, _INERTIA_E = slot("inertia_error"), slot("inertia_error", "scale")
+
+_MASS_P, _IXX, _IYY, _IZZ, _IXZ = int(Par.mass), int(Par.Ixx), int(Par.Iyy), int(Par.Izz), int(Par.Ixz)
+_S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), int(Par.reference_speed)
+_TMAX, _ROTOR, _ROT, _DIA = (
+    int(Par.max_thrust),
+    int(Par.max_rotor_rad_s),
+    int(Par.rotation),
+    int(Par.diameter),
+)
+_PX, _PY, _PZ, _PI = int(Par.propeller_x), int(Par.propeller_y), int(Par.propeller_z), int(Par.inclination)
+_HAS_ADOT = int(Par.has_alphadot)
+_REG = len(REGRESSORS)
+_R_CL, _R_ADOT = REGRESSORS.index("CL"), REGRESSORS.index("alphadot")
+_V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
+_PD, _QD, _RD, _AD = int(Aux.p_dot), int(Aux.q_dot), int(Aux.r_dot), int(Aux.alpha_dot)
+_T, _RHO_W, _CL_W, _VB, _UB = int(Aux.thrust), int(Aux.rho), int(Aux.CL), int(Aux.v_body), int(Aux.u_body)
+
+# Kinds of term that an effect may scale.
+PLAIN, ELEVATOR_MOMENT, ZERO_LIFT_DRAG = 0, 1, 2
+SEA_LEVEL_DENSITY = 1.225
+
+
+@jit
+def _sum_terms(C: Array, F: IntArray, K: IntArray, first: int, last: int, W: Array, tail: float, drag: float) -> float:
+    total = 0.0
+    for i in range(first, last):
+        value = C[i]
+        for j in range(4):
+            factor = F[i, j]
+            if factor < 0:
+                break
+            value *= W[factor]
+        if K[i] == 1:
+            value *= tail
+        elif K[i] == 2:
+            value *= drag
+        total += value
+    return total
+
+
+@jit
+def _lift(
+    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, alpha: float, lift_alpha: float
+) -> float:
+    """CL of the terms, felt at `lift_alpha` where lift lags, faded by the stall."""
+    W[0] = lift_alpha
+    CL = _sum_terms(C, F, K, T[0], T[1], W, 1.0, 1.0)
+    W[0] = alpha
+    if E[_STALL] != 0.0:
+        share = separated_share(alpha, E[_STALL_A], E[_STALL_M])
+        CL = (1.0 - share) * CL + share * flat_plate_lift(alpha)
+    return CL
+
+
+@jit
+def derivatives(
+    x: Array, surfaces: Array, thrust: float, wind: Array, gust: Array, rho: float, P: Array, E: Array,
+    C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, rate: Array,
+) -> None:  # fmt: skip
+    """Rates of the state.
+
+    x, rate: (14,) state (sim_vehicle.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
+    thrust: N, as assumed before propulsion effects. wind: (3,) NED velocity of the air, m/s; gust: (3,) that in body
+    axes on top. rho: kg/m3. P, E: vehicle constants and effect vector. C, F, K, T: values (n,), factor indices (n, 4),
+    kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work array, holds the by-products (Aux) afterwards.
+    """
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    r11, r12, r13 = (
+        q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3,
+        2.0 * (q1 * q2 + q0 * q3),
+        2.0 * (q1 * q3 - q0 * q2),
+    )
+    r21, r22, r23 = (
+        2.0 * (q1 * q2 - q0 * q3),
+        q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3,
+        2.0 * (q2 * q3 + q0 * q1),
+    )
+    r31, r32, r33 = (
+        2.0 * (q1 * q3 + q0 * q2),
+        2.0 * (q2 * q3 - q0 * q1),
+        q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3,
+    )
+    u, v, w, p, q, r = x[3], x[4], x[5], x[10], x[11], x[12]
+    ua = u - (r11 * wind[0] + r12 * wind[1] + r13 * wind[2]) - gust[0]
+    va = v - (r21 * wind[0] + r22 * wind[1] + r23 * wind[2]) - gust[1]
+    wa = w - (r31 * wind[0] + r32 * wind[1] + r33 * wind[2]) - gust[2]
+    V = max(math.sqrt(ua * ua + va * va + wa * wa), 0.1)
+    alpha = math.atan2(wa, ua)
+    beta = math.asin(min(max(va / V, -1.0), 1.0))
+    if E[_RHO] != 0.0:
+        rho = rho * (1.0 + E[_RHO_E])
+    mass, S, b, c = P[_MASS_P], P[_S], P[_B], P[_C]
+    if E[_MASS] != 0.0:
+        mass *= 1.0 + E[_MASS_E]
+    qbar = 0.5 * rho * V * V
+    qS = qbar * S
+    if E[_LOSS] != 0.0:
+        thrust += speed_thrust(surfaces[3], V, P[_VREF], E[_LOSS_K])
+    if E[_TSC] != 0.0:
+        thrust = scaled_thrust(thrust, E[_TSC_K])
+
+    W[0], W[1], W[2] = alpha, 0.0, beta
+    W[3], W[4], W[5] = p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V)
+    W[6], W[7], W[8], W[10] = surfaces[0], surfaces[1], surfaces[2], surfaces[3]
+    lift_alpha = alpha
+    rate[13] = 0.0
+    if E[_SLOW] != 0.0:
+        lift_alpha = x[13]
+        rate[13] = lag_rate(alpha, x[13], E[_SLOW_TAU])
+    ca, sa = math.cos(alpha), math.sin(alpha)
+
+    # Propeller forces, body axes.
+    fx, fz = thrust * math.cos(P[_PI]), -thrust * math.sin(P[_PI])
+    ly = -P[_PY] * thrust * math.sin(P[_PI])
+    my = P[_PZ] * fx - P[_PX] * fz
+    nz = -P[_PY] * fx
+    if E[_NORM] != 0.0:
+        fz -= normal_force(thrust, alpha, E[_NORM_K])
+    if E[_LINE] != 0.0:
+        my += thrust_line_moment(thrust, E[_LINE_Z])
+    if E[_TORQUE] != 0.0:
+        ly += torque_roll(thrust, P[_ROT], E[_TORQUE_K])
+    if E[_PFAC] != 0.0:
+        nz += p_factor_moment(thrust, P[_DIA], alpha, P[_ROT], E[_PFAC_K])
+        my += p_factor_moment(thrust, P[_DIA], beta, P[_ROT], E[_PFAC_K])
+    if E[_GYRO] != 0.0:
+        rotor = P[_ROT] * P[_ROTOR] * math.sqrt(max(thrust / max(P[_TMAX], 1e-9), 0.0))
+        my -= gyroscopic_moment(rotor, r, E[_GYRO_I])
+        nz += gyroscopic_moment(rotor, q, E[_GYRO_I])
+
+    # Lift, and the angle-of-attack rate where a term asks for it: it depends on lift itself, linearly.
+    CL = _lift(E, C, F, K, T, W, alpha, lift_alpha)
+    gravity = P[_G]
+    gx, gy, gz = gravity * r13, gravity * r23, gravity * r33
+    W[_AD] = 0.0
+    if P[_HAS_ADOT] != 0.0:
+        flow2 = max(ua * ua + wa * wa, 0.01)
+        ud = fx / mass + qS * CL * sa / mass + gx + r * va - q * wa
+        wd = fz / mass - qS * CL * ca / mass + gz + q * ua - p * va
+        half_chord = c / (2.0 * V)
+        W[_R_ADOT] = 1.0
+        slope = _lift(E, C, F, K, T, W, alpha, lift_alpha) - CL
+        free = (ua * wd - wa * ud) / flow2
+        alpha_dot = free / (1.0 + qS / mass * slope * half_chord / math.sqrt(flow2))
+        W[_R_ADOT] = alpha_dot * half_chord
+        W[_AD] = alpha_dot
+        CL += slope * W[_R_ADOT]
+    W[_R_CL] = CL
+    drag_factor = 1.0
+    if E[_RE] != 0.0:
+        drag_factor = reynolds_factor(V, P[_VREF], E[_RE_N])
+    tail_factor = 1.0
+    if E[_WASH] != 0.0:
+        tail_factor *= propwash_gain(thrust, qS, E[_WASH_K])
+    if E[_TAIL] != 0.0:
+        tail_factor *= elastic_gain(qbar, 0.5 * SEA_LEVEL_DENSITY * P[_VREF] * P[_VREF], E[_TAIL_K])
+    CD = _sum_terms(C, F, K, T[1], T[2], W, 1.0, drag_factor)
+    if E[_STALL] != 0.0:
+        CD += separated_share(alpha, E[_STALL_A], E[_STALL_M]) * flat_plate_drag(alpha)
+    CY = _sum_terms(C, F, K, T[2], T[3], W, 1.0, 1.0)
+    Cl = _sum_terms(C, F, K, T[3], T[4], W, 1.0, 1.0)
+    Cm = _sum_terms(C, F, K, T[4], T[5], W, tail_factor, 1.0)
+    Cn = _sum_terms(C, F, K, T[5], T[6], W, 1.0, 1.0)
+
+    ax = (fx + qS * (-CD * ca + CL * sa)) / mass
+    ay = qS * CY / mass
+    az = (fz + qS * (-CD * sa - CL * ca)) / mass
+    L, M, N = ly + qS * b * Cl, my + qS * c * Cm, nz + qS * b * Cn
+    Ixx, Iyy, Izz, Ixz = P[_IXX], P[_IYY], P[_IZZ], P[_IXZ]
+    if E[_INERTIA] != 0.0:
+        scale = 1.0 + E[_INERTIA_E]
+        Ixx, Iyy, Izz, Ixz = Ixx * scale, Iyy * scale, Izz * scale, Ixz * scale
+    left = L + Ixz * p * q - (Izz - Iyy) * q * r
+    right = N - Ixz * q * r - (Iyy - Ixx) * p * q
+    determinant = Ixx * Izz - Ixz * Ixz
+
+    rate[0] = r11 * u + r21 * v + r31 * w
+    rate[1] = r12 * u + r22 * v + r32 * w
+    rate[2] = r13 * u + r23 * v + r33 * w
+    rate[3] = ax + gx + r * v - q * w
+    rate[4] = ay + gy + p * w - r * u
+    rate[5] = az + gz + q * u - p * v
+    rate[6] = 0.5 * (-q1 * p - q2 * q - q3 * r)
+    rate[7] = 0.5 * (q0 * p + q2 * r - q3 * q)
+    rate[8] = 0.5 * (q0 * q - q1 * r + q3 * p)
+    rate[9] = 0.5 * (q0 * r + q1 * q - q2 * p)
+    rate[10] = (Izz * left + Ixz * right) / determinant
+    rate[11] = (M - (Ixx - Izz) * p * r - Ixz * (p * p - r * r)) / Iyy
+    rate[12] = (Ixz * left + Ixx * right) / determinant
+
+    W[_V], W[_ALPHA], W[_BETA], W[_AX], W[_AY], W[_AZ] = V, alpha, beta, ax, ay, az
+    W[_PD], W[_QD], W[_RD], W[_T], W[_RHO_W] = rate[10], rate[11], rate[12], thrust, rho
+    W[_CL_W], W[_CL_W + 1], W[_CL_W + 2] = CL, CD, CY
+    W[_CL_W + 3], W[_CL_W + 4], W[_CL_W + 5] = Cl, Cm, Cn
+    W[_VB], W[_UB] = va, ua
+
+
+@jit
+def _lead(slopes: Array, rate: Array) -> None:
+    """Put the finite ones of `slopes` (6,), or none of (0,), in the place of the rates of u v w p q r."""
+    for i in range(slopes.size):
+        if np.isfinite(slopes[i]):
+            rate[3 + i if i < 3 else 7 + i] = slopes[i]
+
+
+@jit
+def runge_kutta_step(
+    x: Array, surfaces: Array, thrust: float, wind: Array, gust: Array, rho: float, step: float, slopes: Array,
+    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array,
+) -> None:  # fmt: skip
+    """Advance `x` in place by `step` seconds, classical fourth-order Runge-Kutta; scratch: (5, 14).
+
+    slopes: (6,) rates of u v w p q r that are imposed, NaN where they follow from the equations; (0,) where all do.
+    """
+    k1, k2, k3, k4, y = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
+    n = x.size
+    derivatives(x, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k1)
+    _lead(slopes, k1)
+    for i in range(n):
+        y[i] = x[i] + 0.5 * step * k1[i]
+    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k2)
+    _lead(slopes, k2)
+    for i in range(n):
+        y[i] = x[i] + 0.5 * step * k2[i]
+    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k3)
+    _lead(slopes, k3)
+    for i in range(n):
+        y[i] = x[i] + step * k3[i]
+    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k4)
+    _lead(slopes, k4)
+    for i in range(n):
+        x[i] += step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+    norm = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
+    for i in range(6, 10):
+        x[i] /= norm

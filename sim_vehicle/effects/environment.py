@@ -1,0 +1,36 @@
+"""The air around the aircraft: steady wind, turbulence, density."""
+
+from sim_vehicle.effects.base import Effect, Parameter, Stage
+
+STEADY_WIND = Effect(
+    "steady_wind",
+    "steady wind",
+    Stage.ENVIRONMENT,
+    tuple(Parameter(name, "m/s", -20.0, 20.0, starts=(0.0,), default=0.0) for name in ("north", "east", "down")),
+    "an orbit with GPS",
+)
+TURBULENCE = Effect(
+    "turbulence",
+    "turbulence (Dryden)",
+    Stage.ENVIRONMENT,
+    (
+        Parameter("sigma", "m/s", 0.0, 10.0, starts=(0.3,)),
+        Parameter("length", "m", 1.0, 1000.0, default=20.0, fitted=False),
+    ),
+    "the same run with reversed heading",
+)
+WIND_SHEAR = Effect(
+    "wind_shear",
+    "wind that grows with height",
+    Stage.ENVIRONMENT,
+    (Parameter("gradient", "1/s", -1.0, 1.0, starts=(0.0,)),),
+    "the same run with reversed heading",
+)
+DENSITY_ERROR = Effect(
+    "density_error",
+    "error of the air density",
+    Stage.ENVIRONMENT,
+    (Parameter("scale", "1", -0.3, 0.3, starts=(0.0,)),),
+    "barometer and thermometer",
+    alias="all coefficients together",
+)

@@ -1,0 +1,12 @@
+"""Motor and speed controller as a first-order lag from throttle to thrust."""
+
+from sim_vehicle.effects.base import Effect, Parameter, Stage
+
+MOTOR_LAG = Effect(
+    "motor_lag",
+    "lag of the motor",
+    Stage.PROPULSION,
+    (Parameter("tau", "s", 0.01, 1.0, starts=(0.15,)),),
+    "throttle steps",
+    needs_throttle_thrust=True,
+)

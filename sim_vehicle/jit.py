@@ -1,0 +1,45 @@
+"""Compilation of hot loops, cached on disk so that only the very first use compiles.
+
+numba decides by the time stamp of one file whether its cached machine code is still good, so code inlined from
+another file goes stale unseen. The cache folder is therefore named after a hash of every compiled source.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+# Places in arrays, and the grammar that orders them.
+_CONSTANTS = ("layout.py", "terms.py")
+
+
+def _fingerprint() -> str:
+    """Hash of every module that compiles something, and of those whose constants are frozen into the machine code."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    root = Path(__file__).resolve().parent.parent
+    for package in ("sim_vehicle", "sysid", "gcs"):
+        for path in sorted((root / package).rglob("*.py")):
+            text = path.read_bytes()
+            if b"sim_vehicle.jit" in text or path.name in _CONSTANTS or path.parent.name == "effects":
+                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "flight-model" / _fingerprint()
+
+
+if "NUMBA_CACHE_DIR" not in os.environ:
+    numba.config.CACHE_DIR = str(_cache_folder())  # type: ignore[attr-defined]  # set by numba at run time
+
+
+def jit(function: Function) -> Function:
+    """Compile a numerical function on first call and keep the machine code on disk."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))

@@ -1,0 +1,35 @@
+"""Keeping time with the wall clock: every wake-up is computed from the start, so that errors do not add up."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+
+class Pacer:
+    """Waits until flight time has come.
+
+    speed: flight seconds per second of the clock. clock, sleep: monotonic seconds, replaced in tests.
+    """
+
+    def __init__(
+        self,
+        speed: float = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._speed = speed
+        self._clock = clock
+        self._sleep = sleep
+        self._start: float | None = None
+        self.latest_s = 0.0  # how late the latest tick was, s of the clock
+
+    def wait_until(self, flight_s: float) -> None:
+        """Return when `flight_s` seconds of flight have passed since the first call; at once if that is past."""
+        now = self._clock()
+        if self._start is None:
+            self._start = now - flight_s / self._speed
+        left = self._start + flight_s / self._speed - now
+        if left > 0.0:
+            self._sleep(left)
+        self.latest_s = max(-left, 0.0)

@@ -1,0 +1,148 @@
+"""A vehicle with a model, ready to be flown tick by tick."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.actuation import start_actuators
+from sim_vehicle.atmosphere import density
+from sim_vehicle.dynamics import derivatives
+from sim_vehicle.errors import ModelFileError, VehicleFileError
+from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.model import Model
+from sim_vehicle.parameters import flatten
+from sim_vehicle.plantstate import PlantState, Trim, quaternion
+from sim_vehicle.sensing import read_sensors
+from sim_vehicle.simulation import tick
+from sim_vehicle.trim import solve_trim
+from sim_vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+OUTPUTS = (
+    "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "north", "east", "down",
+    "vn", "ve", "vd", "de", "da", "dr", "throttle", "thrust", "rpm", "rho", "p_dot", "q_dot", "r_dot",
+    "CL", "CD", "CY", "Cl", "Cm", "Cn",
+)  # fmt: skip
+_STILL = np.zeros(3)
+_FREE = np.zeros(0)
+
+
+class Plant:
+    """The equations of motion of one vehicle with one model.
+
+    max_step: largest integration step, s. Raises ModelFileError for a model without a needed value, VehicleFileError
+    for a vehicle that cannot be flown (no propulsion).
+    """
+
+    def __init__(self, vehicle: Vehicle, model: Model, max_step: float = 0.005) -> None:
+        self.vehicle = vehicle
+        self.model = model
+        self.flat = flatten(vehicle, model)
+        # A lift that lags is a state of its own; Runge-Kutta's step must not be long against its time constant.
+        self.max_step = min(max_step, (model.effect("unsteady_lift") or {}).get("tau", max_step))
+        self._delay = (model.effect("actuator_delay") or {}).get("delay", 0.0)
+        if self.flat.P[Par.max_thrust] <= 0.0:
+            raise VehicleFileError(f"{vehicle.path}: to fly this vehicle give [propulsion] max_thrust in newtons")
+        self._scratch = np.zeros((5, STATE_SIZE))
+        self._rate = np.zeros(STATE_SIZE)
+        self._mean = np.zeros(4)
+
+    def effect(self, name: str) -> dict[str, float] | None:
+        """Parameters of an effect of the model, None where it has none of that name."""
+        return self.model.effect(name)
+
+    def density(self, altitude: float) -> float:
+        """Air density [kg/m3]: the vehicle file's, else that of the standard atmosphere at `altitude` [m]."""
+        fixed = self.vehicle.environment.air_density
+        return float(density(altitude)) if fixed is None else fixed
+
+    def trim(self, airspeed: float | None = None, altitude: float | None = None, climb_angle: float = 0.0) -> Trim:
+        """Steady straight flight at `airspeed` [m/s], `altitude` [m], `climb_angle` [rad]; else TrimError."""
+        flight = self.vehicle.flight
+        return solve_trim(
+            self,
+            flight.airspeed if airspeed is None else airspeed,
+            flight.altitude if altitude is None else altitude,
+            climb_angle,
+        )
+
+    def state_at(self, x: Array, command: Array, surfaces: Array) -> PlantState:
+        """State with actuators at rest at `command` and surfaces (4,) as given, sensors settled."""
+        actuators = np.zeros(ACTUATOR_SIZE)
+        start_actuators(command, actuators)
+        commands = np.tile(np.asarray(command, dtype=np.float64), (HISTORY, 1))
+        state = PlantState(
+            np.array(x, dtype=np.float64), actuators, np.zeros(SENSOR_SIZE), commands,
+            np.array(surfaces, dtype=np.float64), np.zeros(WORK_SIZE), np.zeros(len(CHANNELS)),
+        )  # fmt: skip
+        self.evaluate(state, _STILL, _STILL, 0.0)
+        return state
+
+    def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
+        """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
+        flat = self.flat
+        thrust = float(flat.P[Par.max_thrust] * state.surfaces[3])
+        rho = self.density(float(-state.x[2]))
+        derivatives(state.x, state.surfaces, thrust, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F, flat.K,
+                    flat.T, state.work, self._rate)  # fmt: skip
+        return self._rate.copy()
+
+    def evaluate(self, state: PlantState, wind_ned: Array, gust_body: Array, interval: float) -> None:
+        """Bring by-products and readings up to date with the state; `interval` since the last reading [s]."""
+        self.rates(state, wind_ned, gust_body)
+        read_sensors(state.x, state.work, self.flat.P, self.flat.E, interval, state.sensor, state.reading)
+
+    def step(
+        self,
+        state: PlantState,
+        command: Array,
+        dt: float,
+        wind_ned: Array = _STILL,
+        gust_body: Array = _STILL,
+    ) -> None:
+        """Fly `dt` seconds under `command` (de, da, dr [rad], throttle 0..1), in place.
+
+        wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it.
+        Raises ModelFileError for a delay of the actuators longer than the commands that are kept.
+        """
+        flat = self.flat
+        if self._delay > (HISTORY - 1) * dt:
+            kept = (HISTORY - 1) * dt
+            raise ModelFileError(f"effect actuator_delay: delay must be at most {kept:g} s here, got {self._delay:g}")
+        state.commands[:-1] = state.commands[1:]
+        state.commands[-1] = command
+        sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))
+        rho = self.density(float(-state.x[2]))
+        tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
+             _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
+             state.surfaces)  # fmt: skip
+        self.evaluate(state, wind_ned, gust_body, dt)
+
+    def read(self, state: PlantState) -> Array:
+        """What ideal sensors at their mounting places read, (19,) in the order of CHANNELS."""
+        return state.reading.copy()
+
+    def outputs(self, state: PlantState) -> Array:
+        """True values at the centre of gravity, in the order of OUTPUTS."""
+        x, W = state.x, state.work
+        q0, q1, q2, q3 = x[6:10]
+        r13 = 2.0 * (q1 * q3 - q0 * q2)
+        phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+        psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+        thrust = W[Aux.thrust]
+        P = self.flat.P
+        rpm = P[Par.max_rotor_rad_s] * math.sqrt(max(thrust, 0.0) / P[Par.max_thrust]) * 30.0 / math.pi
+        return np.array(
+            [
+                W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, math.asin(min(max(-r13, -1.0), 1.0)),
+                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17], *state.surfaces,
+                thrust, rpm, W[Aux.rho], W[Aux.p_dot], W[Aux.q_dot], W[Aux.r_dot], *W[Aux.CL : Aux.Cn + 1],
+            ]
+        )  # fmt: skip
+
+
+__all__ = ["CHANNELS", "OUTPUTS", "Plant", "PlantState", "Trim", "quaternion"]

@@ -1,0 +1,58 @@
+"""The moving parts of a vehicle in flight, and a steady flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class PlantState:
+    """Everything that moves: rigid body, actuators, sensor lags, the commands still under way.
+
+    x: (14,) rigid-body state (sim_vehicle.layout). actuators: (7,). sensor: (10,). commands: (64, 4) last commands, the
+    newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x. reading: (19,).
+    """
+
+    x: Array
+    actuators: Array
+    sensor: Array
+    commands: Array
+    surfaces: Array
+    work: Array
+    reading: Array
+
+    def copy(self) -> PlantState:
+        """An independent copy."""
+        return PlantState(*(np.array(getattr(self, name)) for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class Trim:
+    """A steady flight: its state and the command (de, da, dr [rad], throttle) that holds it.
+
+    residual: largest rate of velocity and body rate left, m/s2 and rad/s2.
+    """
+
+    state: PlantState
+    command: Array
+    residual: float
+
+
+def quaternion(phi: float, theta: float, psi: float) -> Array:
+    """Quaternion (4,), scalar first, of the 3-2-1 Euler angles [rad]."""
+    cr, sr, cp, sp = math.cos(phi / 2), math.sin(phi / 2), math.cos(theta / 2), math.sin(theta / 2)
+    cy, sy = math.cos(psi / 2), math.sin(psi / 2)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )

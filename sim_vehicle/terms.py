@@ -1,0 +1,65 @@
+"""The grammar of coefficient names: `CL_alpha`, `Cm_alpha_de`, `CD_de2`, `CD_k`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from sim_vehicle.errors import ModelFileError
+
+AXES = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+REGRESSORS = ("alpha", "alphadot", "beta", "p", "q", "r", "de", "da", "dr", "CL", "throttle")
+MAX_FACTORS = 4
+POLAR = "CD_k"
+
+_TOKEN = re.compile(r"^(alphadot|alpha|beta|p|q|r|de|da|dr|CL|throttle)([2-4]?)$")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of the aerodynamic model: its axis (CL ... Cn) and the regressors it multiplies.
+
+    factors: names from REGRESSORS, repeated for powers; empty for the constant. CD_k is ("CL", "CL").
+    """
+
+    name: str
+    axis: str
+    factors: tuple[str, ...]
+
+
+def parse_term(name: str) -> Term:
+    """Take a coefficient name apart. Raises ModelFileError for a name outside the grammar.
+
+    Products stand in the order of REGRESSORS, and each has one name: CL_alpha2, never CL_alpha_alpha.
+    """
+    if name == POLAR:
+        return Term(name, "CD", ("CL", "CL"))
+    axis, _, rest = name.partition("_")
+    if axis not in AXES or not rest:
+        raise ModelFileError(f"coefficient {name!r}: a name is <{'|'.join(AXES)}>_<regressor>, as Cm_alpha")
+    if rest == "0":
+        return Term(name, axis, ())
+    factors: list[str] = []
+    for token in rest.split("_"):
+        match = _TOKEN.match(token)
+        if match is None:
+            raise ModelFileError(f"coefficient {name!r}: {token!r} is none of 0, k (CD only), {', '.join(REGRESSORS)}")
+        factors += [match[1]] * int(match[2] or 1)
+    if len(factors) > MAX_FACTORS:
+        raise ModelFileError(f"coefficient {name!r} has {len(factors)} factors; at most {MAX_FACTORS} are flown")
+    if axis == "CL" and "CL" in factors:
+        raise ModelFileError(f"coefficient {name!r}: CL cannot depend on itself")
+    if axis == "CL" and factors.count("alphadot") > 1:
+        raise ModelFileError(f"coefficient {name!r}: CL can depend on alphadot only linearly")
+    usual = _usual_name(axis, factors)
+    if name != usual:
+        raise ModelFileError(f"coefficient {name!r}: write it {usual}")
+    return Term(name, axis, tuple(factors))
+
+
+def _usual_name(axis: str, factors: list[str]) -> str:
+    """The one spelling of a term, so that no model holds the same term twice."""
+    if axis == "CD" and factors == ["CL", "CL"]:
+        return POLAR
+    powers = [(name, factors.count(name)) for name in REGRESSORS if name in factors]
+    return "_".join((axis, *(name if power == 1 else f"{name}{power}" for name, power in powers)))

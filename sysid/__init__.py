@@ -1,0 +1,1 @@
+"""System identification on arrays: no sockets, no MAVLink, no web."""

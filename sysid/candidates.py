@@ -1,0 +1,78 @@
+"""Which effects may explain a disagreement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.effects import EFFECTS, Effect, Stage
+from sim_vehicle.model import Model
+from sysid.estimate import Problem
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that the model lacks, with the parameters that would be estimated and values to start from.
+
+    free: names of its fitted parameters. starts: one set of values per hill of the likelihood.
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    starts: tuple[dict[str, float], ...]
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """(effect, parameter) pairs to estimate, empty for a coefficient effect."""
+        return [] if self.effect.is_coefficient else [(self.effect.name, name) for name in self.free]
+
+    @property
+    def coefficients(self) -> list[str]:
+        """Coefficients to estimate, empty for any other effect."""
+        return list(self.free) if self.effect.is_coefficient else []
+
+    def parameter(self, name: str) -> str:
+        """Name of one of its parameters among the estimated ones."""
+        return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
+
+
+def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
+    """Whether the flights can show an effect at all."""
+    if effect.alias or effect.stage is Stage.ENVIRONMENT or model.effect(effect.name) is not None:
+        return False
+    measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
+    if effect.needs_throttle_thrust and measured_thrust:
+        return False
+    propulsion = problem.vehicle.propulsion
+    diameter = propulsion.diameter if propulsion is not None else None
+    if effect.name == "p_factor" and not diameter:
+        return False
+    turns = propulsion is not None and propulsion.max_rpm and propulsion.max_thrust
+    return effect.name != "propeller_gyroscopic" or bool(turns)
+
+
+def candidates(problem: Problem, model: Model) -> list[Candidate]:
+    """Every effect of the catalogue that the model lacks and the flights could show."""
+    found = []
+    for effect in EFFECTS.values():
+        if not _plausible(effect, problem, model):
+            continue
+        if effect.is_coefficient:
+            free = tuple(
+                p.name for p in effect.parameters if p.name not in model.coefficients and problem.motion.takes(p.name)
+            )
+            starts: tuple[dict[str, float], ...] = (dict.fromkeys(free, 0.0),)
+        else:
+            fitted = [p for p in effect.parameters if p.fitted]
+            free = tuple(p.name for p in fitted)
+            count = max((len(p.starts) for p in fitted), default=0)
+            starts = tuple({p.name: p.starts[min(i, len(p.starts) - 1)] for p in fitted} for i in range(count))
+        if free and starts:
+            found.append(Candidate(effect, free, starts))
+    return found
+
+
+def extended(model: Model, candidate: Candidate, values: dict[str, float]) -> Model:
+    """The model with the effect added at these values."""
+    return model.with_effect(candidate.effect, values)

@@ -1,0 +1,28 @@
+"""Errors of the identification package.
+
+SysidError                     every error that data or settings can cause; its text is one line that says what to do
+├── CalibrationError           bench points that cannot give the curve asked for
+├── SignalError                a signal that is missing, constant, not finite, or in the wrong unit
+├── SegmentError               no airborne, excited part was found, or the part asked for holds no data
+└── EstimationError            an estimation that cannot start or did not converge
+"""
+
+
+class SysidError(Exception):
+    """Base of every error that data or settings can cause."""
+
+
+class CalibrationError(SysidError):
+    """Bench points cannot give the curve asked for."""
+
+
+class SignalError(SysidError):
+    """A signal is missing, constant, not finite, or in the wrong unit."""
+
+
+class SegmentError(SysidError):
+    """No airborne, excited part was found, or the part asked for holds no data."""
+
+
+class EstimationError(SysidError):
+    """An estimation cannot start, or did not converge."""

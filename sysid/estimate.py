@@ -1,0 +1,237 @@
+"""From stretches of flight to coefficients and sensor errors: the one-step estimate and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from sim_vehicle.model import Coefficient, Model, ModelEffect
+from sim_vehicle.parameters import flatten
+from sim_vehicle.terms import parse_term
+from sim_vehicle.vehicle import Vehicle
+from sysid.flight import Array
+from sysid.identifiability import Refusal
+from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult
+from sysid.parameterisation import (
+    SENSOR_ERRORS,
+    STATES,
+    Parameter,
+    Predictor,
+    coefficient,
+    effect_parameter,
+    free_states,
+    sensor_error,
+)
+from sysid.records import LATERAL, LONGITUDINAL, SURFACES, Record
+from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
+
+# Longest free run between two starts: turbulence and the slow modes carry a longer one away.
+MAX_RUN_S = 20.0
+# A surface that moves by less than this (peak to peak) has excited nothing, rad.
+QUIET_SURFACE = math.radians(0.6)
+# One that moves by less than this stood still, rad.
+STILL_SURFACE = math.radians(0.05)
+# Log likelihood by which the other timing of the commands must be better.
+TIMING_MARGIN = 5.0
+LONGITUDINAL_STATES = ("u", "w", "q", "theta")
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Which part of the motion is simulated freely; the other part's states are taken from the measurement.
+
+    still: surfaces (of de, da, dr) that never moved; nothing they multiply can be told.
+    """
+
+    longitudinal: bool
+    lateral: bool
+    still: frozenset[str] = frozenset()
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Outputs that enter the likelihood."""
+        return (*(LONGITUDINAL if self.longitudinal else ()), *(LATERAL if self.lateral else ()))
+
+    def takes(self, name: str) -> bool:
+        """Whether a coefficient belongs to this motion."""
+        if self.still & set(parse_term(name).factors):
+            return False
+        return self.longitudinal if is_longitudinal(name) else self.lateral
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything an estimation needs besides the choice of parameters.
+
+    records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi.
+    sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
+    """
+
+    vehicle: Vehicle
+    records: tuple[Record, ...]
+    guesses: tuple[Array, ...]
+    motion: Motion
+    sensors: Mapping[str, float]
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    command_first: bool = False
+    sub_steps: int = 2
+
+
+def excited_motion(records: Sequence[Record]) -> Motion:
+    """Which surfaces moved enough to tell anything; longitudinal motion alone if none did."""
+    travel = np.max([np.ptp(record.commands[:, :3], axis=0) for record in records], axis=0)
+    lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
+    still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
+    return Motion(bool(travel[0] > QUIET_SURFACE) or not lateral, lateral, still)
+
+
+def split_runs(
+    record: Record, states: Mapping[str, Array], motion: Motion, run_s: float = MAX_RUN_S
+) -> tuple[list[Record], list[Array]]:
+    """Cut a stretch into runs of at most `run_s` seconds with initial-state guesses.
+
+    states: name of STATES -> (N,) reconstructed motion of the stretch, relative to the air.
+    """
+    path = np.stack([states[name] for name in STATES], axis=1)
+    held = np.zeros((0, 9))
+    if not (motion.longitudinal and motion.lateral):
+        held = np.full((record.start + record.length, 9), np.nan)
+        for j, name in enumerate(STATES):
+            if (name in LONGITUDINAL_STATES) != motion.longitudinal:
+                held[record.start :, j] = path[:, j]
+                held[: record.start, j] = path[0, j]
+    record = replace(record, held=held)
+    count = max(1, math.ceil(record.length * record.interval_s / run_s))
+    edges = np.linspace(0, record.length, count + 1).astype(int)
+    runs = [record.window(int(a), int(b)) for a, b in pairwise(edges)]
+    return runs, [path[int(a)].copy() for a in edges[:-1]]
+
+
+def relevant_sensors(names: Sequence[str], motion: Motion) -> list[str]:
+    """Those sensor errors whose output is in the likelihood."""
+    return [name for name in names if name in SENSOR_ERRORS and SENSOR_ERRORS[name][0] in motion.outputs]
+
+
+def free_coefficients(names: Sequence[str], motion: Motion) -> list[str]:
+    """Coefficients that the motion lets one estimate."""
+    return [name for name in names if motion.takes(name)]
+
+
+def build(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]] = (),
+    sigma: Array | None = None,
+) -> OutputError:
+    """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
+    parameters: list[Parameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
+    parameters += [effect_parameter(effect, name) for effect, name in effects]
+    for name in problem.sensors:
+        entry = sensor_error(name)
+        mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
+        parameters.append(replace(entry, prior_mean=mean, prior_std=std))
+    predictor = Predictor(
+        flatten(problem.vehicle, model),
+        parameters,
+        problem.records,
+        command_first=problem.command_first,
+        sub_steps=problem.sub_steps,
+    )
+    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma)
+
+
+def warmed(problem: Problem, result: OutputErrorResult) -> Problem:
+    """The problem with the initial states of an earlier result of it as guesses."""
+    guesses, place = [], len(result.parameters)
+    for record, guess in zip(problem.records, problem.guesses, strict=True):
+        free = free_states(record)
+        warm = guess.copy()
+        warm[free] = result.theta[place : place + len(free)]
+        place += len(free)
+        guesses.append(warm)
+    return replace(problem, guesses=tuple(guesses))
+
+
+def fit(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]] = (),
+    start: Mapping[str, float] | None = None,
+    progress: Progress = lambda share, text: None,
+    max_iterations: int = MAX_ITERATIONS,
+) -> OutputErrorResult:
+    """Estimate coefficients, effect parameters, sensor errors and initial states together.
+
+    start: values by parameter name that differ from the model's and from problem.sensors.
+    """
+    values = {name: model.values()[name] for name in coefficients}
+    values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
+    values |= dict(problem.sensors)
+    values |= dict(start or {})
+    return build(problem, model, coefficients, effects).solve(
+        values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations
+    )
+
+
+def likelier_timing(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> tuple[Problem, OutputErrorResult]:
+    """Fit once more with the other timing of the commands (see sysid.timing) and keep what is clearly likelier."""
+    other = warmed(replace(problem, command_first=not problem.command_first), result)
+    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
+    found = fit(other, model, coefficients, effects, values)
+    return (other, found) if found.cost < result.cost - TIMING_MARGIN else (problem, result)
+
+
+def refusals(result: OutputErrorResult, names: Sequence[str]) -> list[Refusal]:
+    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
+    refused = []
+    for name in names:
+        value, std = result.value(name), result.std(name)
+        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+            usual = usual_size(name)
+            reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+            refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+    return refused
+
+
+def model_of(
+    base: Model,
+    name: str,
+    result: OutputErrorResult,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    refused: Sequence[Refusal],
+    validity: Mapping[str, tuple[float, float]],
+) -> Model:
+    """Model file of an estimate: `base` with its estimated entries replaced, refused ones without a value."""
+    reasons = {entry.name: entry.reason for entry in refused}
+    entries: dict[str, Coefficient] = {}
+    for key, old in base.coefficients.items():
+        if key in reasons:
+            entries[key] = Coefficient(None, refused=reasons[key])
+        elif key in coefficients:
+            entries[key] = Coefficient(result.value(key), result.std(key))
+        else:
+            entries[key] = old
+    model_effects = []
+    for effect in base.effects:
+        parameters = dict(effect.parameters)
+        for key in parameters:
+            if (effect.name, key) in effects:
+                full = f"{effect.name}.{key}"
+                parameters[key] = Coefficient(result.value(full), result.std(full))
+        model_effects.append(ModelEffect(effect.name, parameters))
+    return Model(name, entries, tuple(model_effects), validity)

@@ -1,0 +1,78 @@
+"""How strongly the data speak for one model against another when residuals are coloured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from sysid.flight import Array
+from sysid.output_error import OutputErrorResult
+
+# Chance, over all candidates together, of naming an effect that is not there.
+FALSE_ALARM = 1e-3
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A candidate's posterior probability and how much it gained.
+
+    gain: twice the log likelihood ratio against the model without the effect, in independent samples.
+    p_value: of that gain by chance, before the number of candidates is allowed for.
+    """
+
+    probability: float
+    gain: float
+    p_value: float
+
+
+def log_likelihood_ratio(simple: OutputErrorResult, richer: OutputErrorResult, inflation: Array) -> float:
+    """Twice the log likelihood of `richer` over `simple`, residuals counted as samples / inflation.
+
+    inflation: (12,) factor by which coloured residuals carry less than their number (OutputErrorResult.inflation).
+    """
+    used = np.isfinite(simple.sigma) & np.isfinite(richer.sigma)
+    count = simple.samples[used] / inflation[used]
+    return float(2.0 * np.sum(count * np.log(simple.sigma[used] / richer.sigma[used])))
+
+
+def weigh(
+    base: OutputErrorResult, fits: Sequence[tuple[OutputErrorResult, int]], inflation: Array
+) -> tuple[list[Weight], float]:
+    """Posterior weights of candidates by the Bayesian information criterion, and that of "no effect".
+
+    fits: per candidate its fit and the number of parameters it adds. Returns weights in that order, and the rest.
+    """
+    used = np.isfinite(base.sigma)
+    effective = float(np.sum(base.samples[used] / inflation[used]))
+    gains = [log_likelihood_ratio(base, fit, inflation) for fit, _ in fits]
+    scores = [0.0] + [0.5 * (g - k * math.log(effective)) for g, (_, k) in zip(gains, fits, strict=True)]
+    top = max(scores)
+    shares = [math.exp(score - top) for score in scores]
+    total = sum(shares)
+    weights = [
+        Weight(share / total, gain, float(stats.chi2.sf(max(gain, 0.0), k)))
+        for share, gain, (_, k) in zip(shares[1:], gains, fits, strict=True)
+    ]
+    return weights, shares[0] / total
+
+
+def is_significant(weight: Weight, candidates: int) -> bool:
+    """Whether a gain is beyond what the best of so many candidates gains by chance (Bonferroni)."""
+    return weight.p_value * max(candidates, 1) < FALSE_ALARM
+
+
+def smallest_set(probabilities: Sequence[tuple[str, float]], share: float = 0.95) -> list[tuple[str, float]]:
+    """The fewest names, likeliest first, whose probabilities add up to `share`."""
+    ordered = sorted(probabilities, key=lambda item: -item[1])
+    chosen: list[tuple[str, float]] = []
+    total = 0.0
+    for name, probability in ordered:
+        if chosen and total >= share:
+            break
+        chosen.append((name, probability))
+        total += probability
+    return chosen

@@ -1,0 +1,113 @@
+"""The gap: how far a free-running simulation strays from the measurement over windows of five seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.parameters import FlatModel
+from sim_vehicle.wind import dryden_gusts
+from sysid.compatibility import SensorLayout
+from sysid.flight import Array
+from sysid.output_error import angle_wrap
+from sysid.parameterisation import STATES, STILL_AIR, Predictor
+from sysid.prepare import smoothed_states
+from sysid.records import OUTPUTS, Record
+
+WINDOW_S = 5.0
+GAP_OUTPUTS = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
+# Names of the outputs in results.
+GAP_NAMES = {name: ("V" if name == "airspeed" else name) for name in GAP_OUTPUTS}
+_GUST_LENGTH_M = 30.0
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A model with nothing left free: flat model, sensor errors, and how samples show commands."""
+
+    flat: FlatModel
+    errors: Mapping[str, float]
+    command_first: bool = False
+
+
+def windows(record: Record) -> list[Record]:
+    """Consecutive windows of WINDOW_S; what is left over at the end joins none unless it is half a window."""
+    size = round(WINDOW_S / record.interval_s)
+    edges = [(begin, min(begin + size, record.length)) for begin in range(0, record.length, size)]
+    kept = [edge for edge in edges if edge[1] - edge[0] >= size // 2] or edges[:1]
+    return [record.window(begin, end) for begin, end in kept]
+
+
+def free_run(record: Record, states: Array, model: Fixed, gusts: Array = STILL_AIR) -> Array:
+    """Outputs (N, 12) of a free run from nine initial states."""
+    predictor = Predictor(model.flat, (), (record,), command_first=model.command_first)
+    return predictor.outputs(0, model.flat, dict(model.errors), states, gusts)
+
+
+def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list[tuple[Record, Array]]:
+    """Measured minus free-running simulation, (N, 12), for every window of a record."""
+    states = smoothed_states(record, layout, dict(model.errors))
+    path = np.stack([states[name] for name in STATES], axis=1)
+    result = []
+    begin = 0
+    for part in windows(record):
+        start = path[begin]
+        result.append((part, angle_wrap(part.z - free_run(part, start, model))))
+        begin += part.length
+    return result
+
+
+def gap(records: Sequence[Record], layout: SensorLayout, model: Fixed) -> dict[str, float]:
+    """Root mean square per output over all windows, those not measured left out; not finite where a run diverged."""
+    residuals = np.concatenate([r for record in records for _, r in window_residuals(record, layout, model)])
+    measured = np.concatenate([part.z for record in records for part in windows(record)])
+    result = {}
+    for name in GAP_OUTPUTS:
+        j = OUTPUTS.index(name)
+        there = np.isfinite(measured[:, j])
+        if there.any():
+            result[GAP_NAMES[name]] = float(np.sqrt(np.mean(residuals[there, j] ** 2)))
+    return result
+
+
+def noise_floor(
+    records: Sequence[Record],
+    starts: Sequence[Array],
+    layout: SensorLayout,
+    model: Fixed,
+    sigma: Array,
+    thrust_sigma: float,
+    gust_sigma: float,
+    generator: np.random.Generator,
+    repeats: int = 9,
+) -> dict[str, float]:
+    """Median gap of the model on data generated from itself with the estimated noise.
+
+    records: runs; starts: per run nine initial states. sigma: (12,) output noise; thrust_sigma: N; gust_sigma: m/s.
+    """
+    found: list[dict[str, float]] = []
+    for _ in range(repeats):
+        made = []
+        for record, start in zip(records, starts, strict=True):
+            gusts = STILL_AIR
+            if gust_sigma > 0.0:
+                speed = float(np.hypot(start[0], start[2]))
+                gusts = np.ascontiguousarray(
+                    dryden_gusts(
+                        record.rho.size,
+                        record.interval_s,
+                        sigma=gust_sigma,
+                        length=_GUST_LENGTH_M,
+                        airspeed=speed,
+                        generator=generator,
+                    )
+                )
+            y = free_run(record, start, model, gusts)
+            noise = generator.standard_normal(y.shape) * np.nan_to_num(sigma)
+            z = np.where(np.isfinite(record.z), y + noise, np.nan)
+            thrust = record.thrust + thrust_sigma * generator.standard_normal(record.thrust.size)
+            made.append(Record(**{**record.__dict__, "z": z, "thrust": thrust}))
+        found.append(gap(made, layout, model))
+    return {name: float(np.median([one[name] for one in found])) for name in found[0]}

@@ -1,0 +1,281 @@
+"""Identification of one or more flights: from signals to the result file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim_vehicle.model import Coefficient, Model
+from sim_vehicle.parameters import flatten
+from sim_vehicle.vehicle import Vehicle
+from sysid.compatibility import CompatibilityResult, Refusal, correct
+from sysid.equation_error import equation_error
+from sysid.errors import EstimationError, SysidError
+from sysid.estimate import (
+    MAX_RUN_S,
+    Motion,
+    Problem,
+    excited_motion,
+    fit,
+    free_coefficients,
+    likelier_timing,
+    model_of,
+    refusals,
+    relevant_sensors,
+    split_runs,
+)
+from sysid.flight import FlightData, FlightSignals
+from sysid.gap import Fixed
+from sysid.output_error import OutputErrorResult
+from sysid.parameterisation import SENSOR_ERRORS
+from sysid.prepare import Prepared, check_compatibility, prepare
+from sysid.records import SURFACES
+from sysid.residuals import body_of, coefficient_path, known_thrust, moment_noise
+from sysid.smoothing import noise_sigma
+from sysid.structure import default_structure, helpful_manoeuvre, usual_size
+from sysid.timing import command_shows_at_once
+from sysid.validation import Validation, validate
+
+METHODS = ("auto", "ee", "oe")
+Progress = Callable[[float, str], None]
+# The air data scale is told by GPS in the compatibility check, which the output-error step does not see again.
+_FROM_COMPATIBILITY = ("airspeed_scale", "airspeed_bias")
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything an identification found. See `result_json` for the file."""
+
+    flights: tuple[Prepared, ...]
+    compatibility: CompatibilityResult
+    model: Model
+    sensor_errors: Mapping[str, tuple[float, float, str]]
+    refused: tuple[Refusal, ...]
+    validation: Validation | None
+    validation_flights: tuple[str, ...]
+    output_error: OutputErrorResult | None
+    warnings: tuple[str, ...]
+
+
+def make_problem(
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    sensors: Sequence[str] | None = None,
+    run_s: float = MAX_RUN_S,
+) -> Problem:
+    """Estimation problem of all stretches: runs, start states from the reconstruction, sensor errors to estimate.
+
+    sensors: names to estimate; None takes those that the compatibility check can tell. run_s: longest free run, s.
+    """
+    stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    motion = excited_motion([stretch.record for stretch in stretches])
+    runs, guesses = [], []
+    for stretch, found in zip(stretches, compatible.states, strict=True):
+        states = dict(found)
+        psi = stretch.data.columns.get("psi")
+        states.setdefault("psi", np.zeros(stretch.record.length) if psi is None else psi)
+        part_runs, part_guesses = split_runs(stretch.record, states, motion, run_s)
+        runs += part_runs
+        guesses += part_guesses
+    known = compatible.parameters
+    names = relevant_sensors(list(known) if sensors is None else sensors, motion)
+    priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in _FROM_COMPATIBILITY}
+    start = {name: known[name].value if name in known else 0.0 for name in names}
+    at_once = command_shows_at_once(
+        corrected_parts(prepared, vehicle, compatible), body_of(vehicle), lateral=not motion.longitudinal
+    )
+    return Problem(vehicle, tuple(runs), tuple(guesses), motion, start, priors, at_once)
+
+
+def corrected_parts(
+    prepared: Sequence[Prepared], vehicle: Vehicle, compatible: CompatibilityResult
+) -> list[FlightData]:
+    """Stretches with sensor errors taken off and thrust known, for equation error."""
+    parts = []
+    flat = flatten(vehicle, Model(vehicle.name, {}))
+    errors = {name: error.value for name, error in compatible.parameters.items()}
+    index = 0
+    for flight in prepared:
+        for stretch in flight.stretches:
+            record = stretch.record
+            data = correct(stretch.data, compatible, index)
+            here = slice(record.start, record.start + record.length)
+            thrust = known_thrust(record, Fixed(flat, errors))[here]
+            columns = {**data.columns, "thrust": thrust, "air_density": record.rho[here]}
+            columns |= {name: record.commands[here, j] for j, name in enumerate((*SURFACES, "throttle"))}
+            columns.setdefault("beta", np.zeros(record.length))
+            parts.append(replace(data, columns=columns))
+            index += 1
+    return parts
+
+
+def start_model(
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    structure: Model,
+    motion: Motion,
+    prior: Model | None,
+) -> Model:
+    """Start values: equation error, a prior model where that fails, the usual size of nothing elsewhere."""
+    values = dict.fromkeys(structure.coefficients, 0.0)
+    stds: dict[str, float] = dict.fromkeys(structure.coefficients, math.inf)
+    if prior is not None:
+        values |= {name: value for name, value in prior.values().items() if name in values}
+    names = free_coefficients(list(structure.coefficients), motion)
+    try:
+        for axis in equation_error(corrected_parts(prepared, vehicle, compatible), body_of(vehicle), names).values():
+            for name, value, std in zip(axis.names, axis.values, axis.std, strict=True):
+                # An estimate worse than knowing nothing is a bad start.
+                if std < 2.0 * usual_size(name):
+                    values[name], stds[name] = float(value), float(std)
+    except SysidError:
+        if prior is None:
+            raise
+    entries = {
+        name: Coefficient(value, stds[name] if math.isfinite(stds[name]) else None) for name, value in values.items()
+    }
+    return replace(structure, coefficients=entries)
+
+
+def identify(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    *,
+    validate_on: Sequence[FlightSignals] = (),
+    structure: Model | None = None,
+    prior: Model | None = None,
+    method: str = "auto",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    sensors: Sequence[str] | None = None,
+    progress: Progress = lambda share, text: None,
+) -> Identification:
+    """Identify a model.
+
+    flights: one or more, estimated together. validate_on: flights the model is judged by. structure: a model whose
+    coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: start values.
+    method: "ee" equation error, "oe" output error; "auto" is "oe". start_s, stop_s: the part to take, s.
+    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
+    Raises SysidError subclasses in one line.
+    """
+    if method not in METHODS:
+        raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
+    progress(0.02, "signals on one time base")
+    prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
+    progress(0.10, "data compatibility")
+    compatible = check_compatibility(prepared)
+    warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
+    if compatible.gust_sigma > 0.0:
+        warnings.append(
+            f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors may be half of what they should be; "
+            "fly in calm air, or longer"
+        )
+    problem = make_problem(prepared, vehicle, compatible, sensors)
+    surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
+    if structure is None:
+        structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
+    progress(0.30, "equation error")
+    start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
+    names = free_coefficients(list(structure.coefficients), problem.motion)
+    result: OutputErrorResult | None = None
+    errors = {name: (e.value, e.std, e.unit) for name, e in compatible.parameters.items()}
+    quiet = _quiet(list(structure.coefficients), names)
+    if method == "ee":
+        missing = [n for n in names if start.coefficients[n].std is None]
+        refused = [*quiet, *(_untold(name) for name in missing)]
+        model = _equation_model(start, refused, _validity(prepared, compatible))
+    else:
+        progress(0.40, "output error")
+        free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
+        result = fit(problem, start, names, free_effects, progress=lambda s, t: progress(0.4 + 0.35 * s, t))
+        progress(0.8, "timing of the commands")
+        problem, result = likelier_timing(problem, start, names, free_effects, result)
+        if not result.converged:
+            warnings.append("output error did not converge; the standard errors may be too small")
+        refused = [*quiet, *refusals(result, names)]
+        validity = _validity(prepared, compatible)
+        model = model_of(start, vehicle.name, result, names, free_effects, refused, validity)
+        for name in problem.sensors:
+            errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
+    progress(0.88, "validation")
+    validation = _validate(validate_on, vehicle, model, errors, problem.command_first, start_s, stop_s, warnings)
+    progress(1.0, "done")
+    return Identification(
+        tuple(prepared), compatible, model, errors, (*refused, *compatible.refused), validation,
+        tuple(flight.name for flight in validate_on), result, tuple(dict.fromkeys(warnings)),
+    )  # fmt: skip
+
+
+def _quiet(structure: Sequence[str], names: Sequence[str]) -> list[Refusal]:
+    return [
+        Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
+        for name in structure
+        if name not in names
+    ]
+
+
+def _untold(name: str) -> Refusal:
+    return Refusal(name, "equation error cannot tell it from noise", helpful_manoeuvre(name))
+
+
+def _equation_model(start: Model, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]) -> Model:
+    reasons = {entry.name: entry.reason for entry in refused}
+    entries = {
+        name: Coefficient(None, refused=reasons[name]) if name in reasons else entry
+        for name, entry in start.coefficients.items()
+    }
+    return replace(start, coefficients=entries, validity=validity)
+
+
+def _validity(prepared: Sequence[Prepared], compatible: CompatibilityResult) -> dict[str, tuple[float, float]]:
+    """Range of angle of attack and airspeed that the stretches covered (1st to 99th percentile)."""
+    alpha = np.concatenate([states["alpha"] for states in compatible.states])
+    speed = np.concatenate([states["V"] for states in compatible.states])
+    return {
+        "alpha": (round(float(np.percentile(alpha, 1)), 4), round(float(np.percentile(alpha, 99)), 4)),
+        "airspeed": (round(float(np.percentile(speed, 1)), 2), round(float(np.percentile(speed, 99)), 2)),
+    }
+
+
+def _validate(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    model: Model,
+    errors: Mapping[str, tuple[float, float, str]],
+    command_first: bool,
+    start_s: float | None,
+    stop_s: float | None,
+    warnings: list[str],
+) -> Validation | None:
+    """Coefficients measured on other flights against the model's, refused ones counting as zero there."""
+    if not flights:
+        return None
+    known = replace(model, coefficients={n: e for n, e in model.coefficients.items() if e.value is not None})
+    axes = {name.partition("_")[0] for name in known.coefficients}
+    values = {name: value for name, (value, _, _) in errors.items()}
+    fixed = Fixed(flatten(vehicle, known), values, command_first)
+    interval = 0.0
+    moments: dict[str, list[float]] = {}
+    measured: dict[str, list[Any]] = {}
+    predicted: dict[str, list[Any]] = {}
+    for signals in flights:
+        flight = prepare(signals, vehicle)
+        warnings += flight.warnings
+        interval = flight.data.interval_s
+        for stretch in flight.stretches:
+            path = coefficient_path(stretch.record, flight.layout, vehicle, fixed)
+            for axis, level in moment_noise(stretch.record, vehicle).items():
+                moments.setdefault(axis, []).append(level)
+            for axis in sorted(axes):
+                measured.setdefault(axis, []).append(path.measured[axis])
+                predicted.setdefault(axis, []).append(path.predicted[axis])
+    z = {axis: np.concatenate(parts) for axis, parts in measured.items()}
+    y = {axis: np.concatenate(parts) for axis, parts in predicted.items()}
+    noise = {axis: noise_sigma(z[axis], interval) for axis in z if axis in ("CL", "CD", "CY")}
+    return validate(z, y, noise | {axis: float(np.median(n)) for axis, n in moments.items() if axis in z})

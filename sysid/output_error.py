@@ -1,0 +1,306 @@
+"""Output error: maximum-likelihood estimates from a free-running simulation.
+
+Maine & Iliff, NASA RP-1168, ch. 4 and 5; Jategaonkar, Flight Vehicle System Identification, ch. 4. The noise
+covariance is diagonal and estimated with the parameters (concentrated likelihood); steps are Levenberg-Marquardt's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from sysid.errors import EstimationError
+from sysid.flight import Array, IntArray
+from sysid.parameterisation import Parameter, Predictor
+from sysid.records import OUTPUTS
+
+MAX_ITERATIONS = 25
+# An estimate has converged when a step gains less log likelihood than this: 0.02 is a fifth of a standard error.
+# Along a curved valley, as a wrong model makes it, three small gains in a row will do.
+COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3
+_SIGMA_FLOOR = 1e-7
+_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="sensitivities")
+
+
+@dataclass(frozen=True)
+class OutputErrorResult:
+    """Estimates and what they rest on.
+
+    theta: (P + states,) estimates. covariance: the same squared, statistical, corrected for coloured residuals;
+    covariance_white: as if residuals were white (the Cramer-Rao bound). sigma: (12,) noise of each output, NaN where
+    unused. residuals: per record (N, 12), measured minus predicted, NaN where missing. cost: the concentrated
+    negative log likelihood, prior included. samples: (12,) measurements used per output. inflation: (12,) factor by
+    which the residual spectrum at low frequency exceeds that of white noise of the same power. converged: whether the
+    cost stopped falling.
+    """
+
+    parameters: tuple[Parameter, ...]
+    theta: Array
+    covariance: Array
+    covariance_white: Array
+    sigma: Array
+    residuals: tuple[Array, ...]
+    cost: float
+    samples: Array
+    inflation: Array
+    iterations: int
+    converged: bool
+
+    def value(self, name: str) -> float:
+        """Estimate of a parameter."""
+        return float(self.theta[self._index(name)])
+
+    def std(self, name: str) -> float:
+        """Standard error of a parameter."""
+        i = self._index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def std_white(self, name: str) -> float:
+        """Standard error of a parameter for white residuals."""
+        i = self._index(name)
+        return float(np.sqrt(self.covariance_white[i, i]))
+
+    def _index(self, name: str) -> int:
+        return [parameter.name for parameter in self.parameters].index(name)
+
+
+def angle_wrap(residual: Array) -> Array:
+    """Residuals (N, 12) with those of phi and psi brought to [-pi, pi]."""
+    for name in ("phi", "psi"):
+        j = OUTPUTS.index(name)
+        residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
+    return residual
+
+
+class OutputError:
+    """One estimation problem: a predictor, a start, and the outputs that count.
+
+    guesses: per record the nine initial states to start from. used: names of OUTPUTS in the likelihood.
+    sigma: (12,) known noise to use instead of estimating it, or None.
+    """
+
+    def __init__(
+        self, predictor: Predictor, guesses: Sequence[Array], used: Sequence[str], sigma: Array | None = None
+    ) -> None:
+        self.predictor = predictor
+        self.guesses = [np.asarray(guess, dtype=np.float64) for guess in guesses]
+        measured = np.any([np.isfinite(record.z).any(axis=0) for record in predictor.records], axis=0)
+        self.columns = np.array([OUTPUTS.index(name) for name in used if measured[OUTPUTS.index(name)]])
+        self.known_sigma = sigma
+        self.prior_mean = np.array([parameter.prior_mean for parameter in predictor.parameters])
+        self.prior_weight = np.array([parameter.prior_std**-2.0 for parameter in predictor.parameters])
+
+    def start(self, values: dict[str, float]) -> Array:
+        """Unknowns from parameter values (0 where none is given) and the initial-state guesses."""
+        theta = np.zeros(self.predictor.size)
+        for i, parameter in enumerate(self.predictor.parameters):
+            theta[i] = np.clip(values.get(parameter.name, parameter.prior_mean), parameter.low, parameter.high)
+        for index, guess in enumerate(self.guesses):
+            theta[self.predictor.state_slice(index)] = guess[self.predictor.free_states[index]]
+        return theta
+
+    def predict(self, theta: Array) -> list[Array]:
+        """Predicted outputs of every record."""
+        flat, errors = self.predictor.apply(theta)
+        return [
+            self.predictor.outputs(i, flat, errors, self.predictor.initial_states(i, theta, self.guesses[i]))
+            for i in range(len(self.predictor.records))
+        ]
+
+    def residuals(self, predicted: Sequence[Array]) -> list[Array]:
+        """Measured minus predicted of every record, angles wrapped."""
+        return [angle_wrap(record.z - y) for record, y in zip(self.predictor.records, predicted, strict=True)]
+
+    def sigma(self, residuals: Sequence[Array]) -> Array:
+        """Noise of each output: root mean square of its residuals over all records."""
+        if self.known_sigma is not None:
+            return self.known_sigma
+        stacked = np.concatenate(residuals)
+        sigma = np.full(len(OUTPUTS), np.nan)
+        for j in self.columns:
+            good = stacked[np.isfinite(stacked[:, j]), j]
+            sigma[j] = max(float(np.sqrt(np.mean(good**2))), _SIGMA_FLOOR) if good.size else np.nan
+        return sigma
+
+    def cost(self, theta: Array, residuals: Sequence[Array]) -> float:
+        """Negative log likelihood, constants left out; infinite where the simulation diverged."""
+        total = 0.0
+        stacked = np.concatenate(residuals)
+        sigma = self.sigma(residuals)
+        for j in self.columns:
+            measured = np.concatenate([record.z[:, j] for record in self.predictor.records])
+            count = int(np.isfinite(measured).sum())
+            good = stacked[np.isfinite(stacked[:, j]), j]
+            if good.size < count:
+                return np.inf
+            if count:
+                total += count * np.log(sigma[j]) + 0.5 * float(good @ good) / sigma[j] ** 2
+        p = len(self.prior_mean)
+        return total + 0.5 * float(np.sum(self.prior_weight * (theta[:p] - self.prior_mean) ** 2))
+
+    def sensitivities(self, theta: Array, predicted: Sequence[Array]) -> list[Array]:
+        """Derivatives of every record's outputs, (N, 12, P + its own initial states)."""
+        jobs = [
+            _POOL.submit(
+                self.predictor.derivatives, k, theta, self.predictor.initial_states(k, theta, self.guesses[k]), y
+            )
+            for k, y in enumerate(predicted)
+        ]
+        return [np.moveaxis(job.result(), 0, 2) for job in jobs]
+
+    def places(self, index: int) -> IntArray:
+        """Where the unknowns of a record's sensitivities stand among all unknowns."""
+        own = self.predictor.state_slice(index)
+        return np.concatenate((np.arange(len(self.prior_mean)), np.arange(own.start, own.stop)))
+
+    def _whitened(self, residual: Array, s: Array, sigma: Array) -> tuple[Array, Array]:
+        """Sensitivities (unknowns, samples) and residuals (samples,) of all used outputs in units of the noise."""
+        used = residual[:, self.columns].T / sigma[self.columns, None]
+        good = np.isfinite(used)
+        rows = np.moveaxis(s, 2, 0)[:, :, self.columns].transpose(0, 2, 1) / sigma[self.columns, None]
+        return np.ascontiguousarray(rows[:, good]), used[good]
+
+    def normal_equations(
+        self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array
+    ) -> tuple[Array, Array]:
+        """Information matrix and gradient (downhill), prior included."""
+        n, p = self.predictor.size, len(self.prior_mean)
+        M, g = np.zeros((n, n)), np.zeros(n)
+        for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
+            rows, target = self._whitened(residual, s, sigma)
+            place = self.places(k)
+            M[np.ix_(place, place)] += rows @ rows.T
+            g[place] += rows @ target
+        M[np.arange(p), np.arange(p)] += self.prior_weight
+        g[:p] -= self.prior_weight * (theta[:p] - self.prior_mean)
+        return M, g
+
+    def solve(
+        self,
+        values: dict[str, float],
+        progress: Callable[[int, float], None] = lambda iteration, cost: None,
+        max_iterations: int = MAX_ITERATIONS,
+    ) -> OutputErrorResult:
+        """Estimate, from parameter values and in at most so many steps.
+
+        Raises EstimationError where the simulation from the start values diverges.
+        """
+        theta = self.start(values)
+        predicted = self.predict(theta)
+        residuals = self.residuals(predicted)
+        cost = self.cost(theta, residuals)
+        if not np.isfinite(cost):
+            raise EstimationError(
+                f"{self.predictor.records[0].flight}: the simulation from the start values diverges; "
+                "give a better start (--prior MODEL.json) or a shorter part (--from, --to)"
+            )
+        damping, converged, iteration, slow = 1e-3, False, 0, 0
+        while iteration < max_iterations and not converged:
+            iteration += 1
+            sigma = self.sigma(residuals)
+            S = self.sensitivities(theta, predicted)
+            M, g = self.normal_equations(theta, residuals, S, sigma)
+            while True:
+                trial = self._bounded(theta + _damped_step(M, g, damping))
+                trial_predicted = self.predict(trial)
+                trial_residuals = self.residuals(trial_predicted)
+                trial_cost = self.cost(trial, trial_residuals)
+                if trial_cost <= cost or damping > 1e8:
+                    break
+                damping *= 10.0
+            if trial_cost > cost:
+                converged = True
+                break
+            gained = cost - trial_cost
+            slow = slow + 1 if gained < SLOW_TOLERANCE else 0
+            converged = damping <= 1e-1 and (gained < COST_TOLERANCE or slow >= SLOW_STEPS)
+            damping = max(damping * 0.1, 1e-9)
+            theta, predicted, residuals, cost = trial, trial_predicted, trial_residuals, trial_cost
+            progress(iteration, cost)
+        return self._result(theta, predicted, residuals, cost, iteration, converged)
+
+    def _bounded(self, theta: Array) -> Array:
+        for i, parameter in enumerate(self.predictor.parameters):
+            theta[i] = min(max(theta[i], parameter.low), parameter.high)
+        return theta
+
+    def _result(
+        self, theta: Array, predicted: list[Array], residuals: list[Array], cost: float, iteration: int, converged: bool
+    ) -> OutputErrorResult:
+        sigma = self.sigma(residuals)
+        S = self.sensitivities(theta, predicted)
+        M, _ = self.normal_equations(theta, residuals, S, sigma)
+        white = _inverse(M)
+        coloured, inflation = self._coloured(residuals, S, sigma, white)
+        samples = np.zeros(len(OUTPUTS))
+        for residual in residuals:
+            samples += np.isfinite(residual).sum(axis=0)
+        return OutputErrorResult(
+            self.predictor.parameters, theta, coloured, white, sigma, tuple(residuals), cost, samples, inflation,
+            iteration, converged,
+        )  # fmt: skip
+
+    def _coloured(
+        self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, white: Array
+    ) -> tuple[Array, Array]:
+        """Covariance for coloured residuals (Morelli & Klein, J. Aircraft 34(2), 1997), never below the white one."""
+        n = self.predictor.size
+        middle = np.diag(np.concatenate((self.prior_weight, np.zeros(n - len(self.prior_weight)))))
+        inflation = np.full(len(OUTPUTS), np.nan)
+        for j in self.columns:
+            kernel = autocorrelation([residual[:, j] for residual in residuals])
+            inflation[j] = max(float(np.sum(kernel)), 1.0)
+            for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
+                good = np.isfinite(residual[:, j])
+                rows = np.where(good[:, None], s[:, j, :], 0.0) / sigma[j]
+                place = self.places(k)
+                filtered = rows if kernel.size == 1 else fftconvolve(rows, kernel[:, None], mode="same", axes=0)
+                middle[np.ix_(place, place)] += rows.T @ filtered
+        coloured = white @ (0.5 * (middle + middle.T)) @ white
+        growth = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
+        return white * np.outer(growth, growth), inflation
+
+
+def autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
+    """Two-sided normalised autocorrelation of residuals, tapered, (2 L + 1,), pooled over series; NaN counts as 0.
+
+    Lags are kept up to `share` of the shortest series and end where the correlation is first lost in its own noise.
+    """
+    length = max(2, int(share * min(len(x) for x in series)))
+    total, power, count = np.zeros(length), 0.0, 0
+    for x in series:
+        clean = np.nan_to_num(x)
+        full = fftconvolve(clean, clean[::-1])[len(clean) - 1 :]
+        total += full[:length]
+        power += float(clean @ clean)
+        count += len(clean)
+    if power <= 0.0:
+        return np.array([1.0])
+    rho = total / power
+    limit = 2.0 / np.sqrt(count)
+    small = np.nonzero(np.abs(rho) < limit)[0]
+    if small.size:
+        rho = rho[: max(int(small[0]), 1)]
+    return np.concatenate((rho[:0:-1], rho))
+
+
+def _damped_step(M: Array, g: Array, damping: float) -> Array:
+    """Levenberg-Marquardt step in scaled unknowns."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30))
+    scaled = M * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += damping
+    step: Array = np.linalg.lstsq(scaled, g * scale, rcond=1e-13)[0] * scale
+    return step
+
+
+def _inverse(M: Array) -> Array:
+    """Inverse of the information matrix, scaled; directions without information get a huge variance."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30))
+    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
+    values = np.maximum(values, 1e-14)
+    inverse: Array = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    return inverse

@@ -1,0 +1,241 @@
+"""Which numbers are estimated, and how they enter the simulation and the sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.effects import EFFECTS, slot
+from sim_vehicle.layout import CHANNELS
+from sim_vehicle.parameters import FlatModel
+from sim_vehicle.plantstate import quaternion
+from sim_vehicle.simulation import simulate_variants
+from sysid.flight import Array
+from sysid.records import OUTPUTS, Record
+
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
+_STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
+
+STILL_AIR = np.zeros((0, 3))
+
+# Sensor errors: name -> (output it acts on, "bias" or "scale", unit, size a cheap sensor may plausibly have).
+SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
+    "accel_bias_x": ("ax", "bias", "m/s^2", 0.5),
+    "accel_bias_y": ("ay", "bias", "m/s^2", 0.5),
+    "accel_bias_z": ("az", "bias", "m/s^2", 0.5),
+    "gyro_bias_p": ("p", "bias", "rad/s", 0.02),
+    "gyro_bias_q": ("q", "bias", "rad/s", 0.02),
+    "gyro_bias_r": ("r", "bias", "rad/s", 0.02),
+    "alpha_scale": ("alpha", "scale", "1", 0.1),
+    "alpha_bias": ("alpha", "bias", "rad", 0.02),
+    "beta_scale": ("beta", "scale", "1", 0.1),
+    "beta_bias": ("beta", "bias", "rad", 0.02),
+    "airspeed_scale": ("airspeed", "scale", "1", 0.05),
+    "airspeed_bias": ("airspeed", "bias", "m/s", 0.5),
+    "phi_bias": ("phi", "bias", "rad", 0.02),
+    "theta_scale": ("theta", "scale", "1", 0.05),
+    "theta_bias": ("theta", "bias", "rad", 0.02),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimated number.
+
+    kind: "coefficient", "effect", "sensor". low, high: bounds. prior_std: standard deviation of a Gaussian prior
+    about `prior_mean`, infinite for none.
+    """
+
+    name: str
+    kind: str
+    low: float = -math.inf
+    high: float = math.inf
+    prior_mean: float = 0.0
+    prior_std: float = math.inf
+
+    @property
+    def step(self) -> float:
+        """Step for difference quotients, absolute."""
+        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6}[self.kind]
+
+
+def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:
+    """An aerodynamic coefficient, with a prior where one is given."""
+    return Parameter(name, "coefficient", prior_mean=mean, prior_std=std)
+
+
+def sensor_error(name: str) -> Parameter:
+    """A sensor error of SENSOR_ERRORS."""
+    return Parameter(name, "sensor")
+
+
+def effect_parameter(effect: str, parameter: str) -> Parameter:
+    """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
+    for entry in EFFECTS[effect].parameters:
+        if entry.name == parameter:
+            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high)
+    raise KeyError(parameter)
+
+
+def _state_vector(states: Array) -> Array:
+    """(14,) simulation state from u v w p q r phi theta psi."""
+    x0 = np.zeros(14)
+    x0[3:6] = states[:3]
+    x0[10:13] = states[3:6]
+    x0[6:10] = quaternion(*(float(angle) for angle in states[6:9]))
+    x0[13] = math.nan
+    return x0
+
+
+def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
+    """Readings (N, 12) from ideal ones (N, 19): (1 + scale) true + bias."""
+    out = y[:, : len(OUTPUTS)].copy()
+    for name, value in errors.items():
+        output, form, _, _ = SENSOR_ERRORS[name]
+        column = OUTPUTS.index(output)
+        out[:, column] += value * y[:, column] if form == "scale" else value
+    return out
+
+
+def _sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
+    """Derivative of the outputs by one sensor error, written into `out` (N, 12)."""
+    output, form, _, _ = SENSOR_ERRORS[name]
+    column = OUTPUTS.index(output)
+    if form == "bias":
+        out[:, column] = 1.0
+        return
+    bias, scale = errors.get(f"{output}_bias", 0.0), errors.get(f"{output}_scale", 0.0)
+    out[:, column] = (predicted[:, column] - bias) / (1.0 + scale)
+
+
+def free_states(record: Record) -> list[int]:
+    """Which of the nine initial states are estimated: those that the record does not impose."""
+    return [i for i in range(9) if not (record.held.size and np.isfinite(record.held[record.start, i]))]
+
+
+class Predictor:
+    """Outputs of records as a function of the parameters.
+
+    flat: the model everything else is taken from. parameters: what is estimated, P of them. Every record adds nine
+    initial states, of which those imposed by `Record.held` are left out. sub_steps: integration steps per sample.
+    command_first: see sim_vehicle.simulation.simulate.
+    """
+
+    def __init__(
+        self,
+        flat: FlatModel,
+        parameters: Sequence[Parameter],
+        records: Sequence[Record],
+        *,
+        sub_steps: int = 2,
+        command_first: bool = False,
+    ) -> None:
+        self.flat = flat
+        self.parameters = tuple(parameters)
+        self.records = tuple(records)
+        self.sub_steps = sub_steps
+        self.command_first = command_first
+        self._place = {name: i for i, name in enumerate(flat.names)}
+        self.free_states = [free_states(record) for record in self.records]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: parameters and initial states."""
+        return len(self.parameters) + sum(len(free) for free in self.free_states)
+
+    def state_slice(self, index: int) -> slice:
+        """Where the initial states of a record stand among the unknowns."""
+        begin = len(self.parameters) + sum(len(free) for free in self.free_states[:index])
+        return slice(begin, begin + len(self.free_states[index]))
+
+    def initial_states(self, index: int, theta: Array, guess: Array) -> Array:
+        """All nine initial states of a record: the free ones from `theta`, the others from `guess`."""
+        states = guess.copy()
+        states[self.free_states[index]] = theta[self.state_slice(index)]
+        return states
+
+    def apply(self, theta: Array) -> tuple[FlatModel, dict[str, float]]:
+        """Model and sensor errors at `theta` (its first P entries)."""
+        flat = self.flat.copy()
+        errors: dict[str, float] = {}
+        for parameter, value in zip(self.parameters, theta[: len(self.parameters)], strict=True):
+            if parameter.kind == "coefficient":
+                flat.C[self._place[parameter.name]] = value
+            elif parameter.kind == "effect":
+                effect, _, name = parameter.name.partition(".")
+                flat.E[slot(effect)] = 1.0
+                flat.E[slot(effect, name)] = value
+            else:
+                errors[parameter.name] = float(value)
+        return flat, errors
+
+    def outputs(
+        self, index: int, flat: FlatModel, errors: dict[str, float], states: Array, gusts: Array = STILL_AIR
+    ) -> Array:
+        """Predicted OUTPUTS (N, 12) of a record from nine initial states u v w p q r phi theta psi.
+
+        gusts: (M, 3) body-axis velocity of the air at every sample of the commands, m/s; (0, 3) for still air.
+        """
+        record = self.records[index]
+        y = np.empty((1, record.length, len(CHANNELS)))
+        shift = np.array([self._thrust_shift(record, errors)])
+        self._simulate(record, _state_vector(states)[None], flat, flat.E[None], flat.C[None], shift, gusts, y)
+        return with_errors(y[0], errors)
+
+    def _thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
+        return -record.moving_mass * errors.get("accel_bias_x", 0.0)
+
+    def _simulate(
+        self, record: Record, x0: Array, flat: FlatModel, E: Array, C: Array, shift: Array, gusts: Array, y: Array
+    ) -> None:
+        simulate_variants(
+            x0, 0, record.start, record.start + record.length, record.commands, record.thrust, record.rho,
+            record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
+            flat.T, shift, y,
+        )  # fmt: skip
+
+    def derivatives(self, index: int, theta: Array, states: Array, predicted: Array) -> Array:
+        """Derivatives of a record's outputs by the parameters and its own free initial states, (P + states, N, 12).
+
+        theta: unknowns; states: the record's nine initial states; predicted: (N, 12) outputs there. Sensor errors enter
+        in closed form, everything else by forward differences in one compiled call.
+        """
+        record, count = self.records[index], len(self.parameters)
+        flat, errors = self.apply(theta)
+        result = np.zeros((count + len(self.free_states[index]), record.length, len(OUTPUTS)))
+        base, base_shift = _state_vector(states), self._thrust_shift(record, errors)
+        # Per variant: where its derivative goes, the step, state, effects, coefficients, thrust.
+        variants: list[tuple[int, float, Array, Array, Array, float]] = []
+        for i, parameter in enumerate(self.parameters):
+            if parameter.kind == "sensor":
+                _sensor_derivative(parameter.name, predicted, errors, result[i])
+                if parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
+                    # The thrust that the bias feigns, beside the bias itself.
+                    step = 1e-4 / record.moving_mass
+                    variants.append((i, step, base, flat.E, flat.C, base_shift - 1e-4))
+                continue
+            step = parameter.step * max(1.0, abs(theta[i]))
+            step = -step if theta[i] + step > parameter.high else step
+            shifted = theta.copy()
+            shifted[i] += step
+            moved, _ = self.apply(shifted)
+            variants.append((i, step, base, moved.E, moved.C, base_shift))
+        for j, (state, step) in enumerate(zip(self.free_states[index], self.state_steps(index), strict=True)):
+            moved_states = states.copy()
+            moved_states[state] += step
+            variants.append((count + j, float(step), _state_vector(moved_states), flat.E, flat.C, base_shift))
+        if not variants:
+            return result
+        places, steps, x0, E, C, shift = zip(*variants, strict=True)
+        y = np.empty((len(variants), record.length, len(CHANNELS)))
+        self._simulate(record, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
+        for i, step, outputs in zip(places, steps, y, strict=True):
+            result[i] += (with_errors(outputs, errors) - predicted) / step
+        return result
+
+    def state_steps(self, index: int) -> Array:
+        """Steps for difference quotients of the free initial states."""
+        return _STATE_STEP[self.free_states[index]]

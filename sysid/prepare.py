@@ -1,0 +1,162 @@
+"""From a flight's signals to the stretches that are estimated from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sim_vehicle.vehicle import Vehicle
+from sysid.compatibility import CompatibilityResult, SensorLayout, compatibility
+from sysid.errors import SegmentError, SignalError
+from sysid.flight import Array, FlightData, FlightSignals
+from sysid.kinematic_part import part_states
+from sysid.parameterisation import STATES
+from sysid.records import OUTPUTS, STANDARD_DENSITY, Record, make_record
+from sysid.segments import Segment, find_segments
+from sysid.smoothing import fourier_smooth
+from sysid.timebase import resample
+
+NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
+# Longest stretch taken as one; more than that per flight is cut up, not left out.
+MAX_STRETCH_S = 60.0
+# Travel of a surface, rad, after which the aircraft must have moved.
+_MOVED = 0.02
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One excited stretch of one flight: its samples as measured, and as a record for simulation."""
+
+    segment: Segment
+    data: FlightData
+    record: Record
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A flight on one time base with the stretches found in it. layout: sensor positions."""
+
+    data: FlightData
+    stretches: tuple[Stretch, ...]
+    layout: SensorLayout
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.data.warnings
+
+
+def sensor_layout(vehicle: Vehicle, density: float) -> SensorLayout:
+    """Where the sensors sit, and what the airspeed indicator calls airspeed at `density` [kg/m3]."""
+    sensors = vehicle.sensors
+    factor = 1.0 if sensors.airspeed.kind == "true" else math.sqrt(STANDARD_DENSITY / density)
+    return SensorLayout(
+        accelerometer=sensors.accelerometer.position,
+        alpha_vane=sensors.alpha_vane.position,
+        beta_vane=sensors.beta_vane.position,
+        beta_kind=sensors.beta_vane.kind or "sideslip",
+        airspeed_factor=factor,
+        gravity=vehicle.environment.gravity,
+    )
+
+
+def _requested(data: FlightData, start_s: float | None, stop_s: float | None) -> Segment:
+    """The part a user asked for. Raises SegmentError where it holds no data."""
+    begin = 0 if start_s is None else int(np.searchsorted(data.time_s, start_s))
+    end = data.time_s.size if stop_s is None else int(np.searchsorted(data.time_s, stop_s))
+    good = np.all([np.isfinite(data[name][begin:end]) for name in NEEDED if name in data], axis=0)
+    if end - begin < 2.0 / data.interval_s or good.mean() < 0.5:
+        raise SegmentError(
+            f"{data.name}: from {start_s or 0.0:g} s to {data.time_s[-1] if stop_s is None else stop_s:g} s there are "
+            f"fewer than 2 s of usable samples; the flight lasts {data.time_s[-1]:.1f} s"
+        )
+    bad = np.nonzero(~good)[0]
+    if bad.size:
+        edges = np.concatenate(([-1], bad, [good.size]))
+        longest = int(np.argmax(np.diff(edges)))
+        begin, end = begin + int(edges[longest]) + 1, begin + int(edges[longest + 1])
+    return Segment(float(data.time_s[begin]), float(data.time_s[end - 1]), "given", "asked for", begin, end)
+
+
+def _with_values(signals: FlightSignals) -> FlightSignals:
+    """The flight without those signals it can do without that never carry a value, with a warning for each."""
+    empty = [
+        name for name, signal in signals.signals.items() if not (name in NEEDED or np.isfinite(signal.values).any())
+    ]
+    if not empty:
+        return signals
+    kept = {name: signal for name, signal in signals.signals.items() if name not in empty}
+    told = tuple(f"{name}: the signal carries no value at all; it is left out" for name in empty)
+    return FlightSignals(signals.name, kept, (*signals.warnings, *told))
+
+
+def _check_alive(data: FlightData) -> None:
+    """Raise SignalError for a sensor that repeats one value while the aircraft moves."""
+    if np.ptp(data["airspeed"]) == 0.0:
+        raise SignalError(f"{data.name}: airspeed repeats one value in flight: the sensor is dead or not connected")
+    for surface, names in (("de", ("q", "az", "theta")), ("da", ("p", "phi")), ("dr", ("r",))):
+        if surface not in data or not np.ptp(np.nan_to_num(data[surface])) > _MOVED:
+            continue
+        for name in names:
+            if np.ptp(data[name]) == 0.0:
+                raise SignalError(f"{data.name}: {name} repeats one value while {surface} moves: the sensor is dead")
+
+
+def prepare(
+    signals: FlightSignals, vehicle: Vehicle, start_s: float | None = None, stop_s: float | None = None
+) -> Prepared:
+    """Put a flight on one time base and find its stretches (or take the part from start_s to stop_s).
+
+    Raises SignalError for missing signals, SegmentError where nothing airborne and excited is found.
+    """
+    signals = _with_values(signals)
+    signals.require(*NEEDED)
+    data = resample(signals)
+    given = start_s is not None or stop_s is not None
+    segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
+    stretches: list[Stretch] = []
+    for segment in segments:
+        count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
+        edges = np.linspace(segment.start, segment.stop, count + 1).astype(int)
+        for a, b in pairwise(edges):
+            _check_alive(data.window(int(a), int(b)))
+            record = make_record(data, vehicle, int(a), int(b))
+            stretches.append(Stretch(segment, data.window(int(a), int(b)), record))
+    rho = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
+    return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho))
+
+
+def check_compatibility(prepared: Sequence[Prepared]) -> CompatibilityResult:
+    """Sensor errors common to all stretches of all flights."""
+    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
+    return compatibility(parts, prepared[0].layout)
+
+
+def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, float]) -> dict[str, Array]:
+    """Motion of a record reconstructed from its own measurements: errors taken off, smoothed without phase.
+
+    Returns name of STATES -> (N,). A vane that is missing counts as zero angle.
+    """
+    columns = {name: record.z[:, j] for j, name in enumerate(OUTPUTS) if np.isfinite(record.z[:, j]).all()}
+    data = FlightData(record.flight, record.interval_s, record.time_s, columns)
+    values = part_states(data, layout, errors)
+    smooth = {
+        name: fourier_smooth(values[name], record.interval_s).values for name in ("p", "q", "r", "V", "phi", "theta")
+    }
+    zero = np.zeros(record.length)
+    alpha, beta = (
+        fourier_smooth(values[name], record.interval_s).values if name in values else zero for name in ("alpha", "beta")
+    )
+    psi = fourier_smooth(np.unwrap(columns["psi"]), record.interval_s).values if "psi" in columns else zero
+    speed = smooth.pop("V")
+    states = {
+        **smooth,
+        "u": speed * np.cos(alpha) * np.cos(beta),
+        "v": speed * np.sin(beta),
+        "w": speed * np.sin(alpha) * np.cos(beta),
+        "psi": psi,
+    }
+    return {name: states[name] for name in STATES}

@@ -1,0 +1,134 @@
+"""Stretches of flight as the estimators use them: inputs, measured outputs, and where they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.layout import CHANNELS
+from sim_vehicle.vehicle import Vehicle
+from sysid.errors import SignalError
+from sysid.flight import Array, FlightData
+from sysid.inputs import denoise_thrust
+from sysid.smoothing import fourier_smooth
+
+OUTPUTS = CHANNELS[:12]
+ANGLES = ("phi", "theta", "psi")
+LONGITUDINAL = ("airspeed", "alpha", "q", "theta", "ax", "az")
+LATERAL = ("beta", "p", "r", "phi", "psi", "ay")
+SURFACES = ("de", "da", "dr")
+# Commands before a stretch that may still be under way in the actuators when it starts, s.
+PRE_ROLL_S = 0.6
+# Actuators forget what was commanded longer ago, s.
+MEMORY_S = 1.5
+STANDARD_DENSITY = 1.225
+# Density follows height, and no small aircraft climbs faster than this band.
+_DENSITY_BAND_HZ = 1.0
+
+
+@dataclass(frozen=True)
+class Record:
+    """One stretch of one flight for a free-running simulation.
+
+    commands: (M, 4) de, da, dr [rad] and throttle, held from each sample on, from `first` of the flight's samples on.
+    thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 12) measured OUTPUTS of the samples
+    `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s.
+    held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
+    measured ax, and so an accelerometer's bias too.
+    """
+
+    flight: str
+    interval_s: float
+    time_s: Array
+    start: int
+    commands: Array
+    thrust: Array
+    rho: Array
+    z: Array
+    held: Array
+    moving_mass: float = 0.0
+
+    @property
+    def length(self) -> int:
+        """Number of output samples N."""
+        return int(self.z.shape[0])
+
+    def window(self, begin: int, end: int) -> Record:
+        """The output samples begin ... end - 1 as a record of its own, actuators running from MEMORY_S before."""
+        cut = max(0, self.start + begin - round(MEMORY_S / self.interval_s))
+        kept = slice(cut, self.start + end)
+        return replace(
+            self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
+            thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
+            held=self.held[kept] if self.held.size else self.held,
+        )  # fmt: skip
+
+
+def thrust_source(data: FlightData, vehicle: Vehicle) -> str:
+    """Where thrust comes from: "measured", "throttle"; SignalError in one line where neither is there."""
+    if "thrust" in data and np.isfinite(data["thrust"]).mean() > 0.9:
+        return "measured"
+    propulsion = vehicle.propulsion
+    if "throttle" in data and propulsion is not None and propulsion.max_thrust:
+        return "throttle"
+    raise SignalError(
+        f"{data.name}: thrust is unknown: it needs a thrust signal, or a throttle servo with [propulsion] max_thrust"
+    )
+
+
+def _filled(values: Array) -> Array:
+    """Gaps of an input filled by the last value before them (a held command stays where it was)."""
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    if not good.any():
+        return np.zeros_like(values)
+    index = np.where(good, np.arange(values.size), 0)
+    np.maximum.accumulate(index, out=index)
+    filled: Array = values[index]
+    filled[: int(np.argmax(good))] = values[int(np.argmax(good))]
+    return filled
+
+
+def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
+    if values.size < 16 or not np.isfinite(values).all() or np.ptp(values) == 0.0:
+        return np.ascontiguousarray(values)
+    return np.ascontiguousarray(fourier_smooth(values, interval_s, cutoff_hz).values)
+
+
+def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Record:
+    """Record of the samples start ... stop - 1 of a flight. Raises SignalError where an input is missing."""
+    if "de" not in data and "da" not in data and "dr" not in data:
+        raise SignalError(
+            f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
+        )
+    n = data.time_s.size
+    first = max(0, start - round(PRE_ROLL_S / data.interval_s))
+    columns = [_filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
+    commands = np.ascontiguousarray(np.stack(columns, axis=1)[first:stop])
+    # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
+    moving_mass = 0.0
+    if thrust_source(data, vehicle) == "measured":
+        thrust = _filled(data["thrust"])
+        if vehicle.propulsion is not None and vehicle.propulsion.moving_mass > 0.0 and "ax" in data:
+            # The motor hangs on the cell: add what accelerates it, so that thrust is the propeller's.
+            moving_mass = vehicle.propulsion.moving_mass
+            thrust = thrust + moving_mass * _filled(data["ax"])
+    else:
+        thrust = np.full(n, np.nan)
+    if vehicle.environment.air_density is not None:
+        rho = np.full(n, vehicle.environment.air_density)
+    elif "air_density" in data:
+        rho = _filled(data["air_density"])
+    else:
+        rho = np.full(n, STANDARD_DENSITY)
+    z = np.full((stop - start, len(OUTPUTS)), np.nan)
+    for j, name in enumerate(OUTPUTS):
+        if name in data:
+            z[:, j] = data[name][start:stop]
+    return Record(
+        data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
+        denoise_thrust(thrust[first:stop], commands[:, 3], data.interval_s),
+        _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
+    )  # fmt: skip

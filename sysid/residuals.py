@@ -1,0 +1,152 @@
+"""Force and moment coefficients: as measured along a flight, and as a model gives them for the same motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.layout import Par
+from sim_vehicle.simulation import evaluate_path
+from sim_vehicle.vehicle import Vehicle
+from sysid.coefficients import AXES, Body, coefficients
+from sysid.compatibility import SensorLayout
+from sysid.flight import Array, FlightData
+from sysid.gap import Fixed
+from sysid.kinematics import to_centre_of_gravity
+from sysid.parameterisation import STATES
+from sysid.prepare import smoothed_states
+from sysid.records import OUTPUTS, Record
+from sysid.smoothing import fourier_smooth, noise_sigma
+
+# Band of the motion: rate derivatives are taken, and forces compared, below it.
+CUTOFF_HZ = 8.0
+
+
+@dataclass(frozen=True)
+class CoefficientPath:
+    """Coefficients along one record.
+
+    measured, predicted: axis -> (N,). variables: what a disagreement may depend on, name -> (N,), rates nondimensional.
+    """
+
+    time_s: Array
+    measured: dict[str, Array]
+    predicted: dict[str, Array]
+    variables: dict[str, Array]
+
+
+def body_of(vehicle: Vehicle) -> Body:
+    """Mass, inertia, geometry and thrust line of the vehicle file."""
+    mass, geometry, propulsion = vehicle.mass, vehicle.geometry, vehicle.propulsion
+    body = Body(
+        mass.mass, mass.Ixx, mass.Iyy, mass.Izz, mass.Ixz, geometry.S, geometry.b, geometry.c,
+        accelerometer=vehicle.sensors.accelerometer.position,
+    )  # fmt: skip
+    if propulsion is None:
+        return body
+    angle = propulsion.inclination
+    return Body(
+        **{
+            **vars(body),
+            "thrust_point": propulsion.line,
+            "thrust_direction": (float(np.cos(angle)), 0.0, -float(np.sin(angle))),
+        }
+    )
+
+
+def known_thrust(record: Record, model: Fixed) -> Array:
+    """(M,) N at the samples of the commands: measured, or full thrust times throttle."""
+    computed = model.flat.P[Par.max_thrust] * record.commands[:, 3]
+    thrust = np.where(np.isnan(record.thrust), computed, record.thrust)
+    return np.asarray(thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0))
+
+
+def along_path(record: Record, path: Array, model: Fixed) -> Array:
+    """Coefficients and accelerations (N, 12) of a model along states (N, 9), as `evaluate_path` gives them."""
+    predicted = np.empty((record.length, 12))
+    flat = model.flat
+    thrust = record.thrust
+    if record.moving_mass > 0.0:
+        thrust = thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0)
+    evaluate_path(
+        np.ascontiguousarray(path), record.commands, record.start, thrust, record.rho, record.interval_s,
+        model.command_first, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, predicted,
+    )  # fmt: skip
+    return predicted
+
+
+def measured_accelerations(
+    record: Record, states: Mapping[str, Array], vehicle: Vehicle, errors: Mapping[str, float]
+) -> Array:
+    """ax ay az at the centre of gravity and p' q' r', (N, 6), sensor errors taken off."""
+    dt = record.interval_s
+    slopes = np.column_stack([fourier_smooth(states[name], dt, CUTOFF_HZ).derivative for name in ("p", "q", "r")])
+    force = np.column_stack(
+        [record.z[:, OUTPUTS.index(f"a{axis}")] - errors.get(f"accel_bias_{axis}", 0.0) for axis in "xyz"]
+    )
+    rates = np.column_stack([states[name] for name in ("p", "q", "r")])
+    force = to_centre_of_gravity(force, rates, slopes, vehicle.sensors.accelerometer.position)
+    return np.concatenate((force, slopes), axis=1)
+
+
+def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> CoefficientPath:
+    """Measured and predicted coefficients along one record, which must have all IMU, airspeed and attitude samples."""
+    states = smoothed_states(record, layout, dict(model.errors))
+    dt, here = record.interval_s, slice(record.start, record.start + record.length)
+    predicted = along_path(record, np.stack([states[name] for name in STATES], axis=1), model)
+    slopes = np.column_stack([fourier_smooth(states[name], dt, CUTOFF_HZ).derivative for name in ("p", "q", "r")])
+    speed = np.sqrt(states["u"] ** 2 + states["v"] ** 2 + states["w"] ** 2)
+    alpha = np.arctan2(states["w"], states["u"])
+    column = {name: record.z[:, OUTPUTS.index(name)] for name in ("ax", "ay", "az")}
+    for name in column:
+        column[name] = column[name] - model.errors.get(f"accel_bias_{name[1]}", 0.0)
+    thrust = known_thrust(record, model)[here]
+    data = FlightData(
+        record.flight, dt, record.time_s,
+        {
+            **column, "p": states["p"], "q": states["q"], "r": states["r"], "alpha": alpha, "V": speed,
+            "thrust": thrust, "air_density": record.rho[here],
+        },
+    )  # fmt: skip
+    measured = coefficients(data, body_of(vehicle), slopes)
+    return CoefficientPath(
+        record.time_s,
+        measured,
+        {axis: predicted[:, j] for j, axis in enumerate(AXES)},
+        _variables(states, alpha, speed, record.commands[here], thrust, dt, vehicle),
+    )
+
+
+def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:
+    """Noise of the measured moment coefficients: the gyros' own, passed through the same filter."""
+    mass, geometry = vehicle.mass, vehicle.geometry
+    airspeed = float(np.mean(record.z[:, OUTPUTS.index("airspeed")]))
+    qS = 0.5 * 1.225 * airspeed**2 * geometry.S
+    white = np.random.default_rng(0).standard_normal(max(record.length, 16))
+    gain = float(np.std(fourier_smooth(white, record.interval_s, CUTOFF_HZ).derivative))
+    arms = {"Cl": ("p", mass.Ixx, geometry.b), "Cm": ("q", mass.Iyy, geometry.c), "Cn": ("r", mass.Izz, geometry.b)}
+    return {
+        axis: noise_sigma(record.z[:, OUTPUTS.index(rate)], record.interval_s) * gain * inertia / (qS * arm)
+        for axis, (rate, inertia, arm) in arms.items()
+    }
+
+
+def _variables(
+    states: Mapping[str, Array], alpha: Array, speed: Array, commands: Array, thrust: Array, dt: float, vehicle: Vehicle
+) -> dict[str, Array]:
+    b, c = vehicle.geometry.b, vehicle.geometry.c
+    return {
+        "alpha": alpha,
+        "beta": np.arcsin(np.clip(states["v"] / speed, -1.0, 1.0)),
+        "V": speed,
+        "phat": states["p"] * b / (2.0 * speed),
+        "qhat": states["q"] * c / (2.0 * speed),
+        "rhat": states["r"] * b / (2.0 * speed),
+        "alphadot": np.gradient(alpha, dt) * c / (2.0 * speed),
+        "de": commands[:, 0],
+        "da": commands[:, 1],
+        "dr": commands[:, 2],
+        "thrust": thrust,
+    }

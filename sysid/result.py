@@ -1,0 +1,71 @@
+"""The result file of an identification (schema identification/1)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sysid.identify import Identification
+from sysid.validation import Validation
+
+
+def result_json(found: Identification) -> dict[str, Any]:
+    """JSON values of an identification; what is not a finite number is null."""
+    compatible = found.compatibility
+    segments = [
+        {
+            "flight": flight.data.name,
+            "start": round(stretch.segment.start_s, 3),
+            "end": round(stretch.segment.end_s, 3),
+            "kind": stretch.segment.kind,
+            "reason": stretch.segment.reason,
+        }
+        for flight in found.flights
+        for stretch in flight.stretches
+    ]
+    result = {
+        "schema": "identification/1",
+        "flights": [flight.data.name for flight in found.flights],
+        "sensor_errors": {
+            name: {"value": value, "std": std, "unit": unit} for name, (value, std, unit) in found.sensor_errors.items()
+        },
+        "compatibility": {
+            "before": {name: vars(fit) for name, fit in compatible.before.items()},
+            "after": {name: vars(fit) for name, fit in compatible.after.items()},
+            "compatible": compatible.compatible,
+            "incompatible": compatible.incompatible,
+            "turbulence": compatible.gust_sigma,
+        },
+        "model": found.model.to_json(),
+        "validation": _validation(found.validation, found.validation_flights),
+        "refused": [vars(refusal) for refusal in found.refused],
+        "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
+        "warnings": list(found.warnings),
+    }
+    clean: dict[str, Any] = finite_json(result)
+    return clean
+
+
+def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:
+    if validation is None:
+        return None
+    return {
+        "flights": list(flights),
+        "outputs": {name: output.to_json() for name, output in validation.outputs.items()},
+        "acceptable": validation.acceptable,
+        "limit": validation.limit,
+        "reason": validation.reason,
+    }
+
+
+def finite_json(value: Any) -> Any:
+    """The same with numpy numbers made plain and numbers that are not finite made None."""
+    if isinstance(value, dict):
+        return {key: finite_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_json(item) for item in value]
+    if isinstance(value, bool | str | int) or value is None:
+        return value
+    if hasattr(value, "item"):
+        return finite_json(value.item())
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,220 @@
+"""Where flights begin and end, on a clock that the test holds."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
+
+from gcs.catalogue import Catalogue, Flight
+from gcs.dialect import Dialect
+from gcs.recorder import FlightRecorder
+from gcs.recording.reader import Recording
+
+START = 1_800_000_000 * SECOND
+LINK = "udpin:0.0.0.0:14550"
+
+
+class Rig:
+    """A recorder with a clock of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.catalogue = Catalogue(folder / "catalogue.sqlite")
+        self.ended: list[Flight] = []
+        self.recorder = FlightRecorder(
+            folder, Dialect.load(), self.catalogue, silence_s=10.0, disarm_s=2.0, on_flight_end=self.ended.append
+        )
+        self.now = START
+        self.sent: dict[str, bytes] = {}
+
+    def feed(self, datagrams: list[bytes], link: str = LINK, span_ns: int = SECOND) -> None:
+        """Hand the datagrams over in batches of five, as they would come in time."""
+        step = span_ns // len(datagrams)
+        for i in range(0, len(datagrams), 5):
+            part = datagrams[i : i + 5]
+            self.recorder.feed(link, batch(part, self.now + i * step, step * len(part)))
+        self.now += span_ns
+        self.recorder.tick(self.now)
+        self.sent[link] = self.sent.get(link, b"") + b"".join(datagrams)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without any bytes."""
+        end = self.now + round(seconds * SECOND)
+        while self.now < end:
+            self.now = min(self.now + SECOND // 4, end)
+            self.recorder.tick(self.now)
+
+    def finish(self) -> list[Flight]:
+        """All flights in the order of their start."""
+        self.recorder.close(self.now)
+        return list(reversed(self.catalogue.flights()))
+
+    def recording(self, flight: Flight) -> Recording:
+        return Recording(self.folder / flight.file)
+
+    def stream(self, link: str = LINK) -> bytes:
+        """The link's bytes from all recordings, one after the other."""
+        return b"".join(
+            data
+            for flight in reversed(self.catalogue.flights())
+            for name, pieces in self.recording(flight).wire_streams().items()
+            if name == link
+            for _, data in pieces
+        )
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+def test_disarming_ends_a_flight_two_seconds_later_and_the_next_bytes_begin_another(rig: Rig) -> None:
+    vehicle = Vehicle()
+    for armed in (True, True, True, False, False, False, False):
+        rig.feed(vehicle.second(armed))
+    first, second = rig.finish()
+    assert first.end_reason == "disarmed"
+    assert 2 * SECOND <= first.end_ns - (START + 3 * SECOND) < 2.2 * SECOND
+    assert first.system == second.system == 1
+    assert 0 < second.start_ns - first.end_ns < SECOND // 10
+    assert rig.stream() == rig.sent[LINK]
+
+
+def test_arming_again_at_once_keeps_the_flight(rig: Rig) -> None:
+    vehicle = Vehicle()
+    for armed in (True, False, True, True, True, True):
+        rig.feed(vehicle.second(armed))
+    (flight,) = rig.finish()
+    assert flight.messages == 6 * 52
+
+
+def test_silence_ends_a_flight(rig: Rig) -> None:
+    vehicle = Vehicle()
+    rig.feed(vehicle.second())
+    rig.wait(9.5)
+    assert not rig.ended
+    rig.wait(1.0)
+    assert [flight.end_reason for flight in rig.ended] == ["silence"]
+    rig.feed(vehicle.second())
+    assert len(rig.finish()) == 2
+
+
+def test_a_ground_station_or_radio_does_not_keep_a_silent_vehicles_flight_open(rig: Rig) -> None:
+    vehicle = Vehicle()
+    radio = Vehicle(51, 68)
+    rig.feed(vehicle.second())
+    for _ in range(25):
+        status = mavlink.MAVLink_radio_status_message(100, 100, 90, 30, 30, 0, 0)
+        rig.feed([ground_station_heartbeat(), radio.frame(status)])
+    assert [flight.end_reason for flight in rig.ended] == ["silence"]
+    rig.feed(vehicle.second())
+    flights = rig.finish()
+    # The radio's and the ground station's frames without a vehicle are one recording, not one every ten seconds.
+    assert [flight.system for flight in flights] == [1, None, 1]
+    assert rig.stream() == rig.sent[LINK]
+
+
+def test_a_reboot_splits_exactly_at_the_first_stamp_of_the_new_boot(rig: Rig) -> None:
+    vehicle = Vehicle()
+    vehicle.boot_ms = 100_000
+    for _ in range(3):
+        rig.feed(vehicle.second())
+    vehicle.boot_ms = 0
+    rig.feed([vehicle.attitude(), *vehicle.second()])
+    first, second = rig.finish()
+    assert first.end_reason == "clock reset"
+    assert (first.messages, second.messages) == (3 * 52, 53)
+    stamps = rig.recording(second).columns("ATTITUDE")[0]["time_boot_ms"]
+    assert stamps[0] == 0
+    assert all(later >= earlier for earlier, later in pairwise(stamps.tolist()))
+    assert rig.stream() == rig.sent[LINK]
+
+
+def test_a_datagram_overtaken_by_others_does_not_split(rig: Rig) -> None:
+    vehicle = Vehicle()
+    vehicle.boot_ms = 100_000
+    rig.feed(vehicle.second())
+    datagrams = vehicle.second()
+    datagrams.append(datagrams.pop(5))
+    rig.feed(datagrams)
+    assert len(rig.finish()) == 1
+
+
+def test_the_wrap_of_a_32_bit_clock_is_no_reboot(rig: Rig) -> None:
+    vehicle = Vehicle()
+    vehicle.boot_ms = 2**32 - 1000
+    rig.feed(vehicle.second())
+    vehicle.boot_ms = 0
+    rig.feed(vehicle.second())
+    assert len(rig.finish()) == 1
+
+
+def test_a_companion_computers_reboot_does_not_split(rig: Rig) -> None:
+    vehicle, companion = Vehicle(), Vehicle(1, 191)
+    vehicle.boot_ms = companion.boot_ms = 100_000
+    rig.feed([*vehicle.second(), companion.attitude()])
+    companion.boot_ms = 0
+    rig.feed([*vehicle.second(), companion.attitude()])
+    assert len(rig.finish()) == 1
+
+
+def test_two_vehicles_on_one_link_are_two_flights(rig: Rig) -> None:
+    first, second = Vehicle(1), Vehicle(2)
+    for _ in range(3):
+        mixed = [frame for pair in zip(first.second(), second.second(), strict=True) for frame in pair]
+        rig.feed(mixed)
+    flights = rig.finish()
+    assert sorted(flight.system or 0 for flight in flights) == [1, 2]
+    for flight in flights:
+        assert flight.messages == 3 * 52
+        recording = rig.recording(flight)
+        assert recording.systems() == ((flight.system, 1),)
+        assert set(recording.lost().values()) == {0}
+
+
+def test_one_vehicle_over_two_links_is_one_flight(rig: Rig) -> None:
+    vehicle = Vehicle()
+    for _ in range(2):
+        datagrams = vehicle.second()
+        rig.feed(datagrams, span_ns=SECOND // 2)
+        rig.feed(datagrams, "/dev/ttyUSB0,57600", span_ns=SECOND // 2)
+    (flight,) = rig.finish()
+    recording = rig.recording(flight)
+    assert recording.links() == (LINK, "/dev/ttyUSB0,57600")
+    assert len(recording.columns("ATTITUDE")[0]) == 100
+    assert rig.stream(LINK) == rig.stream("/dev/ttyUSB0,57600") == rig.sent[LINK]
+
+
+def test_bytes_that_are_no_frame_are_recorded_too(rig: Rig) -> None:
+    vehicle = Vehicle()
+    noise = bytes(range(100, 150))
+    rig.feed([noise, *vehicle.second(), noise, vehicle.attitude()[:9]])
+    rig.wait(11.0)
+    rig.feed([noise])
+    rig.finish()
+    assert rig.stream() == rig.sent[LINK]
+
+
+def test_the_file_is_named_by_start_and_system(rig: Rig) -> None:
+    rig.feed(Vehicle(7).second())
+    (flight,) = rig.finish()
+    assert flight.file == "20270115T080000.000Z-7.mcap"
+    assert (rig.folder / flight.file).is_file()
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_recording_goes_on_when_it_can(rig: Rig) -> None:
+    vehicle = Vehicle()
+    folder, aside = rig.folder, rig.folder.with_name("aside")
+    folder.rename(aside)
+    folder.write_bytes(b"a file where the folder was")
+    rig.feed(vehicle.second())
+    assert rig.recorder.state.problem
+    assert rig.recorder.state.unrecorded_bytes == len(rig.sent[LINK])
+    folder.unlink()
+    aside.rename(folder)
+    rig.feed(vehicle.second())
+    assert rig.recorder.state.problem == ""
+    (flight,) = rig.finish()
+    assert flight.messages == 52

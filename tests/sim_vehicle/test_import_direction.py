@@ -1,0 +1,96 @@
+"""Imports go one way, sim_vehicle <- sysid <- gcs, and no module needs itself to be imported."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MAY_IMPORT = {
+    "sim_vehicle": {"sim_vehicle"},
+    "sysid": {"sim_vehicle", "sysid"},
+    "gcs": {"sim_vehicle", "sysid", "gcs"},
+}
+
+
+def module_name(path: Path, root: Path) -> str:
+    parts = path.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported(path: Path, root: Path, *, at_import_only: bool) -> Iterator[str]:
+    """Every dotted name a module imports; `at_import_only` leaves out functions and TYPE_CHECKING blocks."""
+    package = path.relative_to(root).parent.parts
+
+    def walk(node: ast.AST) -> Iterator[str]:
+        if at_import_only and isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            return
+        if at_import_only and isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            return
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join((*package[: len(package) - node.level + 1], *filter(None, [node.module])))
+            base = base if node.level else node.module or ""
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+        for child in ast.iter_child_nodes(node):
+            yield from walk(child)
+
+    return walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def sources(root: Path) -> list[Path]:
+    return [path for package in MAY_IMPORT for path in sorted((root / package).rglob("*.py"))]
+
+
+def wrong_directions(root: Path) -> list[str]:
+    return [
+        f"{module_name(path, root)} imports {name}"
+        for path in sources(root)
+        for name in imported(path, root, at_import_only=False)
+        if (top := name.split(".")[0]) in MAY_IMPORT and top not in MAY_IMPORT[path.relative_to(root).parts[0]]
+    ]
+
+
+def import_cycle(root: Path) -> list[str]:
+    """Modules of one cycle of imports, or nothing. A package's __init__ counts only where named itself."""
+    modules = {module_name(path, root): path for path in sources(root)}
+    graph: dict[str, set[str]] = {}
+    for module, path in modules.items():
+        found = set()
+        for name in imported(path, root, at_import_only=True):
+            target = name if name in modules else name.rpartition(".")[0]
+            if target in modules and target != module:
+                found.add(target)
+        graph[module] = found
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_imports_go_one_way() -> None:
+    assert len(sources(ROOT)) > 5
+    assert wrong_directions(ROOT) == []
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    assert import_cycle(ROOT) == []
+
+
+def test_the_walk_sees_wrong_directions_and_cycles(tmp_path: Path) -> None:
+    for name, text in {
+        "sim_vehicle/a.py": "from sim_vehicle import b\n",
+        "sim_vehicle/b.py": "def late():\n    from sim_vehicle import a\n    import gcs.c\n",
+        "sysid/d.py": "from . import e\n",
+        "sysid/e.py": "if True:\n    from sysid.d import thing\n",
+        "gcs/c.py": "import sysid.d\n",
+    }.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    assert wrong_directions(tmp_path) == ["sim_vehicle.b imports gcs.c"]
+    assert sorted(set(import_cycle(tmp_path))) == ["sysid.d", "sysid.e"]

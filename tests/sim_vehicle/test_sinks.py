@@ -1,0 +1,216 @@
+"""Links and files on real sockets, a real pseudo-terminal and real files."""
+
+import contextlib
+import os
+import socket
+import struct
+import threading
+import time
+import tty
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import pytest
+
+from sim_vehicle import sinks
+from sim_vehicle.errors import SinkError
+from sim_vehicle.sinks import SerialSink, TcpSink, UdpSink, open_link, open_recording
+
+FRAMES = [b"first", b"second frame", b"3"]
+DEADLINE_S = 10.0
+
+
+def test_udpout_sends_each_frame_as_its_own_datagram() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(DEADLINE_S)
+        link = open_link(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")
+        for frame in FRAMES:
+            link.write(frame, 0)
+        assert [receiver.recv(2048) for _ in FRAMES] == FRAMES
+        link.close()
+
+
+def test_udpout_without_a_listener_goes_on() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    link = open_link(f"udpout:127.0.0.1:{port}")
+    for _ in range(5):
+        link.write(b"frame", 0)
+    # Whoever comes to listen later is served by the same link.
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
+        late.bind(("127.0.0.1", port))
+        late.settimeout(10.0)
+        link.write(b"late", 0)
+        link.write(b"late", 0)
+        assert late.recv(100) == b"late"
+    link.close()
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udp"])
+def test_udpin_answers_whoever_speaks_first(kind: str) -> None:
+    link = open_link(f"{kind}:127.0.0.1:0")
+    assert isinstance(link, UdpSink)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.settimeout(DEADLINE_S)
+        station.sendto(b"hello", ("127.0.0.1", link.port))
+        for frame in FRAMES:
+            link.write(frame, 0)
+        assert [station.recv(2048) for _ in FRAMES] == FRAMES
+    link.close()
+
+
+def received(connection: socket.socket, size: int) -> bytes:
+    connection.settimeout(DEADLINE_S)
+    data = b""
+    while len(data) < size:
+        part = connection.recv(4096)
+        if not part:
+            break
+        data += part
+    return data
+
+
+def test_tcp_client() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(DEADLINE_S)
+        link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        connection, _ = server.accept()
+        with connection:
+            for frame in FRAMES:
+                link.write(frame, 0)
+            assert received(connection, 18) == b"".join(FRAMES)
+        link.close()
+
+
+def test_tcp_client_tells_when_the_station_leaves() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        server.accept()[0].close()
+
+        def send_on() -> None:
+            for _ in range(100_000):
+                link.write(b"frame" * 100, 0)
+
+        with pytest.raises(SinkError, match="the other side is gone"):
+            send_on()
+        link.close()
+
+
+def test_tcp_server_serves_the_next_client_when_one_leaves() -> None:
+    link = open_link("tcpin:127.0.0.1:0")
+    assert isinstance(link, TcpSink)
+    stop = threading.Event()
+
+    def keep_sending() -> None:
+        while not stop.is_set():
+            link.write(b"x" * 100, 0)
+
+    sender = threading.Thread(target=keep_sending)
+    sender.start()
+    try:
+        for _ in range(2):
+            with socket.create_connection(("127.0.0.1", link.port), timeout=DEADLINE_S) as client:
+                assert received(client, 1000)[:1000] == b"x" * 1000
+        with socket.create_connection(("127.0.0.1", link.port), timeout=DEADLINE_S) as client:
+            assert received(client, 1000)[:5] == b"xxxxx"
+            stop.set()
+            deadline = time.monotonic() + DEADLINE_S
+            client.settimeout(0.05)
+            while sender.is_alive() and time.monotonic() < deadline:
+                with contextlib.suppress(TimeoutError):
+                    client.recv(1 << 16)
+    finally:
+        stop.set()
+        link.close()
+    assert not sender.is_alive()
+
+
+def test_serial_port() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        link = open_link(f"{os.ttyname(slave)},115200")
+        assert isinstance(link, SerialSink)
+        for frame in FRAMES:
+            link.write(frame, 0)
+        data = b""
+        while len(data) < 18:
+            data += os.read(master, 100)
+        assert data == b"".join(FRAMES)
+        link.close()
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_tlog(tmp_path: Path) -> None:
+    sink = open_recording(tmp_path / "flight.tlog")
+    sink.write(b"abc", 1_700_000_000_123_456_789)
+    sink.write(b"de", 1_700_000_000_143_456_789)
+    sink.close()
+    first, second = 1_700_000_000_123_456, 1_700_000_000_143_456
+    expected = struct.pack(">Q", first) + b"abc" + struct.pack(">Q", second) + b"de"
+    assert (tmp_path / "flight.tlog").read_bytes() == expected
+
+
+class Lent:
+    """A recorder as another package lends it."""
+
+    opened: str = ""
+
+    def __init__(self, path: str) -> None:
+        Lent.opened = path
+
+    def write(self, data: bytes, utc_ns: int) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+
+def test_a_recorder_is_found_by_its_suffix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint("box", f"{__name__}:Lent", sinks.RECORDERS)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: Lent)
+    monkeypatch.setattr(
+        sinks, "entry_points", lambda group, **select: EntryPoints([point]).select(group=group, **select)
+    )
+    assert isinstance(open_recording(tmp_path / "flight.box"), Lent)
+    assert Lent.opened == str(tmp_path / "flight.box")
+
+
+def test_without_a_recorder_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sinks, "entry_points", lambda group, **select: EntryPoints())
+    with pytest.raises(SinkError, match=r"no recorder for \.mcap files is installed; there are tlog"):
+        open_recording(tmp_path / "flight.mcap")
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(SinkError, match="cannot be written: there is no folder"):
+        open_recording(tmp_path / "none" / "flight.tlog")
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("carrier-pigeon", "no such link"),
+        ("udpout:127.0.0.1", "no such link"),
+        ("udpout:127.0.0.1:99999", "no such link"),
+        ("tcp:127.0.0.1:port", "no such link"),
+        ("/dev/ttyUSB0,fast", "is no baud rate"),
+        ("/dev/there-is-no-such-port,57600", "cannot be opened"),
+        ("udpout:no.such.host.invalid:14550", "cannot be opened"),
+    ],
+)
+def test_a_wrong_link_is_told_in_one_line(url: str, words: str) -> None:
+    with pytest.raises(SinkError, match=words) as caught:
+        open_link(url)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_refused_connection_is_told() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(SinkError, match="Connection refused"):
+        open_link(f"tcp:127.0.0.1:{port}")

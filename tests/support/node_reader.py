@@ -1,0 +1,43 @@
+"""The MCAP and ROS 2 libraries that Foxglove and other viewers use, run by node."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+PROGRAM = Path(__file__).resolve().parents[1] / "interop" / "node"
+
+
+@dataclass(frozen=True)
+class NodeReader:
+    """Libraries installed in a folder."""
+
+    folder: Path
+
+    @classmethod
+    def installed(cls, folder: Path) -> NodeReader:
+        """Install the versions of the lock file into `folder`; AssertionError without node and npm."""
+        assert shutil.which("node"), "these tests need node: install Node.js 20 or newer"
+        assert shutil.which("npm"), "these tests need npm: install Node.js 20 or newer with npm"
+        shutil.copytree(PROGRAM, folder, dirs_exist_ok=True)
+        _run(["npm", "ci", "--no-audit", "--no-fund", "--ignore-scripts"], folder)
+        return cls(folder)
+
+    def read(self, recording: Path) -> list[dict[str, Any]]:
+        """Every message in the order of reception: topic, logTime, publishTime, sequence, fields.
+
+        64-bit integers, NaN and infinities are text.
+        """
+        target = self.folder / "messages.jsonl"
+        _run(["node", "read.mjs", str(recording), str(target)], self.folder)
+        with target.open(encoding="utf-8") as lines:
+            return [json.loads(line) for line in lines]
+
+
+def _run(command: list[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"

@@ -1,0 +1,90 @@
+"""The commands as users run them: in processes of their own, waited for with a deadline."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from traffic import wait_until
+
+from gcs.errors import RecordingError
+from gcs.recording.reader import Recording
+
+TIMEOUT_S = 120.0
+
+
+def start(program: str, arguments: Sequence[object], **environment: str) -> subprocess.Popen[str]:
+    """`gcs` or `sim-vehicle` of this environment; environment: variables to set."""
+    inherited = {name: value for name, value in os.environ.items() if name != "GCS_TOKEN"}
+    return subprocess.Popen(
+        [str(Path(sys.executable).with_name(program)), *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**inherited, **environment},
+    )
+
+
+def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """A finished command: its exit code and what it printed."""
+    process = start(program, arguments)
+    with process:
+        out, error = process.communicate(timeout=TIMEOUT_S)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, error)
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """A port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def messages_on_disk(path: Path) -> int:
+    """Messages in a recording that may still be growing."""
+    try:
+        return sum(Recording(path).counts().values())
+    except RecordingError:
+        return 0
+
+
+@contextmanager
+def recording_station(url: str, path: Path, expected: int) -> Iterator[None]:
+    """`gcs record` in a process of its own, ready to receive; ended once `expected` messages are on disk."""
+    process = start("gcs", ["record", "--connect", url, "-o", path])
+    with process:
+        try:
+            wait_until(lambda: path.exists() or process.poll() is not None)
+            assert process.poll() is None, process.communicate()[1]
+            yield
+            wait_until(lambda: messages_on_disk(path) >= expected)
+            process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=TIMEOUT_S)
+            assert process.returncode == 0, error
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+@contextmanager
+def service(*arguments: object, **environment: str) -> Iterator[str]:
+    """`gcs serve` on a free port: its URL. It is told to stop at the end, and must then end well."""
+    process = start("gcs", ["serve", "--port", "0", *arguments], **environment)
+    with process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("serving on "), process.communicate()[1]
+            yield line.split()[-1]
+            process.terminate()
+            process.communicate(timeout=TIMEOUT_S)
+            assert process.returncode == 0
+        finally:
+            if process.poll() is None:
+                process.kill()

@@ -1,0 +1,108 @@
+"""Noise taken off inputs: what is left of it against what theory says of the estimators that are imitated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sysid.inputs import denoise_thrust, smooth_series
+
+Array = NDArray[np.float64]
+
+N, DT, SIGMA, RUNS = 500, 0.02, 0.02, 60
+TIME = DT * np.arange(N)
+STEADY = np.full(N, 0.46)
+
+
+def errors(true: Array, throttle: Array, seed: int = 1) -> Array:
+    """Denoised minus true, (RUNS, N), in units of the noise."""
+    generator = np.random.default_rng(seed)
+    runs = [denoise_thrust(true + SIGMA * generator.standard_normal(N), throttle, DT) - true for _ in range(RUNS)]
+    return np.array(runs) / SIGMA
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_a_constant_in_noise_becomes_its_mean() -> None:
+    """The mean of N samples is off by sigma / sqrt(N); no estimate of a constant can be better."""
+    left = errors(np.full(N, 3.7), STEADY)
+    assert rms(left) * np.sqrt(N) == pytest.approx(1.0, abs=0.3)
+    assert np.median(np.ptp(left, axis=1)) < 1e-9
+
+
+def test_a_slow_swing_keeps_the_noise_of_the_terms_it_needs() -> None:
+    """Of N cosine terms those up to 0.5 Hz are kept, 10 of 500: sqrt(10 / 500) of the noise stays."""
+    swing = 3.0 + 0.5 * np.cos(2.0 * np.pi * 0.5 * (TIME + 0.5 * DT))
+    left = errors(swing, STEADY)
+    assert rms(left) == pytest.approx(np.sqrt(11.0 / N), rel=0.25)
+
+
+def test_a_ramp_is_followed_well_below_the_noise() -> None:
+    left = errors(3.0 + 0.1 * TIME, STEADY)
+    assert rms(left) < 0.35
+    assert abs(left.mean()) < 0.03
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.1, 0.3])
+def test_a_step_of_a_lagging_motor_stays_as_sharp_as_it_is(tau: float) -> None:
+    """Offset and gain leave sqrt(2 / N) of the noise; the unknown lag adds its own Cramer-Rao bound at the step.
+
+    The response 1.6 (1 - exp(-t/tau)) has the slope 1.6 t/tau^2 exp(-t/tau) in tau, of square sum 1.6^2 / (4 tau dt).
+    """
+    throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
+    after = np.maximum(TIME - TIME[200], 0.0)
+    share = (after > 0.0).astype(float) if tau == 0.0 else 1.0 - np.exp(-after / tau)
+    left = errors(8.0 * (0.4 + 0.2 * share), throttle)
+    assert rms(left) == pytest.approx(np.sqrt(2.0 / N), abs=0.04)
+    slope = np.zeros(N) if tau == 0.0 else 1.6 * after / tau**2 * np.exp(-after / tau)
+    bound = np.sqrt(2.0 / N + np.mean(slope[195:215] ** 2) * 4.0 * tau * DT / 1.6**2)
+    assert rms(left[:, 195:215]) < 1.5 * bound
+
+
+@pytest.mark.parametrize("tau", [0.08, 0.13, 0.4])
+def test_a_motor_whose_lag_is_none_of_those_tried_leaves_little(tau: float) -> None:
+    throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
+    share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / tau)
+    left = errors(8.0 * (0.4 + 0.2 * share), throttle)
+    assert rms(left) < 0.75
+
+
+def test_thrust_that_goes_with_the_square_of_the_throttle_is_explained_by_it_just_as_well() -> None:
+    throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
+    share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.1)
+    left = errors(8.0 * (0.16 + 0.2 * share), throttle)
+    assert rms(left) < 0.15
+
+
+def test_a_throttle_that_has_nothing_to_do_with_thrust_is_not_believed() -> None:
+    generator = np.random.default_rng(3)
+    left = errors(np.full(N, 3.7), 0.46 + 0.01 * generator.standard_normal(N))
+    assert rms(left) < 0.1
+
+
+def test_what_cannot_be_smoothed_is_left_as_it_is() -> None:
+    short, constant, gap = np.array([3.0, 3.1, 2.9]), np.full(N, 3.7), np.full(N, np.nan)
+    for values in (short, constant, gap):
+        np.testing.assert_array_equal(denoise_thrust(values, STEADY[: values.size], DT), values)
+
+
+@given(
+    level=st.floats(-50.0, 50.0).filter(lambda x: abs(x) > 1e-6),
+    factor=st.floats(0.01, 100.0),
+    seed=st.integers(0, 1000),
+)
+def test_smoothing_counts_in_any_unit_and_from_any_zero(level: float, factor: float, seed: int) -> None:
+    noise = np.random.default_rng(seed).standard_normal(200)
+    plain = smooth_series(level + noise)
+    np.testing.assert_allclose(smooth_series(factor * (level + noise)), factor * plain, rtol=1e-9, atol=1e-9 * factor)
+    assert plain.mean() == pytest.approx(level + noise.mean(), abs=1e-9 * max(1.0, abs(level)))
+
+
+def test_a_series_without_noise_comes_back() -> None:
+    smooth = 2.0 + np.cos(np.pi * (np.arange(300) + 0.5) * 7 / 300)
+    np.testing.assert_allclose(smooth_series(smooth), smooth, atol=1e-10)
