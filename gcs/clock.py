@@ -30,6 +30,7 @@ SAME_COMPONENT_NS = 2 * NS_PER_S  # a GPS fix may be stamped that much before it
 OTHER_COMPONENT_NS = NS_PER_S // 10  # a second board's clock is as good as its time synchronisation
 RESET_NS = NS_PER_S
 STRAY_NS = 10 * NS_PER_S
+NEIGHBOURS = 7  # stamps among which up to three strays are told
 BINS = 60
 
 
@@ -198,22 +199,51 @@ def build_clock(stamps: Sequence[Stamps], system_time: tuple[Times, Times, Times
     return clock
 
 
+def _leader(group: Sequence[Stamps]) -> Stamps:
+    """The message that tells a component's time: its commonest with a stamp that does not wrap."""
+    return max([entry for entry in group if not entry.is_short] or group, key=lambda entry: entry.raw_ns.size)
+
+
 def _fit_reference(stamped: Sequence[Stamps], reference: int, epoch: int | None) -> ClockFit:
     """Fit over the reference component's commonest message and every other of it that keeps the same clock."""
     own = [entry for entry in stamped if entry.component == reference]
     own = [entry for entry in own if not entry.is_short] or own
-    own.sort(key=lambda entry: -entry.raw_ns.size)
-    times = [boot_stamps(entry, epoch) for entry in own]
-    offsets = [fit_clock(entry.log_ns, stamp).offset_ns for entry, stamp in zip(own, times, strict=True)]
-    chosen = [i for i, offset in enumerate(offsets) if abs(offset - offsets[0]) < SAME_COMPONENT_NS]
-    return fit_clock(np.concatenate([own[i].log_ns for i in chosen]), np.concatenate([times[i] for i in chosen]))
+    leader = _leader(own)
+    clock = boot_stamps(leader, epoch)
+    order = np.argsort(leader.log_ns, kind="stable")
+    logs, times = [], []
+    for entry in own:
+        stamps = boot_stamps(entry, epoch)
+        if abs(_behind(entry.log_ns, stamps, leader.log_ns[order], clock[order])) < SAME_COMPONENT_NS:
+            logs.append(entry.log_ns)
+            times.append(stamps)
+    return fit_clock(np.concatenate(logs), np.concatenate(times))
 
 
 def _first_stamp(clock: VehicleClock, entry: Stamps) -> int:
-    """Earliest stamp that its reception confirms, ns since boot: one stray stamp must not move the flight's start."""
+    """Earliest stamp that its neighbours confirm, ns since boot: one stray stamp must not move the flight's start."""
     times = boot_stamps(entry, clock.epoch_ns, clock.fit) + clock.offsets.get((entry.component, entry.message), 0)
-    confirmed = np.abs(clock.fit.delay(entry.log_ns, times)) < STRAY_NS
+    window = min(NEIGHBOURS, times.size)
+    around = np.median(np.lib.stride_tricks.sliding_window_view(times, window), axis=1)
+    place = np.clip(np.arange(times.size) - window // 2, 0, around.size - 1)
+    confirmed = np.abs(times - around[place]) < STRAY_NS
     return int(times[confirmed].min()) if confirmed.any() else int(clock.fit.to_vehicle(entry.log_ns).min())
+
+
+def _behind(log_ns: Times, stamp_ns: Times, clock_log_ns: Times, clock_stamp_ns: Times) -> int:
+    """How far, ns, stamps lie behind another message's of the same clock, by the order of reception alone.
+
+    log_ns, stamp_ns: (N,) of the message. clock_log_ns, clock_stamp_ns: (M,) of the one that tells the time. A stamp
+    belongs between those of the messages received before and after it; the median of how far it lies outside bears
+    strays, pauses, bursts and a flight told faster than it was flown, which a line through the arrivals does not.
+    """
+    before = np.searchsorted(clock_log_ns, log_ns, side="left") - 1
+    after = np.searchsorted(clock_log_ns, log_ns, side="right")
+    unbounded = np.iinfo(np.int64).max
+    low = np.where(before >= 0, clock_stamp_ns[np.maximum(before, 0)], -unbounded)
+    high = np.where(after < clock_stamp_ns.size, clock_stamp_ns[np.minimum(after, clock_stamp_ns.size - 1)], unbounded)
+    outside = np.where(stamp_ns < low, low - stamp_ns, np.where(stamp_ns > high, high - stamp_ns, 0))
+    return int(np.median(outside))
 
 
 def _cut(entry: Stamps, window: tuple[int, int]) -> Stamps:
@@ -294,13 +324,15 @@ def _align(clock: VehicleClock, group: Sequence[Stamps]) -> None:
     Within the reference component each message stands for itself, within another all move together.
     """
     component = group[0].component
-    delays = {}
-    for entry in group:
-        delay = clock.fit.delay(entry.log_ns, boot_stamps(entry, clock.epoch_ns, clock.fit))
-        delays[entry.message] = int(np.quantile(delay, 0.05))
+    times = {entry.message: boot_stamps(entry, clock.epoch_ns, clock.fit) for entry in group}
     if component == clock.reference:
+        leader = _leader(group)
+        order = np.argsort(leader.log_ns, kind="stable")
+        told = (leader.log_ns[order], times[leader.message][order])
+        delays = {entry.message: _behind(entry.log_ns, times[entry.message], *told) for entry in group}
         apart = {message: late for message, late in delays.items() if abs(late) > SAME_COMPONENT_NS}
     else:
+        delays = {e.message: int(np.quantile(clock.fit.delay(e.log_ns, times[e.message]), 0.05)) for e in group}
         smallest = min(delays.values())
         apart = dict.fromkeys(delays, smallest) if abs(smallest) > OTHER_COMPONENT_NS else {}
     clock.offsets.update({(component, message): shift for message, shift in apart.items()})

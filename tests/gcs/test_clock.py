@@ -153,3 +153,22 @@ def test_zeros_before_stamps_of_a_clock_that_ran_long_before_are_no_stamps() -> 
 def test_without_any_stamp_the_error_says_so() -> None:
     with pytest.raises(SignalMapError, match="no message of the vehicle carries a time stamp"):
         build_clock([Stamps("AIRSPEED", 1, np.array([UTC]), np.array([0]))])
+
+
+@pytest.mark.parametrize("pace", [1.0, 5.0, 60.0])
+def test_a_link_held_up_at_random_while_a_flight_is_told_fast_moves_no_stamp(pace: float) -> None:
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        pauses = sorted(zip(rng.uniform(0, 3.5, 3), rng.exponential(1.0, 3), strict=True))
+        entries, told = [], []
+        for message, rate, period in (("HIGHRES_IMU", 50, 0), ("GPS_RAW_INT", 5, 0), ("SERVO_OUTPUT_RAW", 25, U32_US)):
+            boot = regular(2.0, rate, 3.3 * pace)
+            arrived = (boot - boot[0]) / pace / NS_PER_S
+            for start, length in pauses:
+                arrived = np.where((arrived > start) & (arrived < start + length), start + length, arrived)
+            entries.append(Stamps(message, 1, UTC + np.rint(arrived * NS_PER_S).astype(np.int64), boot, period))
+            told.append(boot)
+        clock = build_clock(entries)
+        assert clock.warnings == []
+        for entry, boot in zip(entries, told, strict=True):
+            np.testing.assert_array_equal(clock.seconds(entry), (boot - boot[0]) / NS_PER_S)
