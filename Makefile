@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop paper-tables clean
+.PHONY: setup demo test check interop bench paper-tables clean
 
 setup: $(VENV)/.ready
 
@@ -23,8 +23,20 @@ check: setup
 test: check
 	$(BIN)/python -m pytest
 
-interop: setup
+$(VENV)/.interop: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[interop]'
+	touch $@
+
+interop: $(VENV)/.interop
 	$(BIN)/python -m pytest tests/interop
+
+$(VENV)/.bench: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
+	touch $@
+
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/framing.py
+	$(BIN)/python benchmarks/recording.py
 
 paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py
