@@ -15,6 +15,7 @@ from mcap_ros2.decoder import DecoderFactory
 from node_reader import NodeReader
 from processes import free_port, recording_station, run
 from pymavlink import mavutil
+from rerun_messages import rerun_messages
 from rosbags.highlevel import AnyReader
 
 from gcs.recording.wire import WIRE_TOPIC
@@ -122,3 +123,16 @@ def test_rosbags(flown: Flown) -> None:
             if connection.topic != WIRE_TOPIC:
                 found[connection.topic].append(fields_of(reader.deserialize(data, connection.msgtype)))
     assert_equal(found, flown.sent)
+
+
+def test_rerun(flown: Flown) -> None:
+    """Rerun's own reader, on the whole file and on one that was cut off."""
+    cut = flown.path.with_name("cut.mcap")
+    content = flown.path.read_bytes()
+    cut.write_bytes(content[: len(content) * 2 // 3])
+    whole = {topic: [fields for _, fields in rows] for topic, rows in rerun_messages(flown.path).items()}
+    assert_equal(whole, flown.sent)
+    recovered = rerun_messages(cut, recover=True)
+    assert sum(map(len, recovered.values())) > sum(map(len, whole.values())) / 3
+    for topic, rows in recovered.items():
+        assert [fields for _, fields in rows] == whole[topic][: len(rows)]

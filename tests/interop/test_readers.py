@@ -10,6 +10,7 @@ from mavlink_frames import Sender, Sent, message_names
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from node_reader import NodeReader
+from rerun_messages import rerun_messages
 from rosbags.highlevel import AnyReader
 
 from gcs.dialect import Dialect
@@ -71,6 +72,18 @@ def test_rosbags(recorded: tuple[Path, list[Sent]]) -> None:
         assert topic.endswith(f"/{message.name}")
         assert time == START + i * 5_000_000
         assert_equal(message, values)
+
+
+def test_rerun(recorded: tuple[Path, list[Sent]]) -> None:
+    path, sent = recorded
+    rows = {(topic, at): fields for topic, found in rerun_messages(path).items() for at, fields in found}
+    assert len(rows) == len(sent)
+    for i, message in enumerate(sent):
+        system = 1 if message.frame[0] == 0xFD else 2
+        (topic,) = (topic for topic, at in rows if at == START + i * 5_000_000)
+        assert topic.startswith(f"/mavlink/{system}/")
+        assert topic.endswith(f"/{message.name}")
+        assert_equal(message, SimpleNamespace(**rows[topic, START + i * 5_000_000]))
 
 
 def test_the_libraries_of_the_viewers(recorded: tuple[Path, list[Sent]], node: NodeReader) -> None:
