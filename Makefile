@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables clean
+.PHONY: setup demo test check interop bench paper-tables campaign-fuzz clean
 
 setup: $(VENV)/.ready
 
@@ -41,5 +41,8 @@ bench: $(VENV)/.bench
 paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py
 
+campaign-fuzz: setup
+	$(BIN)/python tests/campaign/fuzz.py
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info demo-output
+	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output
