@@ -2,7 +2,8 @@
 
 GcsError                       every error a user can cause; its text is one line that says what to do
 ├── RecordingError             a recording that cannot be opened, read or written
-│   └── ImportFileError        a log of another format that cannot be imported
+│   ├── ImportFileError        a log of another format that cannot be imported
+│   └── DiskFullError          a recording for which the disk has no room
 ├── DialectError               a MAVLink dialect that is unknown or cannot be loaded
 ├── LinkError                  a link that cannot be opened or brings nothing
 │   └── LinkUrlError           a connection string that is wrong
@@ -24,6 +25,10 @@ class RecordingError(GcsError):
 
 class ImportFileError(RecordingError):
     """A log of another format cannot be imported."""
+
+
+class DiskFullError(RecordingError):
+    """The disk has no room for the recording."""
 
 
 class DialectError(GcsError):

@@ -1,22 +1,20 @@
 """Writing recordings: frames and the bytes between them, as they came, into an indexed MCAP file.
 
 MCAP as in mcap.dev/spec: chunks with message indexes, and at the end a summary. A chunk is closed when it is full or
-after `chunk_seconds`, so a file cut off at any byte lacks at most that much.
+after `chunk_seconds`, so a file cut off at any byte lacks at most that much. Compressing and writing it is left to
+the thread of `gcs.recording.sink`.
 """
 
 from __future__ import annotations
 
 import os
 import struct
-import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-import lz4.frame
 import numpy as np
-import zstandard
 from numpy.typing import NDArray
 
 from gcs.dialect import Dialect
@@ -24,11 +22,11 @@ from gcs.errors import RecordingError
 from gcs.framing import Frames
 from gcs.recording import build as kernel
 from gcs.recording import records
-from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
+from gcs.recording.records import Attachment, Channel, Schema
+from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedChunk, Lost, RecordingSink
+from gcs.recording.sync import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
 
-CHUNK_BYTES = 1 << 20
-_INDEX_ENTRIES = CHUNK_BYTES // (kernel.RECORD_HEADER + 1)
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
 _LAST_CHANNEL = 65535
 
@@ -52,8 +50,8 @@ class _Link:
         self.name = name
         self.wire_channel = wire_channel
         self.component_of = np.full(65536, -1, np.int32)
-        self.form = np.empty(_INDEX_ENTRIES, np.uint8)
-        self.runs = np.empty((_INDEX_ENTRIES, 4), np.int64)
+        self.form = np.empty(INDEX_ENTRIES, np.uint8)
+        self.runs = np.empty((INDEX_ENTRIES, 4), np.int64)
         self.run_bytes = np.empty(CHUNK_BYTES, np.uint8)
         self.state = np.zeros(kernel.LINK_STATE, np.int64)
         self.first_byte = 0
@@ -63,22 +61,13 @@ class _Link:
         return bool(self.state[kernel.FORM_COUNT] or self.state[kernel.RUN_COUNT_])
 
 
-def _compressor(name: str) -> tuple[str, Callable[[memoryview], bytes]]:
-    if name == "zstd":
-        return "zstd", zstandard.ZstdCompressor(level=1).compress
-    if name == "lz4":
-        return "lz4", lambda data: bytes(lz4.frame.compress(data))
-    if name == "none":
-        return "", bytes
-    raise RecordingError(f"unknown compression {name!r}; use zstd, lz4 or none")
-
-
 class McapWriter:
     """Writer of one recording.
 
     path: file to create. compression: zstd, lz4 or none. chunk_seconds: longest span of one chunk, at most 4 s.
-    durable: also wait, at every chunk, until the disk has it (a power cut then costs at most a chunk).
-    RecordingError if the file cannot be created or written.
+    sync: when the disk must have what was written. reserve_bytes: free space on the disk that chunks must leave.
+    waiting: closed chunks that may wait for the disk before `write` waits too.
+    RecordingError if the file cannot be created. What goes wrong later is raised once, by the next call.
     """
 
     def __init__(
@@ -88,20 +77,20 @@ class McapWriter:
         *,
         compression: str = "zstd",
         chunk_seconds: float = 1.0,
-        durable: bool = False,
+        sync: SyncPolicy | None = None,
+        reserve_bytes: int = 0,
+        waiting: int = 2,
     ) -> None:
         if not 0.0 < chunk_seconds <= _LARGEST_CHUNK_SECONDS:
             raise RecordingError(f"a chunk of {chunk_seconds} s is not possible; use more than 0 and at most 4 s")
-        self._path = Path(path)
         self._dialect = dialect
-        self._compression, self._compress = _compressor(compression)
-        self._durable = durable
-        try:
-            self._file = open(self._path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
-        except OSError as error:
-            raise RecordingError(f"{self._path} cannot be written: {error.strerror}") from None
-        self._position = 0
-        self._checksum = 0
+
+        def open_file(file: Path) -> RecordingSink:
+            return RecordingSink(file, compression, sync or SyncPolicy(), reserve_bytes, waiting)
+
+        self._open = open_file
+        self._sink = open_file(Path(path))
+        self._ending: list[RecordingSink] = []
         self._closed = False
         self._links: dict[str, _Link] = {}
         self._schemas: dict[str, Schema] = {}
@@ -110,17 +99,11 @@ class McapWriter:
         self._channel_of = np.full((4, len(dialect.messages)), -1, np.int32)
         self._sequences = np.full(4, -1, np.int64)
         self._channel_state = np.zeros((64, 4), np.int64)
-        self._out = np.empty(CHUNK_BYTES + (1 << 16), np.uint8)
-        self._index = np.empty((_INDEX_ENTRIES, 3), np.int64)
+        self._wire_counts: dict[int, int] = {}
+        self._buffer: ChunkBuffer = self._sink.take_buffer()
         self._chunk = np.zeros(kernel.CHUNK_STATE, np.int64)
         self._chunk[kernel.CHUNK_START] = -1
         self._chunk[kernel.PERIOD] = round(chunk_seconds * 1e9)
-        self._chunk_index: list[bytes] = []
-        self._attachment_index: list[bytes] = []
-        self._metadata_index: list[bytes] = []
-        self._wire_counts: dict[int, int] = {}
-        self._first_log: int | None = None
-        self._put(records.MAGIC + records.header_record("ros2"))
 
     def __enter__(self) -> McapWriter:
         return self
@@ -133,12 +116,17 @@ class McapWriter:
     @property
     def path(self) -> Path:
         """The file being written."""
-        return self._path
+        return self._sink.path
 
     @property
     def size(self) -> int:
         """Bytes in the file so far."""
-        return self._position
+        return self._sink.position
+
+    @property
+    def lost(self) -> Lost:
+        """What the disk did not take; final after `close`."""
+        return self._sink.lost
 
     @property
     def counts(self) -> Counts:
@@ -156,7 +144,9 @@ class McapWriter:
 
         buffer: the consumed bytes, exactly, that `frames` were found in (as `Framer.feed` gives them).
         received_ns: UTC of reception, one for all or one per frame; bytes between frames count with the frame behind.
+        RecordingError if an earlier chunk could not be written; nothing of this call is taken then.
         """
+        self._sink.check()
         account = self._links.get(link) or self._add_link(link)
         times = self._times(frames, received_ns)
         chunk = self._chunk
@@ -175,8 +165,8 @@ class McapWriter:
                 account.component_of,
                 self._sequences,
                 self._channel_state,
-                self._out,
-                self._index,
+                self._buffer.out,
+                self._buffer.index,
                 account.form,
                 account.runs,
                 account.run_bytes,
@@ -192,64 +182,63 @@ class McapWriter:
 
     def tick(self, now_ns: int) -> None:
         """Close the open chunk if it is old enough: call now and then, so that an idle link is on disk too."""
+        self._check()
         start = int(self._chunk[kernel.CHUNK_START])
         if start >= 0 and now_ns - start >= int(self._chunk[kernel.PERIOD]):
             self._close_chunk()
 
     def flush(self) -> None:
-        """Close the open chunk: all that was written is in the file."""
-        if int(self._chunk[kernel.CHUNK_START]) >= 0 or int(self._chunk[kernel.OUT_POS]) > 0:
-            self._close_chunk()
+        """Close the open chunk and wait until all that was written is in the file."""
+        self._close_open_chunk()
+        self._sink.flush()
 
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Put a file into the recording, as the vehicle file that a flight was flown with."""
-        self.flush()
-        attachment = Attachment(name, media_type, max(int(self._chunk[kernel.LAST_LOG]), 0), data)
-        content = records.attachment_record(attachment)
-        self._attachment_index.append(records.attachment_index_record(self._position, len(content), attachment))
-        self._put(content)
+    def attach(self, name: str, media_type: str, data: bytes, log_time: int | None = None) -> None:
+        """Put a file into the recording, as the vehicle file that a flight was flown with.
+
+        log_time: UTC in ns, by default that of the newest message.
+        """
+        self._close_open_chunk()
+        at = max(int(self._chunk[kernel.LAST_LOG]), 0) if log_time is None else log_time
+        self._sink.put_attachment(Attachment(name, media_type, at, data))
 
     def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Put named pairs of text into the recording."""
-        self.flush()
-        content = records.metadata_record(name, mapping)
-        self._metadata_index.append(records.metadata_index_record(self._position, len(content), name))
-        self._put(content)
+        self._close_open_chunk()
+        self._sink.put_metadata(name, mapping)
+
+    def roll(self, path: str | os.PathLike[str]) -> None:
+        """Complete this file and go on in another, as if it were one: counters and places in the streams go on.
+
+        RecordingError if the other cannot be created; the first is then still being written.
+        """
+        following = self._open(Path(path))
+        self._close_open_chunk()
+        self._sink.finish(tuple(self._schemas.values()), self._channels)
+        self._ending.append(self._sink)
+        self._sink = following
+        self._buffer = following.take_buffer()
+        self._wire_counts = dict.fromkeys(self._wire_counts, 0)
+        for schema in self._schemas.values():
+            self._append(records.schema_record(schema))
+        for channel in self._channels:
+            self._append(records.channel_record(channel))
 
     def close(self) -> None:
-        """Write what is open, the summary and the footer. Closing twice does nothing."""
+        """Write what is open, the summary and the footer, and wait for it. Closing twice does nothing."""
         if self._closed:
             return
         self._closed = True
-        try:
-            self.flush()
-            self._put(records.record(records.DATA_END, struct.pack("<I", self._checksum)))
-            self._put(records.summary_section(self._summary_groups(), self._position))
-        finally:
-            self._file.close()
+        self._close_open_chunk()
+        self._sink.finish(tuple(self._schemas.values()), self._channels)
+        for sink in (*self._ending, self._sink):
+            sink.wait()
+        self._check()
 
-    def _summary_groups(self) -> list[tuple[int, bytes]]:
-        counts = {}
-        for channel in self._channels:
-            messages = int(self._channel_state[channel.id, kernel.MESSAGE_COUNT])
-            counts[channel.id] = self._wire_counts.get(channel.id, messages)
-        statistics = records.statistics_record(
-            len(self._schemas),
-            len(self._attachment_index),
-            len(self._metadata_index),
-            len(self._chunk_index),
-            self._first_log or 0,
-            int(self._chunk[kernel.LAST_LOG]),
-            counts,
-        )
-        return [
-            (records.SCHEMA, b"".join(map(records.schema_record, self._schemas.values()))),
-            (records.CHANNEL, b"".join(map(records.channel_record, self._channels))),
-            (records.STATISTICS, statistics),
-            (records.CHUNK_INDEX, b"".join(self._chunk_index)),
-            (records.ATTACHMENT_INDEX, b"".join(self._attachment_index)),
-            (records.METADATA_INDEX, b"".join(self._metadata_index)),
-        ]
+    def _check(self) -> None:
+        """Raise what went wrong in the background."""
+        for sink in (*self._ending, self._sink):
+            sink.check()
+        self._ending = [sink for sink in self._ending if not sink.finished]
 
     def _times(self, frames: Frames, received_ns: int | NDArray[np.int64]) -> NDArray[np.int64]:
         if not isinstance(received_ns, np.ndarray):
@@ -307,7 +296,7 @@ class McapWriter:
         number = len(self._channels) + 1
         if number > _LAST_CHANNEL:
             raise RecordingError(
-                f"{self._path} has {_LAST_CHANNEL} channels, the most an MCAP file holds; start another"
+                f"{self.path} has {_LAST_CHANNEL} channels, the most an MCAP file holds; start another"
             )
         channel = Channel(number, schema.id, topic, "cdr", metadata)
         self._channels.append(channel)
@@ -319,9 +308,10 @@ class McapWriter:
     def _append(self, content: bytes) -> None:
         """Put a record into the open chunk, which grows if it must."""
         start = int(self._chunk[kernel.OUT_POS])
-        if start + len(content) > self._out.size:
-            self._out = np.concatenate((self._out, np.empty(max(len(content), CHUNK_BYTES), np.uint8)))
-        self._out[start : start + len(content)] = np.frombuffer(content, np.uint8)
+        if start + len(content) > self._buffer.out.size:
+            more = np.empty(max(len(content), CHUNK_BYTES), np.uint8)
+            self._buffer.out = np.concatenate((self._buffer.out, more))
+        self._buffer.out[start : start + len(content)] = np.frombuffer(content, np.uint8)
         self._chunk[kernel.OUT_POS] = start + len(content)
 
     def _append_wire(self, link: _Link) -> tuple[int, int, int]:
@@ -345,40 +335,31 @@ class McapWriter:
         state[kernel.FORM_COUNT] = state[kernel.RUN_COUNT_] = state[kernel.RUN_BYTES] = 0
         return entry
 
+    def _close_open_chunk(self) -> None:
+        if int(self._chunk[kernel.CHUNK_START]) >= 0 or int(self._chunk[kernel.OUT_POS]) > 0:
+            self._close_chunk()
+
     def _close_chunk(self) -> None:
         chunk = self._chunk
-        entries = [self._append_wire(link) for link in self._links.values() if link.has_account]
+        accounts = [link for link in self._links.values() if link.has_account]
+        stream_bytes = sum(int(link.state[kernel.STREAM_BYTES]) - link.first_byte for link in accounts)
+        entries = [self._append_wire(link) for link in accounts]
         start = max(int(chunk[kernel.CHUNK_START]), 0)
-        end = int(chunk[kernel.LAST_LOG]) if entries else start
-        content = memoryview(self._out.data)[: int(chunk[kernel.OUT_POS])]
-        stored = self._compress(content)
-        data = records.chunk_record(start, end, content, self._compression, stored)
-        info = ChunkInfo(self._position, len(data), start, end, self._compression, len(stored), len(content))
-        index = np.concatenate((self._index[: chunk[kernel.INDEX_COUNT]], np.array(entries, np.int64).reshape(-1, 3)))
-        places = np.empty(len(self._channels) + 1, np.int64)
-        index_data = np.empty(16 * len(index) + 15 * places.size, np.uint8)
-        length = int(kernel.index_records(index, len(index), places.size, places, index_data))
-        base = self._position + len(data)
-        offsets = {channel: base + int(places[channel]) for channel in np.flatnonzero(places >= 0).tolist()}
-        self._chunk_index.append(records.chunk_index_record(info, offsets, length))
-        self._put(data + index_data[:length].tobytes())
-        if entries and self._first_log is None:
-            self._first_log = start
+        self._sink.put_chunk(
+            ClosedChunk(
+                self._buffer,
+                int(chunk[kernel.OUT_POS]),
+                int(chunk[kernel.INDEX_COUNT]),
+                entries,
+                start,
+                int(chunk[kernel.LAST_LOG]) if entries else start,
+                len(self._channels),
+                stream_bytes,
+            )
+        )
+        self._buffer = self._sink.take_buffer()
         chunk[kernel.OUT_POS] = chunk[kernel.INDEX_COUNT] = 0
         chunk[kernel.CHUNK_START] = -1
 
-    def _put(self, data: bytes) -> None:
-        """Write to the file itself, whole, and keep the checksum of the data section."""
-        view = memoryview(data)
-        try:
-            while view:
-                view = view[self._file.write(view) :]
-            if self._durable:
-                os.fdatasync(self._file.fileno())
-        except OSError as error:
-            raise RecordingError(f"{self._path} cannot be written: {error.strerror}") from None
-        self._position += len(data)
-        self._checksum = zlib.crc32(data, self._checksum)
 
-
-__all__ = ["Counts", "McapWriter"]
+__all__ = ["Counts", "Lost", "McapWriter"]

@@ -13,7 +13,9 @@ from mavlink_frames import Sender, Sent
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from processes import messages_on_disk
 from pymavlink.generator.mavcrc import x25crc
+from traffic import wait_until
 
 from gcs.dialect import Dialect
 from gcs.errors import RecordingError
@@ -364,7 +366,7 @@ def test_what_was_written_is_in_the_file_a_second_later(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cut off"):
         Recording(path)
     writer.tick(START + SECOND)
-    assert sum(Recording(path).counts().values()) == len(pieces)
+    wait_until(lambda: messages_on_disk(path) == len(pieces))
     writer.close()
     assert sum(Recording(path).counts().values()) == len(pieces)
 

@@ -1,0 +1,225 @@
+"""The file behind a recording: chunks written by a thread, forced to disk, refused by a full disk, split into parts."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mavlink_frames import Sender
+from mcap.reader import make_reader
+from processes import messages_on_disk
+from traffic import wait_until
+
+from gcs.dialect import Dialect
+from gcs.errors import DiskFullError, RecordingError, SettingsError
+from gcs.framing import Framer
+from gcs.recording.reader import Recording
+from gcs.recording.sync import SyncPolicy
+from gcs.recording.writer import McapWriter
+
+DIALECT = Dialect.load()
+START = 1_760_000_000_000_000_000
+SECOND = 1_000_000_000
+NAMES = ("ATTITUDE", "HIGHRES_IMU", "GPS_RAW_INT", "STATUSTEXT")
+
+
+class Stream:
+    """Frames of one vehicle with random contents, written 100 a second by the clock of the test."""
+
+    def __init__(self, seed: int = 1) -> None:
+        self.sender = Sender(seed=seed)
+        self.framer = Framer(DIALECT)
+        self.time = START
+        self.frames: list[bytes] = []
+
+    def feed(self, writer: McapWriter, count: int, link: str = "udp") -> None:
+        """Write the next frames, each in a batch of its own as a slow link brings them."""
+        for _ in range(count):
+            frame = self.sender.send(NAMES[len(self.frames) % len(NAMES)]).frame
+            self.frames.append(frame)
+            self.time += SECOND // 100
+            writer.write(link, *self.framer.feed(frame), self.time)
+
+    @property
+    def bytes(self) -> bytes:
+        return b"".join(self.frames)
+
+
+def stream_of(path: Path, link: str = "udp") -> bytes:
+    return b"".join(data for _, data in Recording(path).wire_streams()[link])
+
+
+def test_chunks_are_written_in_order_behind_the_receiving_thread(tmp_path: Path) -> None:
+    stream = Stream()
+    with McapWriter(tmp_path / "a.mcap", DIALECT, chunk_seconds=0.05) as writer:
+        writer.metadata("recording", {"flight": "x"})
+        stream.feed(writer, 200)
+        writer.attach("vehicle.toml", "text/plain", b"mass")
+        stream.feed(writer, 200)
+        writer.flush()
+        assert stream_of(tmp_path / "a.mcap") == stream.bytes
+        stream.feed(writer, 3)
+    assert stream_of(tmp_path / "a.mcap") == stream.bytes
+    with open(tmp_path / "a.mcap", "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.chunk_count == len(summary.chunk_indexes) > 50
+        times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
+    assert times == sorted(times)
+    assert not Recording(tmp_path / "a.mcap").damage
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("never", SyncPolicy(None, False)),
+        ("close", SyncPolicy(None, True)),
+        ("chunk", SyncPolicy(0.0, True)),
+        ("2.5", SyncPolicy(2.5, True)),
+    ],
+)
+def test_when_to_force_to_disk_is_said_in_a_word_or_seconds(text: str, expected: SyncPolicy) -> None:
+    assert SyncPolicy.parse(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "always", "0", "-1", "nan", "1e9"])
+def test_a_policy_that_cannot_be_meant_is_refused(text: str) -> None:
+    with pytest.raises(SettingsError, match="--fsync"):
+        SyncPolicy.parse(text)
+
+
+@pytest.mark.parametrize(("policy", "least", "most"), [("never", 0, 0), ("close", 1, 1), ("chunk", 8, 12)])
+def test_the_disk_is_asked_as_often_as_the_policy_says(
+    policy: str, least: int, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The calls are real; they are counted on their way, since nothing short of a power cut shows their effect."""
+    calls: list[int] = []
+    real = os.fdatasync
+
+    def counted(handle: int) -> None:
+        calls.append(handle)
+        real(handle)
+
+    monkeypatch.setattr(os, "fdatasync", counted)
+    stream = Stream()
+    with McapWriter(tmp_path / "a.mcap", DIALECT, chunk_seconds=0.1, sync=SyncPolicy.parse(policy)) as writer:
+        stream.feed(writer, 100)
+    assert least <= len(calls) <= most
+
+
+def test_an_idle_recording_is_forced_to_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(os, "fdatasync", calls.append)
+    stream = Stream()
+    with McapWriter(tmp_path / "a.mcap", DIALECT, sync=SyncPolicy.parse("0.05")) as writer:
+        stream.feed(writer, 10)
+        writer.tick(stream.time + SECOND)
+        wait_until(lambda: len(calls) == 1 and messages_on_disk(tmp_path / "a.mcap") == 10)
+
+
+def test_parts_feign_no_loss_and_join_to_the_stream(tmp_path: Path) -> None:
+    stream, other = Stream(), Stream(seed=2)
+    paths = [tmp_path / name for name in ("a.mcap", "a.part2.mcap", "a.part3.mcap")]
+    with McapWriter(paths[0], DIALECT) as writer:
+        for following in (*paths[1:], None):
+            stream.feed(writer, 70)
+            other.feed(writer, 30, "serial")
+            if following is not None:
+                writer.roll(following)
+        assert writer.path == paths[2]
+        assert writer.counts.messages == 300
+    counters: list[int] = []
+    for number, path in enumerate(paths):
+        recording = Recording(path)
+        assert not recording.damage
+        assert sum(recording.counts().values()) == 100
+        assert set(recording.lost().values()) == {0}
+        counters += sorted(
+            counter
+            for name in NAMES
+            for columns in recording.columns(name)
+            for counter in columns.sequence.tolist()
+            if number == 0 or counter >= 70 * number
+        )
+        with open(path, "rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            summary = reader.get_summary()
+            assert summary is not None
+            assert summary.statistics is not None
+            assert summary.statistics.message_count == sum(1 for _ in reader.iter_messages())
+    assert b"".join(map(stream_of, paths)) == stream.bytes
+    assert b"".join(stream_of(path, "serial") for path in paths) == other.bytes
+
+
+def test_a_part_that_cannot_be_begun_leaves_the_first_open(tmp_path: Path) -> None:
+    stream = Stream()
+    with McapWriter(tmp_path / "a.mcap", DIALECT) as writer:
+        stream.feed(writer, 10)
+        with pytest.raises(RecordingError, match="No such file"):
+            writer.roll(tmp_path / "nowhere" / "b.mcap")
+        stream.feed(writer, 10)
+    assert stream_of(tmp_path / "a.mcap") == stream.bytes
+
+
+def test_the_reserve_of_the_disk_stays_free_and_the_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = Stream()
+    room = os.statvfs(tmp_path)
+    free = room.f_bavail * room.f_frsize
+    writer = McapWriter(tmp_path / "a.mcap", DIALECT, chunk_seconds=0.1, reserve_bytes=free // 2)
+    stream.feed(writer, 50)
+    writer.flush()
+    kept = stream.bytes
+    # From here on the disk seems to hold less than the reserve.
+    monkeypatch.setattr(os, "fstatvfs", lambda handle: os.statvfs_result((4096, 4096, 9, 9, 9, 9, 9, 9, 0, 255)))
+    stream.feed(writer, 9)
+    with pytest.raises(DiskFullError, match="reserve") as error:
+        writer.flush()
+    assert "\n" not in str(error.value)
+    writer.close()
+    assert writer.lost.bytes == len(stream.bytes) - len(kept)
+    assert writer.lost.messages == 9
+    recording = Recording(tmp_path / "a.mcap")
+    assert not recording.damage
+    assert not recording.damage.truncated
+    assert stream_of(tmp_path / "a.mcap") == kept
+
+
+LIMITED = """
+import resource, signal, sys
+from pathlib import Path
+sys.path.insert(0, {support!r})
+sys.path.insert(0, {here!r})
+from test_recording_parts import DIALECT, Stream, RecordingError, McapWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+writer, stream = McapWriter(Path({path!r}), DIALECT, chunk_seconds=0.1), Stream()
+try:
+    for _ in range(1000):
+        stream.feed(writer, 10)
+        writer.flush()
+except RecordingError as error:
+    print(error)
+writer.close()
+print(len(stream.bytes) - writer.lost.bytes, writer.lost.messages)
+"""
+
+
+@pytest.mark.parametrize("limit", [5_000, 20_011])
+def test_a_file_that_the_system_refuses_to_extend_stays_readable(limit: int, tmp_path: Path) -> None:
+    """A limit on the size of files stands for the full disk: the system refuses in the middle of a record."""
+    path = tmp_path / "a.mcap"
+    here = Path(__file__).resolve().parent
+    program = LIMITED.format(support=str(here.parent / "support"), here=str(here), limit=limit, path=str(path))
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    error, numbers = done.stdout.splitlines()
+    assert error == f"{path} cannot be written: File too large"
+    kept, lost = map(int, numbers.split())
+    recording = Recording(path)
+    assert recording.damage.bytes == 0
+    assert path.stat().st_size <= limit
+    assert len(stream_of(path)) == kept > 0
+    assert lost > 0
