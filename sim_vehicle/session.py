@@ -21,8 +21,9 @@ from sim_vehicle.plan import Plan, plan_of, read_plan
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.sinks import Sink, TcpSink, UdpSink, check_link, open_link, open_recording
-from sim_vehicle.telemetry import BOOT_S, Telemetry, Tick
+from sim_vehicle.telemetry import Telemetry, Tick
 from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sim_vehicle.vehicleclock import BOOT_S
 
 _PROGRESS_S = 0.5
 _FLIGHT_SETTINGS = ("airspeed", "altitude")

@@ -12,8 +12,9 @@ from sim_vehicle.model import read_model
 from sim_vehicle.plan import plan_of
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import Reading, SensorSuite
-from sim_vehicle.telemetry import BOOT_S, Telemetry, Tick
+from sim_vehicle.telemetry import Telemetry, Tick
 from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicleclock import BOOT_S, VehicleClock
 
 EPOCH_US = 1_760_000_000_000_000
 Messages = dict[str, list[mavlink.MAVLink_message]]
@@ -125,7 +126,7 @@ def small(telemetry: Telemetry, time_s: float, armed: bool = True) -> list[mavli
 
 
 def test_servo_stamp_wraps_at_32_bits() -> None:
-    telemetry = Telemetry(epoch_us=EPOCH_US, boot_s=4294.96)
+    telemetry = Telemetry(epoch_us=EPOCH_US, clock=VehicleClock(boot_s=4294.96))
     before = small(telemetry, 0.0)[-1].time_usec
     after = small(telemetry, 0.02)[-1].time_usec
     assert before == 4_294_960_000
