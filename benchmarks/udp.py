@@ -1,0 +1,192 @@
+"""Receiving UDP and recording it: CPU per datagram and loss, against mavutil and mcap-python.
+
+Run: python benchmarks/udp.py [--rates 410,60000] [--seconds 10] [--rounds 5] [--loss-rate 100000 --loss-seconds 60]
+
+The sender is a program in C (compiled with cc), in a process of its own, with one MAVLink 2 frame in each datagram.
+CPU is what the kernel accounts to the receiving process and its threads while the datagrams come, its idle work
+included. Loss is what was sent less what is in the recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import signal
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from telemetry import telemetry
+
+from gcs.recording.reader import Recording
+
+HERE = Path(__file__).parent
+WARM_UP = 2048
+OWN, PEER = "gcs record", "mavutil + mcap-python"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One receiver under one load. cpu_us: per datagram received. seconds: the sender's."""
+
+    sent: int
+    received: int
+    cpu_us: float
+    seconds: float
+
+
+def build_sender(folder: Path) -> Path:
+    """The compiled sender."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        sys.exit("udp.py needs a C compiler (cc) for its sender; install one")
+    program = folder / "udp_sender"
+    subprocess.run([compiler, "-O2", "-o", program, HERE / "udp_sender.c"], check=True)
+    return program
+
+
+def datagrams(path: Path) -> None:
+    """Telemetry for the sender: a multiple of 256 frames, so that the counters go on when it starts over."""
+    frames = [frame for _, frame in telemetry(60.0)]
+    frames = frames[: len(frames) // 256 * 256]
+    path.write_bytes(b"".join(struct.pack("<I", len(frame)) + frame for frame in frames))
+
+
+def cpu_seconds(process: int) -> float:
+    """CPU time of a process and all its threads so far, as the scheduler counts it."""
+    tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
+    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
+
+
+def free_port() -> int:
+    """A UDP port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def receiver(name: str, port: int, path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The process that receives, ready to."""
+    if name == OWN:
+        command = [str(Path(sys.executable).with_name("gcs")), "record", "--connect", f"udpin:127.0.0.1:{port}", "-o"]
+    else:
+        command = [sys.executable, str(HERE / "udp_peer.py"), str(port)]
+    process = subprocess.Popen([*command, str(path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        if name == OWN:
+            while not path.exists() and process.poll() is None:
+                time.sleep(0.05)
+        else:
+            assert process.stdout is not None
+            process.stdout.readline()
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+def settled(process: int) -> float:
+    """CPU time once the process has nothing left to do."""
+    used = cpu_seconds(process)
+    while True:
+        time.sleep(0.3)
+        now = cpu_seconds(process)
+        if now - used < 0.05:
+            return now
+        used = now
+
+
+def measure(name: str, rate: float, seconds: float, sender: Path, data: Path, folder: Path) -> Run:
+    """Send `rate` datagrams per second to a new receiver and count what comes out of it."""
+    port, path = free_port(), folder / "udp.mcap"
+    path.unlink(missing_ok=True)
+    count = round(rate * seconds / 256) * 256
+
+    def send(how_many: int, how_fast: float) -> float:
+        out = subprocess.run(
+            [sender, str(port), str(how_fast), str(how_many), data], check=True, capture_output=True, text=True
+        )
+        return float(out.stdout.split()[1])
+
+    with receiver(name, port, path) as process:
+        send(WARM_UP, 2000)
+        before = settled(process.pid)
+        start = time.monotonic()
+        took = send(count, rate)
+        # What came late is part of the work; waiting for it costs the receiver its idle work, as it did before.
+        time.sleep(0.3)
+        used = cpu_seconds(process.pid) - before
+        span = time.monotonic() - start
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=120)
+    received = recorded(name, path) - WARM_UP
+    return Run(count, received, 1e6 * used * (took / span if rate < 1000 else 1.0) / max(received, 1), took)
+
+
+def recorded(name: str, path: Path) -> int:
+    """Messages in the file that a receiver left."""
+    if name == OWN:
+        return sum(Recording(path).counts().values())
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    return summary.statistics.message_count
+
+
+def compare_cpu(rate: float, seconds: float, rounds: int, sender: Path, data: Path, folder: Path) -> None:
+    """CPU per datagram of both, forward and backward in turn, and the median of the rounds' ratios."""
+    runs: dict[str, list[Run]] = {PEER: [], OWN: []}
+    for turn in range(rounds):
+        for name in list(runs)[:: 1 if turn % 2 == 0 else -1]:
+            runs[name].append(measure(name, rate, seconds, sender, data, folder))
+    print(f"{rate:,.0f} datagrams/s for {seconds:g} s, {rounds} rounds")
+    for name, results in runs.items():
+        ratios = [peer.cpu_us / own.cpu_us for peer, own in zip(runs[PEER], results, strict=True)]
+        cpu = statistics.median(run.cpu_us for run in results)
+        lost = [f"{1 - run.received / run.sent:.2%}" for run in results]
+        print(f"  {name:24s} {cpu:8.2f} us/datagram {statistics.median(ratios):7.1f} x   lost {' '.join(lost)}")
+
+
+def loss(rate: float, seconds: float, sender: Path, data: Path, folder: Path) -> None:
+    """What is lost at a rate."""
+    run = measure(OWN, rate, seconds, sender, data, folder)
+    print(
+        f"{rate:,.0f} datagrams/s for {seconds:g} s: sent {run.sent:,d} at {run.sent / run.seconds:,.0f}/s,"
+        f" lost {run.sent - run.received:,d}, {run.cpu_us:.2f} us/datagram"
+    )
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rates", default="410,60000", help="datagrams per second, with commas")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--loss-rate", default="100000", help="datagrams per second, with commas; empty for none")
+    parser.add_argument("--loss-seconds", type=float, default=60.0)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="udp-") as name:
+        folder = Path(name)
+        sender, data = build_sender(folder), folder / "datagrams"
+        datagrams(data)
+        for rate in filter(None, arguments.rates.split(",")):
+            compare_cpu(float(rate), arguments.seconds, arguments.rounds, sender, data, folder)
+        for rate in filter(None, arguments.loss_rate.split(",")):
+            loss(float(rate), arguments.loss_seconds, sender, data, folder)
+
+
+if __name__ == "__main__":
+    main()
