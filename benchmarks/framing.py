@@ -6,6 +6,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import compare, telemetry
 
+from gcs.columns import message_columns
 from gcs.dialect import Dialect
 from gcs.framing import Framer, scan
 
@@ -32,13 +33,19 @@ def main() -> None:
         count = sum(len(framer.feed(data[at : at + 4096])[1]) for at in range(0, len(data), 4096))
         assert count == len(frames)
 
-    many = float(len(frames) * copies)
-    compare(
-        "framing and checksum",
-        "frames",
-        {"pymavlink parse_buffer, 4 KiB": len(frames), "scan, whole buffer": many, "Framer, 4 KiB": len(frames)},
-        {"pymavlink parse_buffer, 4 KiB": pymavlink_parse, "scan, whole buffer": whole_buffer, "Framer, 4 KiB": pieces},
-    )
+    def columns() -> None:
+        found = scan(large, dialect)
+        gathered = message_columns(found, dialect)
+        assert sum(len(part) for part in gathered.values()) == len(found)
+
+    peer = "pymavlink parse_buffer, 4 KiB"
+    one, many = float(len(frames)), float(len(frames) * copies)
+    for name, amount, own in (
+        ("scan, whole buffer", many, whole_buffer),
+        ("Framer, 4 KiB", one, pieces),
+        ("scan and columns", many, columns),
+    ):
+        compare("framing and checksum", "frames", {peer: one, name: amount}, {peer: pymavlink_parse, name: own})
 
 
 if __name__ == "__main__":

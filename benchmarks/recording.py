@@ -1,4 +1,4 @@
-"""Writing and reading recordings, against mcap-python and pymavlink. Run: python benchmarks/recording.py"""
+"""Writing and reading recordings, against the libraries that others use. Run: python benchmarks/recording.py"""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import struct
 import tempfile
 from pathlib import Path
 
+import foxglove
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer as RosWriter
 from pymavlink import mavutil
+from rerun.chunk import McapReader
 from telemetry import compare, telemetry
 
 from gcs.dialect import Dialect
@@ -53,6 +55,30 @@ def write_peer(dialect: Dialect, ready: list[tuple[str, int, bytes]]) -> None:
     writer.finish()
 
 
+def write_foxglove(dialect: Dialect, ready: list[tuple[str, int, bytes]], path: Path) -> None:
+    """foxglove-sdk, whose core is in Rust, from ready CDR bytes; its own defaults (zstd, indexes, all cores)."""
+    context = foxglove.Context()
+    with foxglove.open_mcap(path, allow_overwrite=True, context=context):
+        channels: dict[str, foxglove.Channel] = {}
+        for name, time, data in ready:
+            channel = channels.get(name)
+            if channel is None:
+                message = dialect.by_name[name]
+                schema = foxglove.Schema(
+                    name=message.schema_name, encoding="ros2msg", data=message.layout.ros2msg.encode()
+                )
+                channel = channels[name] = foxglove.Channel(
+                    f"/mavlink/1/1/{name}", schema=schema, message_encoding="cdr", context=context
+                )
+            channel.log(data, log_time=time)
+
+
+def read_rerun(path: Path) -> int:
+    """rerun's reader, in Rust: Arrow columns of every message; how many there are."""
+    reader = McapReader(path, decoders=["ros2_reflection"], exclude_topic_regex=[WIRE_TOPIC])
+    return sum(chunk.to_record_batch().num_rows for chunk in reader.stream())
+
+
 def import_peer(dialect: Dialect, path: Path, out: Path) -> None:
     """pymavlink reading and mcap-ros2 writing, message by message."""
     log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
@@ -72,6 +98,11 @@ def import_peer(dialect: Dialect, path: Path, out: Path) -> None:
             writer.write_message(f"/mavlink/1/1/{kind.name}", schemas[kind.name], values, time, time)
         writer.finish()
     log.close()
+
+
+def check(count: int, expected: int) -> None:
+    """A reader that gives fewer messages than there are would win any comparison."""
+    assert count == expected, (count, expected)
 
 
 def main() -> None:
@@ -111,8 +142,12 @@ def main() -> None:
         compare(
             "writing, zstd, indexed",
             "messages",
-            {"mcap-python add_message": one, "McapWriter": many},
-            {"mcap-python add_message": lambda: write_peer(dialect, ready), "McapWriter": write_own},
+            {"mcap-python add_message": one, "foxglove-sdk Channel.log": 4 * one, "McapWriter": many},
+            {
+                "mcap-python add_message": lambda: write_peer(dialect, ready),
+                "foxglove-sdk Channel.log": lambda: write_foxglove(dialect, 4 * ready, Path(folder) / "peer.mcap"),
+                "McapWriter": write_own,
+            },
         )
         compare(
             ".tlog to recording",
@@ -122,15 +157,19 @@ def main() -> None:
                 "pymavlink + mcap-ros2": lambda: import_peer(dialect, log, Path(folder) / "peer.mcap"),
                 "import_tlog, one hour": lambda: import_tlog(hour, Path(folder) / "hour.mcap", dialect),
             },
-            rounds=3,
+            rounds=5,
         )
         import_tlog(log, small, dialect)
         compare(
             "file to numpy columns",
             "messages",
-            {"mcap-python + mcap-ros2-support": one, "Recording.columns": many},
-            {"mcap-python + mcap-ros2-support": read_peer, "Recording.columns": read_own},
-            rounds=3,
+            {"mcap-python + mcap-ros2-support": one, "rerun McapReader": many, "Recording.columns": many},
+            {
+                "mcap-python + mcap-ros2-support": read_peer,
+                "rerun McapReader": lambda: check(read_rerun(path), len(found)),
+                "Recording.columns": read_own,
+            },
+            rounds=5,
         )
 
 

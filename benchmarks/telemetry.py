@@ -60,20 +60,27 @@ def _value(chooser: random.Random, field: str, kind: str, tick: int) -> bytes | 
 def compare(
     what: str, unit: str, amount: dict[str, float], runs: dict[str, Callable[[], object]], rounds: int = 7
 ) -> None:
-    """Run all in turn, forward and backward, and print speed and the median of the per-round ratios to the first.
+    """Run all in turn, forward and backward; print speed and the median of the per-round ratios to each peer.
 
-    amount: units that one call of each run handles.
+    amount: units that one call of each run handles. The last run is compared with all others, which are peers.
+    Time is the clock's; the ratio of CPU times (all threads of the process) stands behind it, for a shared machine.
     """
-    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in runs}
     for run in runs.values():
         run()
     for turn in range(rounds):
         for name in list(runs)[:: 1 if turn % 2 == 0 else -1]:
-            start = time.perf_counter()
+            start, cpu = time.perf_counter(), time.process_time()
             runs[name]()
-            seconds[name].append((time.perf_counter() - start) / amount[name])
+            spent = time.perf_counter() - start, time.process_time() - cpu
+            seconds[name].append((spent[0] / amount[name], spent[1] / amount[name]))
     print(what)
-    first = next(iter(runs))
+    own = list(runs)[-1]
     for name, times in seconds.items():
-        ratios = [peer / own for peer, own in zip(seconds[first], times, strict=True)]
-        print(f"  {name:42s} {1.0 / statistics.median(times):14,.0f} {unit}/s   {statistics.median(ratios):7.1f} x")
+        line = f"  {name:42s} {1.0 / statistics.median(wall for wall, _ in times):14,.0f} {unit}/s"
+        if name != own:
+            pairs = list(zip(times, seconds[own], strict=True))
+            clock = statistics.median(peer[0] / mine[0] for peer, mine in pairs)
+            cpu = statistics.median(peer[1] / mine[1] for peer, mine in pairs)
+            line += f"   {own} is {clock:.1f} times as fast, in CPU time {cpu:.1f}"
+        print(line)
