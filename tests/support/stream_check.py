@@ -135,7 +135,7 @@ def record(data: NDArray[np.uint8], cuts: Iterable[int], path: Path, dialect: Di
     raw = data.tobytes()
     offsets: list[Ints] = []
     taken = 0
-    with McapWriter(path, dialect, durable=False) as writer:
+    with McapWriter(path, dialect) as writer:
         edges = [0, *cuts, len(raw)]
         for number, (start, stop) in enumerate(itertools.pairwise(edges)):
             buffer, frames = framer.feed(raw[start:stop], final=stop == len(raw))
