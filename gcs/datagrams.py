@@ -14,6 +14,7 @@ import socket
 import sys
 import time
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,23 +31,30 @@ _TIMESPEC_CONTROL = 32
 _DROPS_CONTROL = 56
 
 
+#: Host and port of who sent a datagram.
+Peer = tuple[str, int]
+
+
 @dataclass(frozen=True)
 class Batch:
-    """Bytes of one link in the order of arrival.
+    """Bytes of one source (one peer of a link) in the order of arrival.
 
     ends: (N,) offset in `data` just behind each datagram or read.
     received_ns: (N,) UTC time of arrival of each, ns.
+    source: the source's name where a link tells several peers apart; "" stands for the link's own.
     """
 
     data: bytes
     ends: NDArray[np.int64]
     received_ns: NDArray[np.int64]
+    source: str = ""
 
     @classmethod
-    def of(cls, chunks: list[tuple[bytes, int]]) -> Batch:
+    def of(cls, chunks: list[tuple[bytes, int]], source: str = "") -> Batch:
         """Join (bytes, UTC ns) pairs."""
         ends = np.cumsum([len(data) for data, _ in chunks], dtype=np.int64)
-        return cls(b"".join(data for data, _ in chunks), ends, np.array([at for _, at in chunks], dtype=np.int64))
+        times = np.array([at for _, at in chunks], dtype=np.int64)
+        return cls(b"".join(data for data, _ in chunks), ends, times, source)
 
     def chunks(self) -> list[bytes]:
         """Each datagram or read on its own."""
@@ -63,17 +71,32 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 
+# As many changes of the sender within one fetch are kept in the order of arrival; beyond, datagrams come so
+# densely that the bytes of each peer may be put together.
+_MOST_RUNS = 32
+_MOST_ADDRESSES = 1024
+
+
 @jit
 def _collect(
-    count: int, headers: Words, payload: Bytes, address: Words, control: Ints, out: Bytes, ends: Ints, times: Ints
-) -> tuple[int, int, bool]:
-    """Put `count` datagrams behind one another; (bytes, kernel's count of drops or -1, whether all have one sender).
+    count: int,
+    headers: Words,
+    payload: Bytes,
+    address: Words,
+    control: Ints,
+    out: Bytes,
+    ends: Ints,
+    times: Ints,
+    run_start: Ints,
+) -> tuple[int, int, int]:
+    """Put `count` datagrams behind one another; (bytes, kernel's count of drops or -1, runs of one sender each).
 
-    times: ns of arrival, 0 where the kernel gave no stamp. Makes the headers ready for the next call.
+    times: ns of arrival, 0 where the kernel gave no stamp. run_start: first datagram of each run. Makes the headers
+    ready for the next call.
     """
     total = 0
     drops = -1
-    same = True
+    runs = 0
     for i in range(count):
         length = int(headers[i, _LENGTH] & np.uint64(0xFFFFFFFF))
         for k in range(length):
@@ -85,11 +108,27 @@ def _collect(
             times[i] = control[i, 2] * 1_000_000_000 + control[i, 3]
         if headers[i, _CONTROL_LENGTH] >= _DROPS_CONTROL:
             drops = int(control[i, 6]) & 0xFFFFFFFF
+        same = i > 0
         for k in range(address.shape[1]):
-            same = same and address[i, k] == address[0, k]
+            same = same and address[i, k] == address[i - 1, k]
+        if not same:
+            run_start[runs] = i
+            runs += 1
         headers[i, _NAME_LENGTH] = _ADDRESS_BYTES
         headers[i, _CONTROL_LENGTH] = _CONTROL_BYTES
-    return total, drops, same
+    return total, drops, runs
+
+
+@jit
+def _reorder(order: Ints, ends: Ints, data: Bytes, out: Bytes, new_ends: Ints) -> None:
+    """Put datagrams into another order."""
+    total = 0
+    for i in range(order.size):
+        start = ends[order[i] - 1] if order[i] > 0 else 0
+        for k in range(start, ends[order[i]]):
+            out[total] = data[k]
+            total += 1
+        new_ends[i] = total
 
 
 class DatagramReceiver:
@@ -103,6 +142,8 @@ class DatagramReceiver:
         self._socket = sock
         self.slots = slots
         self.dropped = 0
+        self._peers: dict[bytes, Peer] = {}
+        self._run_start = np.zeros(slots, np.int64)
         self._multiple = sys.platform == "linux" and sys.maxsize > 2**32 and self._prepare(slots)
 
     def _prepare(self, slots: int) -> bool:
@@ -138,46 +179,75 @@ class DatagramReceiver:
         self._headers_at = self._headers.ctypes.data
         return True
 
-    def drain(self) -> tuple[Batch | None, list[tuple[str, int]]]:
-        """Everything that waits now (at most `slots` datagrams), and the addresses that sent it.
+    def drain(self) -> list[tuple[Peer, Batch]]:
+        """Everything that waits now (at most `slots` datagrams): who sent it, and what, in the order of arrival.
 
         Raises OSError (ConnectionRefusedError of a connected socket) as the socket does; never blocks.
         """
         return self._drain_many() if self._multiple else self._drain_singly()
 
-    def _drain_many(self) -> tuple[Batch | None, list[tuple[str, int]]]:
+    def _drain_many(self) -> list[tuple[Peer, Batch]]:
         count = self._recvmmsg(self._socket.fileno(), self._headers_at, self.slots, _MSG_DONTWAIT, None)
         if count < 0:
             number = ctypes.get_errno()
             if number in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR):
-                return None, []
+                return []
             raise OSError(number, os.strerror(number))
         ends, times = np.empty(count, np.int64), np.empty(count, np.int64)
-        total, drops, same = _collect(
-            count, self._headers, self._payload, self._address, self._control, self._out, ends, times
+        total, drops, runs = _collect(
+            count, self._headers, self._payload, self._address, self._control, self._out, ends, times, self._run_start
         )
         if drops >= 0:
             self.dropped = drops
         if times[0] == 0:  # queued before the option was set
             times[times == 0] = time.time_ns()
-        rows = self._address[:1] if same else np.unique(self._address[:count], axis=0)
-        peers = [_address_of(row.tobytes(), self._socket.family) for row in rows]
-        return Batch(self._out[:total].tobytes(), ends, times), peers
+        if runs == 1:
+            return [(self._peer(0), Batch(self._out[:total].tobytes(), ends, times))]
+        return self._split(count, total, runs, ends, times)
 
-    def _drain_singly(self) -> tuple[Batch | None, list[tuple[str, int]]]:
-        chunks: list[tuple[bytes, int]] = []
-        peers: set[tuple[str, int]] = set()
-        while len(chunks) < self.slots:
+    def _split(self, count: int, total: int, runs: int, ends: Ints, times: Ints) -> list[tuple[Peer, Batch]]:
+        """Batches of one sender each."""
+        data, order = self._out[:total], np.arange(count)
+        starts = self._run_start[:runs]
+        if runs > _MOST_RUNS:
+            _, first, inverse = np.unique(self._address[:count], axis=0, return_index=True, return_inverse=True)
+            sender = np.argsort(np.argsort(first))[inverse.reshape(-1)]  # who came first stays first
+            order = np.argsort(sender, kind="stable")
+            data, new_ends = np.empty(total, np.uint8), np.empty(count, np.int64)
+            _reorder(order, ends, self._out, data, new_ends)
+            ends, times = new_ends, times[order]
+            starts = np.flatnonzero(np.diff(sender[order], prepend=-1))
+        batches = []
+        for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), count], strict=True):
+            begin = int(ends[start - 1]) if start else 0
+            part = data[begin : int(ends[stop - 1])].tobytes()
+            batches.append((self._peer(int(order[start])), Batch(part, ends[start:stop] - begin, times[start:stop])))
+        return batches
+
+    def _peer(self, i: int) -> Peer:
+        """Who sent datagram i of the last fetch."""
+        raw = self._address[i].tobytes()
+        peer = self._peers.get(raw)
+        if peer is None:
+            if len(self._peers) >= _MOST_ADDRESSES:
+                self._peers.clear()
+            peer = self._peers[raw] = _address_of(raw, self._socket.family)
+        return peer
+
+    def _drain_singly(self) -> list[tuple[Peer, Batch]]:
+        arrived: list[tuple[Peer, bytes, int]] = []
+        while len(arrived) < self.slots:
             try:
                 data, address = self._socket.recvfrom(_MAX_DATAGRAM)
             except (BlockingIOError, InterruptedError):
                 break
-            chunks.append((data, time.time_ns()))
-            peers.add(address[:2])
-        return (Batch.of(chunks) if chunks else None), sorted(peers)
+            arrived.append((address[:2], data, time.time_ns()))
+        return [
+            (peer, Batch.of([(data, at) for _, data, at in run])) for peer, run in groupby(arrived, lambda one: one[0])
+        ]
 
 
-def _address_of(raw: bytes, family: int) -> tuple[str, int]:
+def _address_of(raw: bytes, family: int) -> Peer:
     """Host and port in a sockaddr_in or sockaddr_in6."""
     port = int.from_bytes(raw[2:4], "big")
     if family == socket.AF_INET6:

@@ -7,19 +7,27 @@ loses its peer goes on trying; nothing that happens on a link raises out of `rec
 from __future__ import annotations
 
 import socket
+import threading
 import time
 from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from gcs.datagrams import Batch
 from gcs.linkurl import LinkUrl
+from gcs.sources import Sources
 
 _BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 
 @dataclass
 class LinkCounters:
-    """What went over a link since it was opened. `dropped`: datagrams the kernel had no room for."""
+    """What went over a link since it was opened.
+
+    dropped: datagrams the kernel had no room for. connections: how often bytes could begin to flow; reconnects: those
+    of them behind a loss. send_errors: pieces that could not be sent, as nobody took them in time.
+    """
 
     bytes: int = 0
     reads: int = 0
@@ -27,6 +35,7 @@ class LinkCounters:
     bytes_sent: int = 0
     send_errors: int = 0
     connections: int = 0
+    reconnects: int = 0
     last_received_ns: int = 0
 
 
@@ -37,16 +46,46 @@ class Link(ABC):
         self.url = url
         self.name = url.text
         self.counters = LinkCounters()
+        self.sources = Sources(url.text)
         self.connected = False
         self.problem = ""
+        self._waiting: deque[Batch] = deque()
+        self._counting = threading.Lock()
 
-    @abstractmethod
     def receive(self, timeout_s: float) -> Batch | None:
-        """Bytes that arrived within `timeout_s`, or None; never raises for what a peer does."""
+        """Bytes of one source that arrived within `timeout_s`, or None; never raises for what a peer does."""
+        if not self._waiting:
+            self._fetch(timeout_s)
+        if not self._waiting:
+            return None
+        batch = self._waiting.popleft()
+        self.counters.bytes += len(batch.data)
+        self.counters.reads += batch.ends.size
+        self.counters.last_received_ns = int(batch.received_ns[-1])
+        return batch
 
     @abstractmethod
-    def send(self, data: bytes) -> None:
-        """Send to every peer known now; what cannot be sent is counted."""
+    def _fetch(self, timeout_s: float) -> None:
+        """Put what arrives within `timeout_s` into `_waiting`."""
+
+    @abstractmethod
+    def send(self, data: bytes, wait_s: float = 0.0) -> None:
+        """Send whole frames to every peer known now; what cannot be sent within `wait_s` is dropped and counted."""
+
+    def send_frames(self, frames: Sequence[bytes]) -> None:
+        """Send frames, each in a datagram of its own where the link has datagrams; waits for nothing."""
+        for frame in frames:
+            self.send(frame)
+
+    def _sent(self, count: int) -> None:
+        """Count bytes that were sent, from whatever thread."""
+        with self._counting:
+            self.counters.bytes_sent += count
+
+    def _unsent(self) -> None:
+        """Count a piece that could not be sent."""
+        with self._counting:
+            self.counters.send_errors += 1
 
     @abstractmethod
     def close(self) -> None:
@@ -64,13 +103,8 @@ class Link(ABC):
             "connected": self.connected,
             "problem": self.problem,
             **asdict(self.counters),
+            "sources": self.sources.to_json(),
         }
-
-    def _count(self, batch: Batch) -> Batch:
-        self.counters.bytes += len(batch.data)
-        self.counters.reads += batch.ends.size
-        self.counters.last_received_ns = int(batch.received_ns[-1])
-        return batch
 
 
 def resolve(url: LinkUrl, kind: socket.SocketKind) -> tuple[int, tuple[str, int]]:
@@ -80,10 +114,16 @@ def resolve(url: LinkUrl, kind: socket.SocketKind) -> tuple[int, tuple[str, int]
     return family, (str(address[0]), int(address[1]))
 
 
-class Backoff:
-    """Spaces the attempts to reconnect: 0.1 s at first, then up to 2 s."""
+def address_text(host: str, port: int) -> str:
+    """HOST:PORT, an IPv6 host in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
-    def __init__(self) -> None:
+
+class Backoff:
+    """Spaces the attempts to reconnect: 0.1 s at first, then up to `longest_s`."""
+
+    def __init__(self, longest_s: float = _BACKOFF_S[-1]) -> None:
+        self._longest_s = longest_s
         self._failures = 0
         self._next = 0.0
 
@@ -94,7 +134,8 @@ class Backoff:
             time.sleep(min(wait, timeout_s))
         if time.monotonic() < self._next:
             return False
-        self._next = time.monotonic() + _BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)]
+        pause = _BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)]
+        self._next = time.monotonic() + min(pause, self._longest_s)
         self._failures += 1
         return True
 

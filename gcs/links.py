@@ -6,12 +6,15 @@ from collections.abc import Callable
 
 from gcs.link import Link
 from gcs.linkurl import LinkKind, LinkUrl, parse_url
-from gcs.streamlinks import SerialLink, TcpClientLink, TcpServerLink
+from gcs.streamlinks import SerialLink, TcpClientLink
+from gcs.tcpserver import TcpServerLink
 from gcs.udplink import UdpLink
 
 _LINKS: dict[LinkKind, Callable[[LinkUrl], Link]] = {
     LinkKind.UDP_IN: UdpLink,
     LinkKind.UDP_OUT: UdpLink,
+    LinkKind.UDP_BROADCAST: UdpLink,
+    LinkKind.UDP_MULTICAST: UdpLink,
     LinkKind.TCP_CLIENT: TcpClientLink,
     LinkKind.TCP_SERVER: TcpServerLink,
     LinkKind.SERIAL: SerialLink,

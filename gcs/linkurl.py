@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from dataclasses import dataclass
 from enum import Enum
@@ -9,8 +10,13 @@ from enum import Enum
 from gcs.errors import LinkUrlError
 
 DEFAULT_BAUD = 115200
+#: Where ArduPilot's `mcast:` and pymavlink's meet when the URL names no group.
+MULTICAST_GROUP, MULTICAST_PORT = "239.255.145.50", 14550
 
-_EXAMPLES = "udpin:0.0.0.0:14550, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:0.0.0.0:PORT or /dev/ttyUSB0,921600"
+_EXAMPLES = (
+    "udpin:0.0.0.0:14550, udpout:HOST:PORT, udpbcast:ADDRESS:PORT, mcast:, tcp:HOST:PORT, tcpin:0.0.0.0:PORT "
+    "or /dev/ttyUSB0,921600"
+)
 
 
 class LinkKind(Enum):
@@ -18,6 +24,8 @@ class LinkKind(Enum):
 
     UDP_IN = "udpin"
     UDP_OUT = "udpout"
+    UDP_BROADCAST = "udpbcast"
+    UDP_MULTICAST = "mcast"
     TCP_CLIENT = "tcp"
     TCP_SERVER = "tcpin"
     SERIAL = "serial"
@@ -28,7 +36,7 @@ class LinkUrl:
     """One parsed connection string.
 
     text: as the user wrote it; names the link in recordings and in /api/links.
-    host, port: of a network link; `device`, `baud`: of a serial one.
+    host, port: of a network link; `device` (a path, or a pattern such as /dev/ttyACM*), `baud`: of a serial one.
     """
 
     text: str
@@ -44,6 +52,8 @@ _PREFIXES = {
     "udpin": LinkKind.UDP_IN,
     "udp": LinkKind.UDP_IN,
     "udpout": LinkKind.UDP_OUT,
+    "udpbcast": LinkKind.UDP_BROADCAST,
+    "mcast": LinkKind.UDP_MULTICAST,
     "tcp": LinkKind.TCP_CLIENT,
     "tcpin": LinkKind.TCP_SERVER,
 }
@@ -53,8 +63,8 @@ _ADDRESS = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]\s]*)):(?P<port>\
 def parse_url(text: str) -> LinkUrl:
     """Parse a connection string; LinkUrlError says how it should have looked.
 
-    `udpin: udp: udpout: tcp: tcpin:` take HOST:PORT (an IPv6 host in brackets); a path or COMn
-    is a serial device with an optional `,baud`.
+    `udpin: udp: udpout: udpbcast: mcast: tcp: tcpin:` take HOST:PORT (an IPv6 host in brackets; `mcast:` also PORT
+    alone or nothing); a path or COMn is a serial device with an optional `,baud`.
     """
     text = text.strip()
     prefix, colon, rest = text.partition(":")
@@ -71,6 +81,8 @@ def parse_url(text: str) -> LinkUrl:
 
 
 def _parse_network(text: str, kind: LinkKind, address: str) -> LinkUrl:
+    if kind is LinkKind.UDP_MULTICAST and ":" not in address:
+        address = f"{MULTICAST_GROUP}:{address or MULTICAST_PORT}"
     match = _ADDRESS.fullmatch(address)
     port = int(match["port"]) if match else -1
     if match is None or port > 65535:
@@ -79,4 +91,13 @@ def _parse_network(text: str, kind: LinkKind, address: str) -> LinkUrl:
     listens = kind in (LinkKind.UDP_IN, LinkKind.TCP_SERVER)
     if not listens and (not host or port == 0):
         raise LinkUrlError(f"{text!r} needs the host and port to connect to; write {_EXAMPLES}")
+    if kind is LinkKind.UDP_MULTICAST and not _is_multicast(host):
+        raise LinkUrlError(f"{text!r} needs a multicast group, as in mcast:{MULTICAST_GROUP}:{MULTICAST_PORT}")
     return LinkUrl(text, kind, host=host or "0.0.0.0", port=port)
+
+
+def _is_multicast(host: str) -> bool:
+    try:
+        return ipaddress.IPv4Address(host).is_multicast
+    except ValueError:
+        return False

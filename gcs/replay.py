@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from gcs.errors import LinkError, RecordingError
@@ -15,6 +16,7 @@ from gcs.recording.reader import Recording, WirePieces
 
 _CONNECT_TIMEOUT_S = 30.0
 _POLL_S = 0.05
+_SEND_TIMEOUT_S = 5.0  # for a receiver that is slower than the replay
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,8 @@ def replay_file(
     started = time.monotonic()
     try:
         _wait_for_peer(out)
-        count, total = replay(pieces, out.send, speed, progress=lambda ns: progress(ns / span))
+        send = partial(out.send, wait_s=_SEND_TIMEOUT_S)
+        count, total = replay(pieces, send, speed, progress=lambda ns: progress(ns / span))
     finally:
         stopping.set()
         listener.join()

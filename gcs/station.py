@@ -39,7 +39,7 @@ class GroundStationHeartbeat:
 class Station:
     """Links in, bytes to `take`, bytes on to the links of `forward` and their answers back to the vehicle.
 
-    take: called with (link name, batch) from the thread of that link. tick: called a few times each second with UTC ns.
+    take: called with (source name, batch) from the thread of that link. tick: called a few times a second with UTC ns.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Station:
             batch = link.receive(_RECEIVE_TIMEOUT_S)
             if batch is None:
                 continue
-            self._take(link.name, batch)
+            self._take(batch.source or link.name, batch)
             for other in self.forward:
                 for chunk in batch.chunks():
                     other.send(chunk)

@@ -1,99 +1,147 @@
-"""Links that carry a byte stream: TCP and serial."""
+"""Links that carry a byte stream: a TCP client and a serial device."""
 
 from __future__ import annotations
 
 import contextlib
+import glob
+import os
 import select
 import socket
+import sys
 import time
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import serial
 
-from gcs.datagrams import Batch
-from gcs.errors import LinkError
-from gcs.link import Backoff, Link, resolve
+from gcs.datagrams import Batch, Peer
+from gcs.link import Backoff, Link, address_text
 from gcs.linkurl import LinkUrl
+from gcs.outbox import Outbox
 
 # Reads are stamped here, not by the kernel, so each is made at once; only the handing over waits for a few.
-_GATHER_S = 0.02
-_READ_BYTES = 65536
+GATHER_S = 0.02
+READ_BYTES = 65536
+#: What is on its way when a link is closed gets this long.
+LINGER_S = 1.0
+# Looking for a device costs next to nothing, and what it sends before it is opened is lost.
+_LOOK_FOR_DEVICE_S = 0.1
+CLOSED = "the other side closed the connection"
 
 
 class StreamLink(Link):
-    """A byte stream that may end and come back: what TCP and serial links share."""
+    """A byte stream that may end and come back: what TCP clients and serial links share."""
 
     def __init__(self, url: LinkUrl) -> None:
         super().__init__(url)
         self._retry = Backoff()
+        self._outbox: Outbox | None = None
 
     @abstractmethod
-    def _connect(self, timeout_s: float) -> bool:
-        """Try once; True when bytes can flow, OSError with the reason when not."""
+    def _connect(self, timeout_s: float) -> tuple[Peer, str]:
+        """Try once: the peer and its name in words; OSError with the reason if bytes cannot flow."""
 
     @abstractmethod
     def _read(self, timeout_s: float) -> bytes | None:
         """Bytes within `timeout_s`, b"" if none came, None or OSError if the stream has ended."""
 
     @abstractmethod
-    def _write(self, data: bytes) -> None:
-        """Send all; OSError if that cannot be done now."""
+    def _write(self, data: memoryview) -> int:
+        """Give the stream what it takes without waiting; OSError if it has ended."""
 
     @abstractmethod
     def _disconnect(self) -> None:
         """Drop the connection, keep what is needed for the next."""
 
-    def receive(self, timeout_s: float) -> Batch | None:
+    def _fetch(self, timeout_s: float) -> None:
         if not self.connected and not self._reconnect(timeout_s):
-            return None
+            return
         chunks: list[tuple[bytes, int]] = []
         deadline = time.monotonic() + timeout_s
         while (left := deadline - time.monotonic()) > 0:
             try:
+                if self._outbox:
+                    self._outbox.flush()
+                    left = min(left, GATHER_S)
                 data = self._read(left)
             except OSError as error:
                 self._lose(error.strerror or str(error))
                 break
             if data is None:
-                self._lose("the other side closed the connection")
+                self._lose(CLOSED)
                 break
             if data:
                 chunks.append((data, time.time_ns()))
                 if len(chunks) == 1:
-                    deadline = min(deadline, time.monotonic() + _GATHER_S)
-        return self._count(Batch.of(chunks)) if chunks else None
+                    deadline = min(deadline, time.monotonic() + GATHER_S)
+        if chunks:
+            batch = Batch.of(chunks)
+            self._source.count(batch)
+            self._waiting.append(batch)
 
     def _reconnect(self, timeout_s: float) -> bool:
         if not self._retry.due(timeout_s):
             return False
         try:
-            self.connected = self._connect(timeout_s)
+            peer, address = self._connect(timeout_s)
         except OSError as error:
             self.problem = error.strerror or str(error)
             return False
-        if self.connected:
-            self.problem = ""
-            self.counters.connections += 1
-            self._retry.reset()
-        return self.connected
+        self._source = self.sources.of(peer, address)
+        self._outbox = Outbox(self._write, self._sent)
+        self.connected, self.problem = True, ""
+        self.counters.reconnects += self.counters.connections > 0
+        self.counters.connections += 1
+        self._retry.reset()
+        return True
 
     def _lose(self, problem: str) -> None:
         self.connected = False
         self.problem = problem
+        self._outbox = None
+        self.sources.forget(self._source.peer)
         self._disconnect()
 
-    def send(self, data: bytes) -> None:
-        if not self.connected:
+    def send(self, data: bytes, wait_s: float = 0.0) -> None:
+        outbox = self._outbox
+        if outbox is None:
             return
         try:
-            self._write(data)
-            self.counters.bytes_sent += len(data)
-        except OSError:
-            self.counters.send_errors += 1
+            if not outbox.offer(data, wait_s):
+                self._unsent()
+        except OSError:  # reading says what became of the stream
+            self._unsent()
+
+    def send_frames(self, frames: Sequence[bytes]) -> None:
+        """Send frames behind one another; waits for nothing."""
+        self.send(b"".join(frames))
 
     def close(self) -> None:
+        if self._outbox:
+            with contextlib.suppress(OSError):
+                self._outbox.flush(LINGER_S)
+        self._outbox = None
         self.connected = False
         self._disconnect()
+
+
+def prepare_socket(sock: socket.socket) -> None:
+    """Send at once, wait for nothing, and notice within half a minute that the other side is gone without a word."""
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    if sys.platform == "linux":
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 10)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 5)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
+
+
+def write_some(sock: socket.socket, data: memoryview) -> int:
+    """Give a non-blocking socket what it takes now."""
+    try:
+        return sock.send(data)
+    except (BlockingIOError, InterruptedError):
+        return 0
 
 
 class TcpClientLink(StreamLink):
@@ -103,12 +151,12 @@ class TcpClientLink(StreamLink):
         super().__init__(url)
         self._socket: socket.socket | None = None
 
-    def _connect(self, timeout_s: float) -> bool:
+    def _connect(self, timeout_s: float) -> tuple[Peer, str]:
         sock = socket.create_connection((self.url.host, self.url.port), timeout=max(timeout_s, 0.5))
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        prepare_socket(sock)
         self._socket = sock
-        return True
+        peer = (self.url.host, self.url.port)
+        return peer, address_text(*peer)
 
     def _read(self, timeout_s: float) -> bytes | None:
         sock = self._socket
@@ -116,11 +164,12 @@ class TcpClientLink(StreamLink):
             return None
         if not select.select([sock], [], [], timeout_s)[0]:
             return b""
-        return sock.recv(_READ_BYTES) or None
+        return sock.recv(READ_BYTES) or None
 
-    def _write(self, data: bytes) -> None:
-        if self._socket is not None:
-            self._socket.sendall(data)
+    def _write(self, data: memoryview) -> int:
+        if self._socket is None:
+            return 0
+        return write_some(self._socket, data)
 
     def _disconnect(self) -> None:
         sock, self._socket = self._socket, None
@@ -128,62 +177,34 @@ class TcpClientLink(StreamLink):
             sock.close()
 
 
-class TcpServerLink(TcpClientLink):
-    """`tcpin:HOST:PORT`: serves one client at a time; a new one replaces one that has been silent for 2 s."""
-
-    _SILENT_S = 2.0
-
-    def __init__(self, url: LinkUrl) -> None:
-        super().__init__(url)
-        try:
-            family, address = resolve(url, socket.SOCK_STREAM)
-            self._listener = socket.create_server(address, family=socket.AddressFamily(family), backlog=4)
-        except OSError as error:
-            raise LinkError(
-                f"{url.text}: cannot listen there ({error.strerror or error}); choose another port"
-            ) from error
-        self._last_read = 0.0
-
-    @property
-    def port(self) -> int:
-        """The local port, of use where the URL asked for port 0."""
-        return int(self._listener.getsockname()[1])
-
-    def _connect(self, timeout_s: float) -> bool:
-        if not select.select([self._listener], [], [], timeout_s)[0]:
-            self._retry.reset()
-            return False
-        self._socket, _ = self._listener.accept()
-        self._socket.settimeout(max(timeout_s, 0.5))
-        self._last_read = time.monotonic()
-        return True
-
-    def _read(self, timeout_s: float) -> bytes | None:
-        data = super()._read(timeout_s)
-        if data:
-            self._last_read = time.monotonic()
-        elif time.monotonic() - self._last_read > self._SILENT_S and select.select([self._listener], [], [], 0)[0]:
-            return None
-        return data
-
-    def close(self) -> None:
-        super().close()
-        self._listener.close()
-
-
 class SerialLink(StreamLink):
-    """A serial device or pseudo-terminal: opened again whenever it was unplugged."""
+    """A serial device or pseudo-terminal: opened again whenever it was unplugged.
+
+    The device may be a pattern, as /dev/ttyACM*: the first that is there, and that no other program holds, is taken.
+    """
 
     def __init__(self, url: LinkUrl) -> None:
         super().__init__(url)
         self._port: serial.Serial | None = None
+        self._retry = Backoff(_LOOK_FOR_DEVICE_S)
 
-    def _connect(self, timeout_s: float) -> bool:
+    def _connect(self, timeout_s: float) -> tuple[Peer, str]:
+        pattern = self.url.device
+        devices = sorted(glob.glob(pattern)) if glob.has_magic(pattern) else [pattern]
+        if not devices:
+            raise OSError(f"no device matches {pattern} yet")
+        for device in devices[:-1]:
+            with contextlib.suppress(OSError):
+                return self._open(device)
+        return self._open(devices[-1])
+
+    def _open(self, device: str) -> tuple[Peer, str]:
         try:
-            self._port = serial.Serial(self.url.device, self.url.baud, timeout=timeout_s, write_timeout=0.5)
+            # Exclusive: a second program on the device would take bytes away from this one.
+            self._port = serial.Serial(device, self.url.baud, exclusive=True)
         except ValueError as error:  # a baud rate that the device refuses
             raise OSError(str(error)) from error
-        return True
+        return (device, self.url.baud), device
 
     def _read(self, timeout_s: float) -> bytes | None:
         port = self._port
@@ -193,9 +214,14 @@ class SerialLink(StreamLink):
         first = port.read(1)
         return bytes(first + port.read(port.in_waiting)) if first else b""
 
-    def _write(self, data: bytes) -> None:
-        if self._port is not None:
-            self._port.write(data)
+    def _write(self, data: memoryview) -> int:
+        port = self._port
+        if port is None:
+            return 0
+        try:
+            return os.write(port.fileno(), data)
+        except (BlockingIOError, InterruptedError):
+            return 0
 
     def _disconnect(self) -> None:
         port, self._port = self._port, None

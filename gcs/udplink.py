@@ -1,14 +1,18 @@
-"""UDP links."""
+"""UDP links: listening, sending to one address, to a broadcast address, and multicast."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import select
 import socket
+import struct
 import time
+from dataclasses import replace
 
-from gcs.datagrams import Batch, DatagramReceiver
+from gcs.datagrams import DatagramReceiver, Peer
 from gcs.errors import LinkError
-from gcs.link import Backoff, Link, resolve
+from gcs.link import Backoff, Link, address_text, resolve
 from gcs.linkurl import LinkKind, LinkUrl
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024  # holds about 25 s of ordinary telemetry while the process is held up
@@ -17,21 +21,36 @@ RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024  # holds about 25 s of ordinary telemetry
 _LONGEST_WAIT_S = 0.05
 _SHORTEST_WAIT_S = 0.002
 _MANY_DATAGRAMS = 128
-_PEER_MEMORY_S = 30.0
+
+
+def _join_route(sender: socket.socket, group: Peer) -> None:
+    """Connect to a multicast group; within this machine where it is on no network."""
+    try:
+        sender.connect(group)
+    except OSError as error:
+        if error.errno != errno.ENETUNREACH:
+            raise
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        sender.connect(group)
 
 
 class UdpLink(Link):
-    """`udpin:` binds and answers whoever spoke within 30 s; `udpout:` sends to one address first."""
+    """A UDP socket.
+
+    `udpin:` binds and answers whoever spoke within 30 s. `udpout:` sends to one address first. `udpbcast:` sends to a
+    broadcast address until somebody answers, then to those. `mcast:` speaks and listens in a multicast group.
+    """
 
     def __init__(self, url: LinkUrl) -> None:
         super().__init__(url)
-        self._listens = url.kind is LinkKind.UDP_IN
         self._socket: socket.socket | None = None
+        self._sender: socket.socket | None = None
+        self._target: Peer | None = None
+        self._own: Peer | None = None
         self._receiver: DatagramReceiver | None = None
-        self._peers: dict[tuple[str, int], float] = {}
         self._wait_s = _SHORTEST_WAIT_S
         self._retry = Backoff()
-        if self._listens:
+        if url.kind is LinkKind.UDP_IN:
             try:
                 self._open()
             except OSError as error:
@@ -47,48 +66,65 @@ class UdpLink(Link):
     @property
     def ready(self) -> bool:
         """Whether there is a peer to send to."""
-        return self.connected and (not self._listens or bool(self._peers))
+        return self.connected and (self.url.kind is not LinkKind.UDP_IN or bool(self.sources.recent()))
 
     def _open(self) -> None:
+        kind = self.url.kind
         family, address = resolve(self.url, socket.SOCK_DGRAM)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
-        try:
+        with contextlib.ExitStack() as undo:
+            sock = undo.enter_context(socket.socket(family, socket.SOCK_DGRAM))
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
             sock.setblocking(False)
             receiver = DatagramReceiver(sock)
-            if self._listens:
+            sender = sock
+            if kind is LinkKind.UDP_IN:
                 sock.bind(address)
-            else:
+            elif kind is LinkKind.UDP_OUT:
                 sock.connect(address)
-        except OSError:
-            sock.close()
-            raise
-        self._socket, self._receiver = sock, receiver
+            elif kind is LinkKind.UDP_BROADCAST:
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+                self._target = address
+            else:
+                # Sent from a socket of its own, whose address tells the copies of what we sent ourselves.
+                sender = undo.enter_context(socket.socket(family, socket.SOCK_DGRAM))
+                sender.setblocking(False)
+                _join_route(sender, address)
+                host, port = sender.getsockname()[:2]
+                self._own = (host, port)
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                sock.bind(address)
+                group = struct.pack("4s4s", socket.inet_aton(address[0]), socket.inet_aton(host))
+                sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+            undo.pop_all()
+        self._socket, self._sender, self._receiver = sock, sender, receiver
         self.connected, self.problem = True, ""
         self.counters.connections += 1
 
-    def receive(self, timeout_s: float) -> Batch | None:
+    def _fetch(self, timeout_s: float) -> None:
         if self._socket is None and not self._reopen(timeout_s):
-            return None
+            return
         assert self._socket is not None
         assert self._receiver is not None
         if not select.select([self._socket], [], [], timeout_s)[0]:
-            return None
+            return
         if self._wait_s:
             time.sleep(self._wait_s)
         try:
-            batch, peers = self._receiver.drain()
+            arrived = self._receiver.drain()
         except OSError as error:  # a connected socket hears of a port that nobody listens on
             self.problem = error.strerror or str(error)
-            return None
-        if batch is None:
-            return None
-        self._adapt_wait(batch.ends.size, self._receiver.slots)
+            return
+        if not arrived:
+            return
+        self._adapt_wait(sum(batch.ends.size for _, batch in arrived), self._receiver.slots)
         self.problem = ""
         self.counters.dropped = self._receiver.dropped
-        now = time.monotonic()
-        self._peers.update(dict.fromkeys(peers, now))
-        return self._count(batch) if batch.data else None
+        for peer, batch in arrived:
+            if peer == self._own or not batch.data:
+                continue
+            source = self.sources.of(peer, address_text(*peer))
+            source.count(batch)
+            self._waiting.append(batch if source.name == self.name else replace(batch, source=source.name))
 
     def _adapt_wait(self, datagrams: int, slots: int) -> None:
         """How long to let datagrams gather before the next fetch; not at all while more are waiting."""
@@ -110,20 +146,25 @@ class UdpLink(Link):
         self._retry.reset()
         return True
 
-    def send(self, data: bytes) -> None:
-        if self._socket is None:
+    def send(self, data: bytes, wait_s: float = 0.0) -> None:
+        if self._sender is None:
             return
-        if self._listens:
-            oldest = time.monotonic() - _PEER_MEMORY_S
-            self._peers = {peer: seen for peer, seen in self._peers.items() if seen >= oldest}
-        for peer in list(self._peers) if self._listens else [None]:
+        for peer in self._receivers():
             try:
-                self._socket.sendto(data, peer) if peer else self._socket.send(data)
-                self.counters.bytes_sent += len(data)
+                self._sender.sendto(data, peer) if peer else self._sender.send(data)
+                self._sent(len(data))
             except OSError:
-                self.counters.send_errors += 1
+                self._unsent()
+
+    def _receivers(self) -> list[Peer | None]:
+        """Whom to send to; None where the socket is connected."""
+        if self.url.kind in (LinkKind.UDP_OUT, LinkKind.UDP_MULTICAST):
+            return [None]
+        heard: list[Peer | None] = [source.peer for source in self.sources.recent()]
+        return heard or ([self._target] if self._target else [])
 
     def close(self) -> None:
         self.connected = False
-        if self._socket is not None:
-            self._socket.close()
+        for sock in (self._socket, self._sender):
+            if sock is not None:
+                sock.close()
