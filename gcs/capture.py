@@ -12,9 +12,9 @@ import numpy as np
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import RecordingError
+from gcs.frameparts import frame_times
 from gcs.framing import Framer
 from gcs.links import Link
-from gcs.recorder import frame_times
 from gcs.recording.writer import McapWriter
 from gcs.station import Station
 

@@ -13,8 +13,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gcs.errors import CatalogueError
+from gcs.errors import CatalogueError, CatalogueFileError
 from gcs.jsontext import dumps
+from gcs.recording.parts import part_path
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS flights (
@@ -37,6 +38,8 @@ CREATE TABLE IF NOT EXISTS models (
     number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL, kind TEXT NOT NULL,
     job_id TEXT NOT NULL, name TEXT NOT NULL, created_ns INTEGER NOT NULL, json TEXT NOT NULL);
 """
+# Columns that came later: name, and how it is declared.
+_LATER_COLUMNS = (("parts", "INTEGER NOT NULL DEFAULT 1"), ("deleted_ns", "INTEGER"))
 
 # A job that was running when the service stopped is tried once more; one that stops it twice is not.
 _MAX_ATTEMPTS = 2
@@ -47,8 +50,10 @@ _MAX_LOG_LINES = 1000
 class Flight:
     """One flight and its recording.
 
-    file: name of the MCAP in the folder of flights. name: what the user called the file, or its own name.
-    source: "live" or "upload". state: "recording", "complete", or "recovered" after a crash.
+    file: name of the MCAP in the folder of flights; `parts`: how many files there are if it was split by size.
+    name: what the user called the file, or its own name. source: "live" or "upload".
+    state: "recording", "complete", or "recovered" after a crash.
+    deleted_ns: when the recording was deleted to make room (UTC, ns), None while it is there.
     """
 
     id: str
@@ -62,6 +67,12 @@ class Flight:
     messages: int
     bytes: int
     end_reason: str = ""
+    parts: int = 1
+    deleted_ns: int | None = None
+
+    def files(self, folder: Path) -> list[Path]:
+        """All files of the recording, in order."""
+        return [part_path(folder / self.file, number) for number in range(1, self.parts + 1)]
 
 
 @dataclass(frozen=True)
@@ -99,8 +110,15 @@ class Catalogue:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = NORMAL")
             self._db.executescript(_SCHEMA)
+            self._add_later_columns()
         except (sqlite3.Error, OSError) as error:
             raise CatalogueError(f"{path}: the catalogue cannot be opened ({error})") from error
+
+    def _add_later_columns(self) -> None:
+        there = {row["name"] for row in self._db.execute("PRAGMA table_info(flights)")}
+        for name, declared in _LATER_COLUMNS:
+            if name not in there:
+                self._db.execute(f"ALTER TABLE flights ADD COLUMN {name} {declared}")
 
     def close(self) -> None:
         """Close the file."""
@@ -109,17 +127,18 @@ class Catalogue:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with self._lock:
+        with self._lock, _named_failures():
             self._db.execute("BEGIN IMMEDIATE")
             try:
                 yield self._db
+                self._db.execute("COMMIT")
             except BaseException:
-                self._db.execute("ROLLBACK")
+                if self._db.in_transaction:  # a full disk has ended it already
+                    self._db.execute("ROLLBACK")
                 raise
-            self._db.execute("COMMIT")
 
     def _rows(self, query: str, *values: object) -> list[sqlite3.Row]:
-        with self._lock:
+        with self._lock, _named_failures():
             return self._db.execute(query, values).fetchall()
 
     # flights
@@ -133,6 +152,11 @@ class Catalogue:
                 f"INSERT OR REPLACE INTO flights ({', '.join(columns)}) VALUES ({marks})",
                 tuple(columns.values()),
             )
+
+    def remove_flight(self, flight_id: str) -> None:
+        """Forget a flight of which nothing was recorded."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM flights WHERE id = ?", (flight_id,))
 
     def flight(self, flight_id: str) -> Flight:
         """The flight of that id; CatalogueError if there is none."""
@@ -287,6 +311,15 @@ class Catalogue:
         if not rows:
             raise CatalogueError(f"there is no model {model_id!r}; GET /api/models lists them")
         return dict(json.loads(rows[0]["json"]))
+
+
+@contextmanager
+def _named_failures() -> Iterator[None]:
+    """A disk that is full or broken is an error with a name, not one of the database's."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise CatalogueFileError(f"the catalogue cannot be read or written ({error}); is the disk full?") from error
 
 
 def _job(row: sqlite3.Row, log: list[str]) -> Job:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,16 +19,19 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.catalogue import Catalogue, Job
-from gcs.errors import CatalogueError, GcsError, JobError
+from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError
 from gcs.jsontext import dumps
 from gcs.settings import Settings
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model import model_from_json
 from sim_vehicle.vehicle import load_vehicle
 
+_log = logging.getLogger(__name__)
+
 KINDS = ("identify", "discrepancy")
 _MODEL_FIELDS = ("model", "structure", "prior")
 _STOP_TIMEOUT_S = 5.0
+_RETRY_S = 5.0
 
 
 class NothingToDoError(JobError):
@@ -103,22 +106,32 @@ class JobRunner:
 
     def _run(self) -> None:
         while not self._stopping.is_set():
-            job = self._catalogue.take_job()
-            if job is None:
-                self._wake.wait()
-                self._wake.clear()
-                continue
-            folder = Path(tempfile.mkdtemp(prefix=f"{job.id}-", dir=self._settings.jobs))
             try:
-                result = self._execute(job, folder)
+                self._run_next()
+            except CatalogueFileError as error:
+                _log.error("jobs wait: %s", error)
+                self._stopping.wait(_RETRY_S)
+                with contextlib.suppress(CatalogueFileError):
+                    self._catalogue.requeue_interrupted_jobs()  # whichever ran has no result now
+
+    def _run_next(self) -> None:
+        """Run the oldest queued job, or wait for one."""
+        job = self._catalogue.take_job()
+        if job is None:
+            self._wake.wait()
+            self._wake.clear()
+            return
+        try:
+            with tempfile.TemporaryDirectory(prefix=f"{job.id}-", dir=self._settings.jobs) as folder:
+                result = self._execute(job, Path(folder))
                 if result is not None:
                     self._catalogue.finish_job(job, result)
-            except NothingToDoError as reason:
-                self._catalogue.skip_job(job.id, str(reason))
-            except (GcsError, SimVehicleError, OSError) as error:
-                self._catalogue.fail_job(job.id, str(error))
-            finally:
-                shutil.rmtree(folder, ignore_errors=True)
+        except NothingToDoError as reason:
+            self._catalogue.skip_job(job.id, str(reason))
+        except CatalogueFileError:
+            raise
+        except (GcsError, SimVehicleError, OSError) as error:
+            self._catalogue.fail_job(job.id, str(error))
 
     def _execute(self, job: Job, folder: Path) -> dict[str, Any] | None:
         """The result, None if the service is being stopped; JobError with the worker's reason."""

@@ -6,8 +6,8 @@ stays with the flight in whose stream it came, so nothing received is in no file
 
 from __future__ import annotations
 
-import contextlib
 import logging
+import shutil
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,32 +19,23 @@ from numpy.typing import NDArray
 from gcs.catalogue import Catalogue, Flight
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
-from gcs.errors import GcsError
+from gcs.errors import CatalogueFileError, DiskFullError, GcsError
+from gcs.frameparts import autopilots, frame_times, likely_vehicle, runs_by_vehicle, slice_frames
 from gcs.framing import Framer, Frames
 from gcs.intake import flight_stamp, unused_id
 from gcs.linkstats import LinkStatistics
-from gcs.recording.writer import McapWriter
+from gcs.liveflight import LiveFlight
+from gcs.recording.parts import Metadata, Provenance, RecordingParts, StorageOptions
 from gcs.segmentation import FlightSegmenter, Heartbeat, heartbeats
+from gcs.sizes import size_text
 
 _log = logging.getLogger(__name__)
 
 _CATALOGUE_NS = 1_000_000_000
 # Held-back bytes of an unfinished frame are taken as they are once the link has been idle this long.
 _IDLE_NS = 1_000_000_000
-
-
-@dataclass
-class _Live:
-    """A flight that is being recorded."""
-
-    id: str
-    path: Path
-    writer: McapWriter
-    segmenter: FlightSegmenter
-    system: int
-    start_ns: int
-    end_ns: int
-    catalogued_ns: int = 0
+# After a disk has refused, this long until the next attempt.
+_RETRY_NS = 1_000_000_000
 
 
 @dataclass
@@ -53,13 +44,13 @@ class _Source:
 
     framer: Framer
     statistics: LinkStatistics
-    flight: _Live | None = None
+    flight: LiveFlight | None = None
     last_ns: int = 0
 
 
 @dataclass
 class RecorderState:
-    """Counts of what went wrong, for /api/health."""
+    """What goes wrong, for /api/health: `problem` in words, empty when all is well, and bytes that no file took."""
 
     problem: str = ""
     unrecorded_bytes: int = 0
@@ -71,6 +62,8 @@ class FlightRecorder:
     """Cuts bytes into flights and writes them. Knows no sockets; time comes with the bytes and with `tick`.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
+    storage, provenance: how recordings are kept, and what stands in each. clocks: called with UTC ns at the end of a
+    flight, metadata of what is known of the vehicles' clocks then.
     """
 
     def __init__(
@@ -82,6 +75,9 @@ class FlightRecorder:
         silence_s: float = 10.0,
         disarm_s: float = 2.0,
         on_flight_end: Callable[[Flight], None] = lambda flight: None,
+        storage: StorageOptions | None = None,
+        provenance: Provenance | None = None,
+        clocks: Callable[[int], Metadata] = lambda now_ns: {},
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
@@ -90,9 +86,15 @@ class FlightRecorder:
         self._silence_ns = round(silence_s * 1e9)
         self._disarm_ns = round(disarm_s * 1e9)
         self._on_flight_end = on_flight_end
+        self._storage = storage or StorageOptions()
+        self._provenance = provenance or Provenance()
+        self._clocks = clocks
+        self._heard: set[int] = set()
+        self._blocked_until_ns = 0
+        self._unlisted: dict[str, Flight] = {}
         self._lock = threading.RLock()
         self._sources: dict[str, _Source] = {}
-        self._live: list[_Live] = []
+        self._live: list[LiveFlight] = []
         self.state = RecorderState()
 
     def _source(self, name: str) -> _Source:
@@ -123,40 +125,28 @@ class FlightRecorder:
         if buffer.size == 0:
             return
         with self._lock:
-            try:
-                self._end_due(now_ns)
-                beats = heartbeats(frames)
-                self._learn(beats)
-                for start, stop in self._runs(source, frames):
-                    self._write_run(link, source, frames, received, (start, stop), beats, now_ns)
-                self.state.problem = ""
-            except (GcsError, OSError) as error:
-                self._abandon(source, buffer.size, error)
+            self._end_due(now_ns)
+            beats = heartbeats(frames)
+            self._learn(frames, beats)
+            for start, stop in runs_by_vehicle(frames, self.state.vehicles):
+                self._write_run(link, source, frames, received, (start, stop), beats, now_ns)
 
-    def _learn(self, beats: Sequence[Heartbeat]) -> None:
+    def _learn(self, frames: Frames, beats: Sequence[Heartbeat]) -> None:
+        """Who is a vehicle: by its HEARTBEAT, and where one is known already by the first word of an autopilot.
+
+        Else a second vehicle's frames up to its HEARTBEAT would be in the first one's flight.
+        """
         for beat in beats:
             if beat.ground_station:
                 self.state.ground_stations.add(beat.system)
+                self.state.vehicles.discard(beat.system)
             else:
                 self.state.vehicles.add(beat.system)
-
-    def _runs(self, source: _Source, frames: Frames) -> list[tuple[int, int]]:
-        """Ranges of frames that belong together: one, unless several vehicles share the link."""
-        count = len(frames)
-        if count == 0:
-            return [(0, 0)]
-        systems = frames.sysid
-        if (systems == systems[0]).all():
-            return [(0, count)]
-        owner = np.where(np.isin(systems, list(self.state.vehicles)), systems.astype(np.int64), -1)
-        seen = np.flatnonzero(owner >= 0)
-        if seen.size == 0 or (owner[seen] == owner[seen[0]]).all():
-            return [(0, count)]
-        # A frame of no vehicle stays with the one before it.
-        last = np.maximum.accumulate(np.where(owner >= 0, np.arange(count), -1))
-        owner = np.where(last >= 0, owner[np.maximum(last, 0)], owner[seen[0]])
-        cuts = np.flatnonzero(np.diff(owner)) + 1
-        return list(zip([0, *cuts.tolist()], [*cuts.tolist(), count], strict=True))
+        new = set(frames.sysid.tolist()) - self._heard
+        if new:
+            self._heard |= new
+            if self.state.vehicles:
+                self.state.vehicles |= (new & autopilots(frames)) - self.state.ground_stations
 
     def _write_run(
         self,
@@ -169,16 +159,20 @@ class FlightRecorder:
         now_ns: int,
     ) -> None:
         """Write one range of frames, and the bytes around them, to the flight they belong to."""
-        part = _slice(frames, *run)
+        part = slice_frames(frames, *run)
         times = received[run[0] : run[1]]
         live = self._flight_for(source, part, int(times[0]) if times.size else now_ns)
+        if live is None:
+            self.state.unrecorded_bytes += part.consumed
+            return
         own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
         before_reset = live.segmenter.clock_reset(link, part)
         if before_reset is not None:
             cut = run[0] + before_reset
             if before_reset > 0:
-                self._write(link, live, _slice(frames, run[0], cut), received[run[0] : cut], own, now_ns)
-            self._end(live, "clock reset")
+                self._write(link, live, slice_frames(frames, run[0], cut), received[run[0] : cut], own, now_ns)
+            if live in self._live:
+                self._end(live, "clock reset", now_ns)
             self._write_run(link, source, frames, received, (cut, run[1]), beats, now_ns)
             return
         self._write(link, live, part, times, own, now_ns)
@@ -186,14 +180,19 @@ class FlightRecorder:
     def _write(
         self,
         link: str,
-        live: _Live,
+        live: LiveFlight,
         part: Frames,
         times: NDArray[np.int64],
         beats: Sequence[Heartbeat],
         now_ns: int,
     ) -> None:
         newest = int(times[-1]) if times.size else now_ns
-        live.writer.write(link, part.buffer, part, times if times.size else now_ns)
+        try:
+            live.writer.write(link, part.buffer, part, times if times.size else now_ns)
+        except (GcsError, OSError) as error:
+            self.state.unrecorded_bytes += part.consumed
+            self._stop(live, error, now_ns)
+            return
         live.end_ns = max(live.end_ns, newest)
         for beat in beats:
             live.segmenter.heartbeat(beat, newest)
@@ -201,8 +200,8 @@ class FlightRecorder:
         if live.segmenter.system is None or (part.sysid == live.segmenter.system).any():
             live.segmenter.heard(newest)
 
-    def _flight_for(self, source: _Source, part: Frames, now_ns: int) -> _Live:
-        """The flight that these frames belong to; a new one if there is none."""
+    def _flight_for(self, source: _Source, part: Frames, now_ns: int) -> LiveFlight | None:
+        """The flight that these frames belong to; a new one if there is none, None where the disk takes none."""
         vehicle = next((s for s in part.sysid.tolist() if s in self.state.vehicles), None)
         if vehicle is None:
             live = source.flight if source.flight in self._live else (self._live[-1] if self._live else None)
@@ -215,88 +214,119 @@ class FlightRecorder:
             if live is not None:
                 source.flight = live
                 return live
-        live = self._begin(vehicle, part, now_ns)
+        if now_ns < self._blocked_until_ns:
+            return None
+        try:
+            live = self._begin(vehicle, part, now_ns)
+        except (GcsError, OSError) as error:
+            self._fail(error, now_ns)
+            return None
         source.flight = live
         return live
 
-    def _adopt(self, now_ns: int) -> _Live | None:
+    def _adopt(self, now_ns: int) -> LiveFlight | None:
         """The flight that was begun a moment before its vehicle was known; an old one without a vehicle is ended."""
         live = next((live for live in self._live if live.segmenter.system is None), None)
         if live is not None and now_ns - live.start_ns > self._silence_ns:
-            self._end(live, "no vehicle")
+            self._end(live, "no vehicle", now_ns)
             return None
         return live
 
-    def _begin(self, vehicle: int | None, part: Frames, now_ns: int) -> _Live:
-        system = vehicle if vehicle is not None else int(part.sysid[0]) if len(part) else 0
-        flight_id = self._new_id(now_ns, system)
+    def _begin(self, vehicle: int | None, part: Frames, now_ns: int) -> LiveFlight:
+        self._check_room()
+        flight_id = self._new_id(now_ns, likely_vehicle(part) if vehicle is None else vehicle)
         path = self._folder / f"{flight_id}.mcap"
         segmenter = FlightSegmenter(self._dialect, self._silence_ns, self._disarm_ns)
         segmenter.system = vehicle
         segmenter.heard(now_ns)
-        live = _Live(flight_id, path, McapWriter(path, self._dialect), segmenter, system, now_ns, now_ns)
+        writer = RecordingParts(path, self._dialect, self._storage, self._provenance, now_ns)
+        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns)
         self._live.append(live)
         self._store(live, "recording", "")
         _log.info("flight %s begins", flight_id)
+        if self.state.problem:
+            _log.warning("recording again; %d bytes were not recorded so far", self.state.unrecorded_bytes)
+            self.state.problem = ""
         return live
+
+    def _check_room(self) -> None:
+        """DiskFullError while a new file would soon meet the reserve."""
+        free = shutil.disk_usage(self._folder).free
+        wanted = self._storage.reserve_bytes * 5 // 4
+        if free < wanted:
+            raise DiskFullError(
+                f"{self._folder}: the disk has {size_text(free)} left, too little to record; free some space"
+            )
 
     def _new_id(self, now_ns: int, system: int) -> str:
         return unused_id(f"{flight_stamp(now_ns)}-{system}", self._folder, self._catalogue)
 
-    def _store(self, live: _Live, state: str, reason: str) -> Flight:
-        flight = Flight(
-            id=live.id,
-            file=live.path.name,
-            name=live.path.name,
-            source="live",
-            state=state,
-            system=live.segmenter.system,
-            start_ns=live.start_ns,
-            end_ns=live.end_ns,
-            messages=live.writer.counts.messages,
-            bytes=live.writer.size,
-            end_reason=reason,
-        )
-        self._catalogue.put_flight(flight)
+    def _store(self, live: LiveFlight, state: str, reason: str) -> None:
+        """Tell the catalogue how the flight stands."""
+        self._list(live.entry(state, reason))
         live.catalogued_ns = live.end_ns
-        return flight
 
-    def _end(self, live: _Live, reason: str) -> None:
+    def _list(self, *flights: Flight) -> None:
+        """Put flights into the catalogue; what it cannot take now, it is given again at the next tick."""
+        self._unlisted.update({flight.id: flight for flight in flights})
+        for flight in list(self._unlisted.values()):
+            try:
+                self._catalogue.put_flight(flight)
+            except CatalogueFileError as error:
+                self._say(error)
+                return
+            del self._unlisted[flight.id]
+            if flight.state != "recording":
+                self._on_flight_end(flight)
+
+    def _end(self, live: LiveFlight, reason: str, now_ns: int) -> None:
         self._live.remove(live)
         for source in self._sources.values():
             if source.flight is live:
                 source.flight = None
         try:
-            live.writer.close()
+            live.writer.close({**live.statistics(reason), **self._clocks(now_ns)})
         except (GcsError, OSError) as error:
-            self._fail(error)
-        flight = self._store(live, "complete", reason)
+            self._fail(error, now_ns)
+            reason = f"{reason}; the end is missing: {error}"
+        lost = live.writer.lost.bytes
+        self.state.unrecorded_bytes += lost
+        if lost and live.writer.counts.bytes == lost:
+            self._forget(live)
+            return
+        self._store(live, "complete", reason)
         _log.info("flight %s ends (%s)", live.id, reason)
-        self._on_flight_end(flight)
+
+    def _forget(self, live: LiveFlight) -> None:
+        """A flight of which the disk took nothing is none."""
+        self._unlisted.pop(live.id, None)
+        try:
+            for path in live.writer.parts:
+                path.unlink(missing_ok=True)
+            self._catalogue.remove_flight(live.id)
+        except (CatalogueFileError, OSError) as error:
+            self._say(error)
 
     def _end_due(self, now_ns: int) -> None:
         for live in list(self._live):
             reason = live.segmenter.end_reason(now_ns)
             if reason is not None:
-                self._end(live, reason)
+                self._end(live, reason, now_ns)
 
-    def _abandon(self, source: _Source, lost_bytes: int, error: Exception) -> None:
-        """A file that cannot be written must not end the service: say so, and try a new file with the next bytes."""
-        self._fail(error)
-        self.state.unrecorded_bytes += lost_bytes
-        live, source.flight = source.flight, None
-        if live is not None and live in self._live:
-            self._discard(live)
+    def _stop(self, live: LiveFlight, error: Exception, now_ns: int) -> None:
+        """A file that cannot be written ends its flight, not the service; the next bytes begin another in a while."""
+        self._fail(error, now_ns)
+        self._end(live, f"recording stopped: {error}", now_ns)
 
-    def _fail(self, error: Exception) -> None:
-        self.state.problem = str(error)
-        _log.error("cannot record: %s", error)
+    def _fail(self, error: Exception, now_ns: int) -> None:
+        self._blocked_until_ns = now_ns + _RETRY_NS
+        self._say(error)
 
-    def _discard(self, live: _Live) -> None:
-        """Give up a file that cannot be written; what is in it is found again at the next start."""
-        self._live.remove(live)
-        with contextlib.suppress(GcsError, OSError):
-            live.writer.close()
+    def _say(self, error: Exception) -> None:
+        """Once, until it is over."""
+        if not self.state.problem:
+            self.state.problem = str(error)
+            _log.error("cannot record: %s", error)
 
     def tick(self, now_ns: int) -> None:
         """Let time pass: write what waits, end what is over. To be called a few times each second."""
@@ -307,11 +337,12 @@ class FlightRecorder:
             for live in list(self._live):
                 try:
                     live.writer.tick(now_ns)
-                    if live.end_ns - live.catalogued_ns >= _CATALOGUE_NS:
-                        self._store(live, "recording", "")
                 except (GcsError, OSError) as error:
-                    self._fail(error)
-                    self._discard(live)
+                    self._stop(live, error, now_ns)
+                    continue
+                if live.end_ns - live.catalogued_ns >= _CATALOGUE_NS:
+                    self._store(live, "recording", "")
+            self._list()
             self._end_due(now_ns)
 
     def _flush(self, name: str, source: _Source, now_ns: int) -> None:
@@ -324,7 +355,8 @@ class FlightRecorder:
             for name, source in self._sources.items():
                 self._flush(name, source, now_ns)
             for live in list(self._live):
-                self._end(live, "service stopped")
+                self._end(live, "service stopped", now_ns)
+            self._list()
 
     def live_flights(self) -> list[str]:
         """Ids of the flights being recorded now."""
@@ -334,27 +366,3 @@ class FlightRecorder:
     def statistics(self, link: str, now_ns: int) -> dict[str, object]:
         """Statistics of a link as JSON."""
         return self._source(link).statistics.to_json(now_ns)
-
-
-def _slice(frames: Frames, start: int, stop: int) -> Frames:
-    """Frames start..stop-1 with the bytes up to the next frame; the first range also takes the bytes in front."""
-    begin = 0 if start == 0 else int(frames.offset[start])
-    end = frames.consumed if stop == len(frames) else int(frames.offset[stop])
-    part = slice(start, stop)
-    return Frames(
-        frames.buffer[begin:end],
-        frames.offset[part] - begin,
-        frames.length[part],
-        frames.msgid[part],
-        frames.message[part],
-        frames.kind[part],
-        consumed=end - begin,
-        bad_crc=0,
-    )
-
-
-def frame_times(frames: Frames, batch: Batch, held: int) -> NDArray[np.int64]:
-    """(N,) UTC ns at which the last byte of each frame came. held: bytes in front of the batch's own."""
-    last_byte = frames.offset + frames.length - 1 - held
-    index = np.searchsorted(batch.ends, last_byte, side="right")
-    return batch.received_ns[np.minimum(index, batch.ends.size - 1)]

@@ -20,12 +20,13 @@ from gcs.catalogue import Catalogue, Flight
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import GcsError, ServiceError
+from gcs.frameparts import frame_times
 from gcs.framing import Framer
 from gcs.intake import recover
 from gcs.jobs import JobRunner
 from gcs.links import Link, open_link
 from gcs.linkstats import LinkStatistics
-from gcs.recorder import FlightRecorder, frame_times
+from gcs.recorder import FlightRecorder
 from gcs.recording.writer import McapWriter
 from gcs.segmentation import FlightSegmenter
 from gcs.settings import Settings

@@ -11,12 +11,21 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from gcs.errors import CatalogueError, GcsError, ImportFileError, JobError, RecordingError, SignalMapError
+from gcs.errors import (
+    CatalogueError,
+    CatalogueFileError,
+    GcsError,
+    ImportFileError,
+    JobError,
+    RecordingError,
+    SignalMapError,
+)
 from sim_vehicle.errors import SimVehicleError
 from sysid.errors import SysidError
 
 _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (CatalogueError, 404),
+    (CatalogueFileError, 503),
     (SignalMapError, 404),
     (JobError, 409),
     (ImportFileError, 422),

@@ -146,11 +146,10 @@ class RecordingSink:
         self._order(lambda: self._store_metadata(name, content))
 
     def flush(self) -> None:
-        """Wait until all that was put is in the file. Raises RecordingError as `check` does."""
+        """Wait until all that was put is in the file, or lost; `check` tells."""
         done = threading.Event()
         self._order(done.set)
         done.wait()
-        self.check()
 
     def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
         """Have the file completed; `wait` waits for it. Nothing can be put after it."""
@@ -162,11 +161,6 @@ class RecordingSink:
         """Wait until the file is complete and closed."""
         if self._thread is not None:
             self._thread.join()
-
-    @property
-    def finished(self) -> bool:
-        """Whether the file is complete and closed."""
-        return self._file.closed
 
     def check(self) -> None:
         """Raise what went wrong in the meantime, once."""
@@ -193,6 +187,7 @@ class RecordingSink:
                     self._error = self._error or error
         finally:
             self._file.close()
+            self._free = queue.SimpleQueue()
 
     def _next(self) -> Callable[[], None] | None:
         """The next order; what was written is forced to disk in the meantime when its time has come."""

@@ -125,8 +125,9 @@ class McapWriter:
 
     @property
     def lost(self) -> Lost:
-        """What the disk did not take; final after `close`."""
-        return self._sink.lost
+        """What the disk did not take, of all files; final after `close`."""
+        sinks = (*self._ending, self._sink)
+        return Lost(sum(sink.lost.bytes for sink in sinks), sum(sink.lost.messages for sink in sinks))
 
     @property
     def counts(self) -> Counts:
@@ -146,7 +147,7 @@ class McapWriter:
         received_ns: UTC of reception, one for all or one per frame; bytes between frames count with the frame behind.
         RecordingError if an earlier chunk could not be written; nothing of this call is taken then.
         """
-        self._sink.check()
+        self._check()
         account = self._links.get(link) or self._add_link(link)
         times = self._times(frames, received_ns)
         chunk = self._chunk
@@ -191,6 +192,7 @@ class McapWriter:
         """Close the open chunk and wait until all that was written is in the file."""
         self._close_open_chunk()
         self._sink.flush()
+        self._check()
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int | None = None) -> None:
         """Put a file into the recording, as the vehicle file that a flight was flown with.
@@ -238,7 +240,6 @@ class McapWriter:
         """Raise what went wrong in the background."""
         for sink in (*self._ending, self._sink):
             sink.check()
-        self._ending = [sink for sink in self._ending if not sink.finished]
 
     def _times(self, frames: Frames, received_ns: int | NDArray[np.int64]) -> NDArray[np.int64]:
         if not isinstance(received_ns, np.ndarray):

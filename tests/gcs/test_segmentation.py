@@ -218,3 +218,23 @@ def test_a_folder_that_cannot_be_written_is_told_and_recording_goes_on_when_it_c
     assert rig.recorder.state.problem == ""
     (flight,) = rig.finish()
     assert flight.messages == 52
+
+
+def test_a_second_vehicles_first_words_are_not_in_the_firsts_flight(rig: Rig) -> None:
+    first, second = Vehicle(1), Vehicle(2)
+    rig.feed(first.second())
+    for _ in range(5):  # attitudes long before its first HEARTBEAT
+        rig.feed([first.attitude(), second.attitude()])
+    rig.feed([first.heartbeat(), second.heartbeat()])
+    flights = rig.finish()
+    assert [flight.system for flight in flights] == [1, 2]
+    assert [rig.recording(flight).systems() for flight in flights] == [((1, 1),), ((2, 1),)]
+    assert flights[1].messages == 6
+
+
+def test_a_flight_is_named_after_the_autopilot_among_the_first_frames(rig: Rig) -> None:
+    radio = Vehicle(51, 68)
+    status = mavlink.MAVLink_radio_status_message(100, 100, 90, 30, 30, 0, 0)
+    rig.feed([radio.frame(status), *Vehicle(7).second()])
+    (flight,) = rig.finish()
+    assert flight.id.endswith("-7")

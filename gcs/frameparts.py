@@ -1,0 +1,71 @@
+"""Parts of a batch of frames, when they came, and whose they are."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.datagrams import Batch
+from gcs.framing import Frames
+
+_AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
+_LAST_VEHICLE = 249  # ground stations count down from 255
+
+
+def likely_vehicle(frames: Frames) -> int:
+    """The system to name a recording by before any HEARTBEAT: the first autopilot among the frames, else the first."""
+    if len(frames) == 0:
+        return 0
+    autopilots = np.flatnonzero(frames.compid == _AUTOPILOT)
+    return int(frames.sysid[autopilots[0] if autopilots.size else 0])
+
+
+def autopilots(frames: Frames) -> set[int]:
+    """Systems whose autopilot sent one of the frames; those numbered as ground stations are left out."""
+    sent = (frames.compid == _AUTOPILOT) & (frames.sysid <= _LAST_VEHICLE) & (frames.message >= 0)
+    return set(frames.sysid[sent].tolist())
+
+
+def runs_by_vehicle(frames: Frames, vehicles: Collection[int]) -> list[tuple[int, int]]:
+    """Ranges of frames that belong together: one, unless several vehicles share the link."""
+    count = len(frames)
+    if count == 0:
+        return [(0, 0)]
+    systems = frames.sysid
+    if (systems == systems[0]).all():
+        return [(0, count)]
+    owner = np.where(np.isin(systems, list(vehicles)), systems.astype(np.int64), -1)
+    seen = np.flatnonzero(owner >= 0)
+    if seen.size == 0 or (owner[seen] == owner[seen[0]]).all():
+        return [(0, count)]
+    # A frame of no vehicle stays with the one before it.
+    last = np.maximum.accumulate(np.where(owner >= 0, np.arange(count), -1))
+    owner = np.where(last >= 0, owner[np.maximum(last, 0)], owner[seen[0]])
+    cuts = np.flatnonzero(np.diff(owner)) + 1
+    return list(zip([0, *cuts.tolist()], [*cuts.tolist(), count], strict=True))
+
+
+def slice_frames(frames: Frames, start: int, stop: int) -> Frames:
+    """Frames start..stop-1 with the bytes up to the next frame; the first range also takes the bytes in front."""
+    begin = 0 if start == 0 else int(frames.offset[start])
+    end = frames.consumed if stop == len(frames) else int(frames.offset[stop])
+    part = slice(start, stop)
+    return Frames(
+        frames.buffer[begin:end],
+        frames.offset[part] - begin,
+        frames.length[part],
+        frames.msgid[part],
+        frames.message[part],
+        frames.kind[part],
+        consumed=end - begin,
+        bad_crc=0,
+    )
+
+
+def frame_times(frames: Frames, batch: Batch, held: int) -> NDArray[np.int64]:
+    """(N,) UTC ns at which the last byte of each frame came. held: bytes in front of the batch's own."""
+    last_byte = frames.offset + frames.length - 1 - held
+    index = np.searchsorted(batch.ends, last_byte, side="right")
+    return batch.received_ns[np.minimum(index, batch.ends.size - 1)]

@@ -1,0 +1,139 @@
+"""One recording as the files it consists of: begun with what is known by then, split by size, ended with the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.dialect import Dialect
+from gcs.framing import Frames
+from gcs.recording.records import Attachment
+from gcs.recording.sync import DEFAULT_SYNC, SyncPolicy
+from gcs.recording.writer import Counts, Lost, McapWriter
+
+#: Metadata of a recording by name; each is pairs of text.
+Metadata = Mapping[str, Mapping[str, str]]
+
+DEFAULT_RESERVE_BYTES = 64 * 2**20
+SMALLEST_SPLIT_BYTES = 10**6
+# Half of what a crash may cost: the rest goes to the tick that closes the chunk and to writing it.
+_CHUNK_SECONDS = 0.5
+# At ordinary rates a chunk holds half a second, so this many are the time a disk may stand still.
+_WAITING_CHUNKS = 32
+_PART = re.compile(r"(?P<stem>.+)\.part(?P<number>\d+)")
+
+
+@dataclass(frozen=True)
+class StorageOptions:
+    """How recordings are kept on disk.
+
+    sync: when the disk must have them. split_bytes: size at which another part is begun, None for one file.
+    reserve_bytes: free space that is left on the disk.
+    """
+
+    sync: SyncPolicy = field(default_factory=lambda: SyncPolicy.parse(DEFAULT_SYNC))
+    split_bytes: int | None = None
+    reserve_bytes: int = DEFAULT_RESERVE_BYTES
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What stands in every part of a recording: metadata by name, and files."""
+
+    metadata: Metadata = field(default_factory=dict)
+    attachments: tuple[Attachment, ...] = ()
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Path of a part: `ID.mcap`, `ID.part2.mcap`, `ID.part3.mcap`."""
+    return first if number == 1 else first.with_name(f"{first.stem}.part{number}.mcap")
+
+
+def part_of(path: Path) -> tuple[str, int]:
+    """(id, number of the part) that a file's name tells."""
+    match = _PART.fullmatch(path.stem)
+    return (match["stem"], int(match["number"])) if match else (path.stem, 1)
+
+
+class RecordingParts:
+    """A recording being written. `parts`: its files so far. Errors are those of `McapWriter`.
+
+    now_ns: UTC of its beginning.
+    """
+
+    def __init__(
+        self, path: Path, dialect: Dialect, options: StorageOptions, provenance: Provenance, now_ns: int
+    ) -> None:
+        self._dialect = dialect
+        self._options = options
+        self._provenance = provenance
+        self._now_ns = now_ns
+        self.parts = [path]
+        self._writer = McapWriter(
+            path,
+            dialect,
+            chunk_seconds=_CHUNK_SECONDS,
+            sync=options.sync,
+            reserve_bytes=options.reserve_bytes,
+            waiting=_WAITING_CHUNKS,
+        )
+        self._describe_part()
+
+    def _describe_part(self) -> None:
+        """Said at the start of each file, so that a crash does not take it away."""
+        part = {
+            "flight": self.parts[0].stem,
+            "part": str(len(self.parts)),
+            "previous": self.parts[-2].name if len(self.parts) > 1 else "",
+        }
+        for name, values in {"recording": {}, **self._provenance.metadata}.items():
+            self._writer.metadata(name, {**part, **values} if name == "recording" else values)
+        for file in self._provenance.attachments:
+            self._writer.attach(file.name, file.media_type, file.data, self._now_ns)
+
+    @property
+    def path(self) -> Path:
+        """The first file."""
+        return self.parts[0]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all parts on disk."""
+        return sum(path.stat().st_size for path in self.parts if path.exists())
+
+    @property
+    def counts(self) -> Counts:
+        """What has been handed in, in all parts."""
+        return self._writer.counts
+
+    @property
+    def lost(self) -> Lost:
+        """What the disk did not take."""
+        return self._writer.lost
+
+    def write(self, link: str, buffer: NDArray[np.uint8], frames: Frames, received_ns: int | NDArray[np.int64]) -> None:
+        """Append what one link received, in a new part if this one is large enough."""
+        if self._options.split_bytes is not None and self._writer.size >= self._options.split_bytes:
+            self._begin_part()
+        self._writer.write(link, buffer, frames, received_ns)
+
+    def _begin_part(self) -> None:
+        following = part_path(self.parts[0], len(self.parts) + 1)
+        self._writer.roll(following)
+        self.parts.append(following)
+        self._describe_part()
+
+    def tick(self, now_ns: int) -> None:
+        """Have what waits written when it has waited long enough."""
+        self._writer.tick(now_ns)
+
+    def close(self, ending: Metadata) -> None:
+        """Add what is known only at the end, and complete the file."""
+        for name, values in ending.items():
+            self._writer.metadata(name, values)
+        self._writer.close()
