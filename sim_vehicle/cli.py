@@ -36,6 +36,15 @@ def _parser() -> argparse.ArgumentParser:
     add("--taxi", action="store_true", help="begin and end standing on the ground")
     add("--truth", metavar="FILE.json", help="write the simulation's truth")
     add("--speed", type=float, default=1.0, metavar="X", help="of a link: times real time (default 1)")
+    add("--system", type=int, default=1, metavar="N", help="MAVLink system id of the vehicle (default 1)")
+    add("--vehicles", type=int, default=1, metavar="K",
+        help="fly K vehicles at once, systems N to N+K-1, each with the next seed")  # fmt: skip
+    add("--fault", action="append", default=[], metavar="KEY=VALUE[,...]",
+        help="loss, delay, jitter, late, duplicate, reorder, corrupt, garbage, outage=BEGIN:END, "
+        "drift-ppm, clock-reset=S; see docs/simulator.md")  # fmt: skip
+    add("--wait-arm", action="store_true", help="with --taxi: stand until a ground station arms the vehicle")
+    add("--signing-key", metavar="FILE", help="sign frames and take only signed ones: 32 bytes, or 64 hex digits")
+    add("--mavlink1", action="store_true", help="speak MAVLink 1, which has no AIRSPEED, AOA_SSA, DEBUG_FLOAT_ARRAY")
     where = fly.add_mutually_exclusive_group(required=True)
     where.add_argument("--out", metavar="URL", help="udpout:HOST:PORT, tcp:HOST:PORT, /dev/TTY,BAUD ...")
     where.add_argument("--record", metavar="FILE.mcap|FILE.tlog", help="record as fast as the machine goes")
@@ -49,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given = parser.parse_args(arguments)
     except SystemExit as stop:
         return int(stop.code or 0)
-    from sim_vehicle.session import UsageError, run
+    from sim_vehicle.options import UsageError
+    from sim_vehicle.session import run
 
     try:
         run(given)

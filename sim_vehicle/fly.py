@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.arming import Arming
 from sim_vehicle.autopilot import Autopilot, Targets
 from sim_vehicle.errors import PlanError
 from sim_vehicle.flown import FlownFlight, FlownSegment
@@ -26,7 +27,7 @@ from sim_vehicle.wind import WindField
 
 Array = NDArray[np.float64]
 
-_STANDING_S, _ARMED_S = 2.0, 3.0
+_STANDING_S, _ARMED_S = 2.0, 3.0  # s: after the flight; armed before it
 _LONGEST_LEG_S = 300.0
 _SINK_RATE, _FLARE_RATE, _FLARE_HEIGHT, _TOUCHDOWN_HEIGHT = 2.0, 0.7, 4.0, 0.3
 _CALM = np.zeros(3)
@@ -43,17 +44,18 @@ def fly(
     duration: float | None = None,
     taxi: bool = False,
     on_tick: Callable[[Tick], None] | None = None,
+    arming: Arming | None = None,
 ) -> FlownFlight:
     """Fly `plan` and return truth and measurements.
 
     suite: the sensors. generator: source of gusts. wind: the moving air; without it what the model's
     environment effects say. duration: s, repeats or cuts the plan. taxi: begin and end standing on the
-    ground. on_tick: called once in each tick. The flight in the air starts in trim and has round(duration /
-    dt) + 1 ticks. Raises TrimError, PlanError.
+    ground. on_tick: called once in each tick. arming: when a vehicle that stands is to arm. The flight in the
+    air starts in trim and has round(duration / dt) + 1 ticks. Raises TrimError, PlanError.
     """
     if duration is not None:
         plan = plan.fitted(duration)
-    flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick)
+    flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick, arming or Arming())
     if taxi:
         flight.taxi_out()
         flight.climb()
@@ -84,9 +86,11 @@ class _Flight:
         wind: WindField,
         dt: float,
         on_tick: Callable[[Tick], None] | None,
+        arming: Arming,
     ) -> None:
         self.plant, self.plan, self.suite, self.wind, self.dt = plant, plan, suite, wind, dt
         self._on_tick = on_tick
+        self._arming = arming
         self._servos = ServoOutputs(plant.vehicle)
         self._trim = plant.trim()
         self._reference = dict(zip(CHANNELS, plant.read(self._trim.state).tolist(), strict=True))
@@ -194,9 +198,10 @@ class _Flight:
         self._state = self._launched(take_off.state, (roll.north, roll.east))
 
     def _stand(self, roll: Roll, neutral: Array, wind: Array) -> None:
-        for seconds, armed in ((_STANDING_S, False), (_ARMED_S, True)):
-            for _ in range(round(seconds / self.dt)):
-                self._ground_tick(roll, neutral, 0.0, wind, armed=armed)
+        while not self._arming.begins(self._count * self.dt):
+            self._ground_tick(roll, neutral, 0.0, wind, armed=False)
+        for _ in range(round(_ARMED_S / self.dt)):
+            self._ground_tick(roll, neutral, 0.0, wind, armed=True)
 
     def taxi_in(self) -> None:
         """Roll out, stand, disarm."""

@@ -33,3 +33,11 @@ class Pacer:
         if left > 0.0:
             self._sleep(left)
         self.latest_s = max(-left, 0.0)
+
+    def left_until(self, flight_s: float) -> float:
+        """Seconds of the clock until `flight_s`, negative where that is past; 0 before the flight has begun."""
+        return 0.0 if self._start is None else self._start + flight_s / self._speed - self._clock()
+
+    def flight_time(self) -> float:
+        """Seconds of flight that have passed; 0 before it has begun."""
+        return 0.0 if self._start is None else (self._clock() - self._start) * self._speed

@@ -1,164 +1,132 @@
-"""One run of `sim-vehicle fly`: from the command line's words to a flown flight."""
+"""One run of `sim-vehicle fly`: from the command line's words to flown flights."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from sim_vehicle.effects import parse_effect
-from sim_vehicle.errors import ModelFileError, PlanError, SimVehicleError, SinkError
+from sim_vehicle.arming import Arming
+from sim_vehicle.craft import Channel, Craft
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.faultspec import FaultError, Faults, read_faults
+from sim_vehicle.fleet import OnTick, fly_together
+from sim_vehicle.flown import FlownFlight
 from sim_vehicle.fly import fly, wind_of
-from sim_vehicle.model import BUILT_IN, Model, read_model
+from sim_vehicle.options import (
+    Settings,
+    UsageError,
+    check_numbers,
+    flight_plan,
+    model_of,
+    read_settings,
+    read_wind,
+    vehicle_of,
+)
 from sim_vehicle.pacing import Pacer
-from sim_vehicle.plan import Plan, plan_of, read_plan
+from sim_vehicle.plan import Plan, plan_of
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.sinks import Sink, TcpSink, UdpSink, check_link, open_link, open_recording
+from sim_vehicle.sinks import Link, Sink, TcpSink, UdpSink, open_link, open_recording
 from sim_vehicle.telemetry import Telemetry, Tick
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sim_vehicle.vehicleclock import BOOT_S
+from sim_vehicle.timeline import Timeline
+from sim_vehicle.uplink import Uplink
+from sim_vehicle.voice import Voice, read_key
 
 _PROGRESS_S = 0.5
-_FLIGHT_SETTINGS = ("airspeed", "altitude")
 
 
-class UsageError(SimVehicleError):
-    """The command line itself is wrong: exit code 2."""
+class _Flight:
+    """One vehicle of the run before it flies, and what it has flown afterwards."""
 
-
-@dataclass
-class Settings:
-    """`--set NAME=VALUE` sorted by what they change."""
-
-    coefficients: dict[str, float] = field(default_factory=dict)
-    manoeuvre: dict[str, float] = field(default_factory=dict)
-    sensors: dict[str, float] = field(default_factory=dict)
-    flight: dict[str, float] = field(default_factory=dict)
-
-
-def read_settings(texts: Sequence[str]) -> Settings:
-    """Sort NAME=VALUE texts: manoeuvre.X, sensors.X, flight.X, and else a coefficient. Raises UsageError."""
-    found = Settings()
-    for text in texts:
-        name, equals, number = text.partition("=")
+    def __init__(self, given: argparse.Namespace, settings: Settings, plan: Plan, number: int) -> None:
+        self.system = given.system + number
+        self.vehicle = vehicle_of(given, settings, quiet=number > 0)
+        self.plant = Plant(self.vehicle, model_of(given, self.vehicle, settings))
+        self.arming = Arming(wait=given.wait_arm)
+        sensor_seed, gust_seed, self.link_seed = np.random.SeedSequence(given.seed + number).spawn(3)
+        generator = np.random.default_rng(sensor_seed)
         try:
-            value = float(number)
-        except ValueError:
-            equals = ""
-        if not equals or not math.isfinite(value):
-            raise UsageError(f"--set {text}: give NAME=NUMBER")
-        group, dot, rest = name.partition(".")
-        if not dot:
-            found.coefficients[name] = value
-        elif group in ("manoeuvre", "sensors", "flight"):
-            getattr(found, group)[rest] = value
-        else:
-            raise UsageError(f"--set {text}: there are coefficients, manoeuvre.NAME, sensors.NAME and flight.NAME")
-    unknown = [name for name in found.flight if name not in _FLIGHT_SETTINGS]
-    if unknown:
-        raise UsageError(f"--set flight.{unknown[0]}: there are {', '.join(_FLIGHT_SETTINGS)}")
-    return found
+            self._suite = SensorSuite(self.vehicle, noise=given.noise, generator=generator, changes=settings.sensors)
+        except SimVehicleError as error:
+            raise UsageError(str(error)) from None
+        self._gusts = np.random.default_rng(gust_seed)
+        self.plan, self._taxi, self._steady = plan, given.taxi, read_wind(given.wind)
+        self.flown: FlownFlight | None = None
 
-
-def read_wind(text: str) -> tuple[float, float, float]:
-    """N,E,D in m/s. Raises UsageError."""
-    try:
-        north, east, down = (float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--wind {text}: give three numbers NORTH,EAST,DOWN in m/s") from None
-    if not all(map(math.isfinite, (north, east, down))):
-        raise UsageError(f"--wind {text}: give three finite numbers")
-    return north, east, down
-
-
-def _vehicle(given: argparse.Namespace, settings: Settings) -> Vehicle:
-    vehicle = load_vehicle(given.vehicle)
-    for warning in vehicle.warnings:
-        print(f"sim-vehicle: warning: {vehicle.path}: {warning}", file=sys.stderr)
-    return replace(vehicle, flight=replace(vehicle.flight, **settings.flight))
-
-
-def _model(given: argparse.Namespace, vehicle: Vehicle, settings: Settings) -> Model:
-    if given.model is None and not (BUILT_IN / f"{vehicle.name}.model.json").exists():
-        raise UsageError(f"no model comes with the vehicle {vehicle.name!r}; give --model FILE")
-    model = read_model(given.model or vehicle.name)
-    try:
-        for name, value in settings.coefficients.items():
-            model = model.with_coefficient(name, value)
-        for text in given.effect:
-            effect, values = parse_effect(text)
-            model = model.with_effect(effect, values)
-    except SimVehicleError as error:
-        raise UsageError(str(error)) from None
-    if model.refused():
-        names = model.refused()
-        reason = model.coefficients[names[0]].refused
-        demand = " ".join(f"--set {name}=VALUE" for name in names)
-        raise ModelFileError(f"the model has no value for {', '.join(names)} ({reason}); give {demand}")
-    return model
-
-
-def _plan(given: argparse.Namespace, settings: Settings) -> Plan:
-    if given.plan and given.manoeuvre:
-        raise UsageError("give --plan or --manoeuvre, not both")
-    written = read_plan(given.plan) if given.plan else None
-    names = [name for text in given.manoeuvre for name in text.split(",") if name] or ["elevator-pulse"]
-    try:
-        plan = (written or plan_of(names)).with_settings(settings.manoeuvre)
-        return plan if given.duration is None else plan.fitted(given.duration)
-    except PlanError as error:
-        raise UsageError(str(error)) from None
+    def fly(self, on_tick: OnTick) -> None:
+        """Fly, and keep what was flown."""
+        self.flown = fly(
+            self.plant,
+            self.plan,
+            suite=self._suite,
+            generator=self._gusts,
+            wind=wind_of(self.plant, self._steady),
+            taxi=self._taxi,
+            on_tick=on_tick,
+            arming=self.arming,
+        )
 
 
 def run(given: argparse.Namespace) -> None:
     """Fly as the parsed command line says. Raises SimVehicleError, or UsageError for a wrong command line."""
     settings = read_settings(given.settings)
     steady = read_wind(given.wind)
-    if not (math.isfinite(given.speed) and given.speed > 0.0):
-        raise UsageError(f"--speed {given.speed:g}: give a number above 0")
-    if given.seed < 0:
-        raise UsageError(f"--seed {given.seed}: give a whole number from 0")
-    if given.out:
-        try:
-            check_link(given.out)
-        except SinkError as error:
-            raise UsageError(f"--out {error}") from None
-    vehicle = _vehicle(given, settings)
-    plant = Plant(vehicle, _model(given, vehicle, settings))
-    plan = _plan(given, settings)
-    sensor_seed, gust_seed = np.random.SeedSequence(given.seed).spawn(2)
-    generator = np.random.default_rng(sensor_seed)
+    check_numbers(given)
     try:
-        suite = SensorSuite(vehicle, noise=given.noise, generator=generator, changes=settings.sensors)
-    except SimVehicleError as error:
-        raise UsageError(str(error)) from None
-    plant.trim()  # what cannot fly is told before a file is made or a ground station waited for
-    _warm_up(plant, steady)
-    sink = _open(given)
+        faults = read_faults(given.fault)
+    except FaultError as error:
+        raise UsageError(f"--fault {error}") from None
+    key = read_key(given.signing_key) if given.signing_key else None
+    plan = flight_plan(given, settings)
+    flights = [_Flight(given, settings, plan, number) for number in range(given.vehicles)]
+    flights[0].plant.trim()  # what cannot fly is told before a file is made or a ground station waited for
+    _warm_up(flights[0].plant, steady)
+    voices = [Voice(flight.system, version=1 if given.mavlink1 else 2, key=key) for flight in flights]
+    link = None if given.record else open_link(given.out)
+    sink = link or open_recording(Path(given.record))
     try:
-        pacer = Pacer(given.speed) if given.out else None
-        sender = Sender(sink, pacer, plan.duration)
-        flown = fly(
-            plant,
-            plan,
-            suite=suite,
-            generator=np.random.default_rng(gust_seed),
-            wind=wind_of(plant, steady),
-            taxi=given.taxi,
-            on_tick=sender,
-        )
-        sender.finish()
+        if link:
+            _wait_for_peer(given, link)
+        _fly(given, flights, voices, faults, sink, link)
     finally:
         sink.close()
     if given.truth:
-        flown.write_truth(given.truth)
+        _write_truth(flights, Path(given.truth))
+
+
+def _fly(
+    given: argparse.Namespace,
+    flights: list[_Flight],
+    voices: list[Voice],
+    faults: Faults,
+    sink: Sink,
+    link: Link | None,
+) -> None:
+    pacer = Pacer(given.speed) if link else None
+    timeline = Timeline(pacer)
+    channel = Channel(sink, pacer, timeline)
+    crafts = [
+        Craft(flight.vehicle, channel, voice, flight.arming, faults, flight.link_seed)
+        for flight, voice in zip(flights, voices, strict=True)
+    ]
+    progress = _Progress(flights[0].plan.duration)
+    listeners: list[OnTick] = [partial(progress.after, crafts[0]), *crafts[1:]]
+    uplink = Uplink(link, crafts) if link else None
+    try:
+        fly_together([flight.fly for flight in flights], listeners)
+        for craft in crafts:
+            craft.finish()
+        timeline.finish()
+    finally:
+        if uplink:
+            uplink.close()
+        timeline.close()
+    progress.finish(crafts)
 
 
 def _warm_up(plant: Plant, steady: tuple[float, float, float]) -> None:
@@ -179,53 +147,42 @@ def _warm_up(plant: Plant, steady: tuple[float, float, float]) -> None:
     )
 
 
-def _open(given: argparse.Namespace) -> Sink:
-    if given.record:
-        return open_recording(Path(given.record))
-    link = open_link(given.out)
+def _wait_for_peer(given: argparse.Namespace, link: Link) -> None:
     if isinstance(link, UdpSink | TcpSink):
         if given.out.startswith(("udpin:", "udp:", "tcpin:")):
             print(f"sim-vehicle: waiting for a ground station on {given.out}", file=sys.stderr, flush=True)
         link.wait_for_peer()
-    return link
+    if given.wait_arm:
+        print("sim-vehicle: standing until a ground station arms the vehicle", file=sys.stderr, flush=True)
 
 
-class Sender:
-    """Sends each tick's frames at its time, and tells a terminal how far the flight is.
+def _write_truth(flights: list[_Flight], path: Path) -> None:
+    """The truth of one vehicle to `path`, of several to one file each, named by their systems."""
+    for flight in flights:
+        if flight.flown:
+            own = path if len(flights) == 1 else path.with_name(f"{path.stem}-{flight.system}{path.suffix}")
+            flight.flown.write_truth(own)
 
-    pacer: None for a file, whose stamps then count from now. duration: s of the plan.
-    """
 
-    def __init__(
-        self, sink: Sink, pacer: Pacer | None, duration: float, utc_ns: Callable[[], int] = time.time_ns
-    ) -> None:
-        self._sink, self._pacer, self._duration, self._utc_ns = sink, pacer, duration, utc_ns
-        self._start_ns = utc_ns()
-        self._telemetry: Telemetry | None = None
-        self._frames = 0
-        self._flown_s = 0.0
+class _Progress:
+    """Tells a terminal how far the flight is. duration: s of the plan."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
         self._shown = time.monotonic()
         self._terminal = sys.stderr.isatty()
 
-    def __call__(self, tick: Tick) -> None:
-        if self._telemetry is None:
-            self._start_ns = self._utc_ns()
-            epoch_us = self._start_ns // 1000 - round(BOOT_S * 1e6)
-            self._telemetry = Telemetry(epoch_us=epoch_us)
-        frames = self._telemetry.frames(tick)
-        if self._pacer:
-            self._pacer.wait_until(tick.time_s)
-        sent_ns = self._start_ns + round(tick.time_s * 1e9)
-        for frame in frames:
-            self._sink.write(frame, sent_ns)
-        self._frames += len(frames)
-        self._flown_s = tick.time_s
+    def after(self, craft: Craft, tick: Tick) -> None:
+        """Hand a tick on, and show it from time to time."""
+        craft(tick)
         if self._terminal and time.monotonic() - self._shown > _PROGRESS_S:
             self._shown = time.monotonic()
             whole = max(self._duration, tick.time_s)
             print(f"\r{tick.time_s:7.1f} s of {whole:.1f} s flown", end="", file=sys.stderr, flush=True)
 
-    def finish(self) -> None:
+    def finish(self, crafts: list[Craft]) -> None:
         """Say what was flown."""
         end = "\r" if self._terminal else ""
-        print(f"{end}{self._flown_s:.1f} s flown, {self._frames} messages", file=sys.stderr)
+        several = f" by {len(crafts)} vehicles" if len(crafts) > 1 else ""
+        count = sum(craft.frames for craft in crafts)
+        print(f"{end}{crafts[0].flown_s:.1f} s flown{several}, {count} messages", file=sys.stderr)

@@ -4,8 +4,10 @@ lent by entry point.
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
+import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -15,6 +17,9 @@ from sim_vehicle.errors import SinkError
 
 RECORDERS = "sim_vehicle.recorders"
 _SEND_TIMEOUT_S = 5.0
+_LARGEST_DATAGRAM = 65535
+_RECEIVE_BYTES = 4096
+_SERIAL_POLL_S = 0.002  # pyserial waits only for whole reads, and not on every system by select
 _SOCKETS = ("udp", "udpin", "udpout", "tcp", "tcpin")
 _KINDS = "udpout:HOST:PORT, udpin:HOST:PORT, udp:HOST:PORT (as udpin), tcp:HOST:PORT, tcpin:HOST:PORT, /dev/TTY[,BAUD]"
 
@@ -29,8 +34,15 @@ class Sink(Protocol):
         """Flush and release."""
 
 
+class Link(Sink, Protocol):
+    """A sink that also hears: what the other side sends is to be had while another thread writes."""
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What has come, empty where nothing does within `timeout_s` or the other side is gone."""
+
+
 class UdpSink:
-    """Each frame its own datagram. As a server (udpin) it waits for a first datagram and answers its sender."""
+    """Each frame its own datagram. As a server (udpin) it waits for a first datagram, and answers who spoke last."""
 
     def __init__(self, host: str, port: int, *, server: bool) -> None:
         where = f"{'udpin' if server else 'udpout'}:{host}:{port}"
@@ -43,7 +55,9 @@ class UdpSink:
         except OSError as error:
             raise SinkError(f"{where}: cannot be opened: {error.strerror or error}") from None
         self._where = where
+        self._server = server
         self._peer: Any = None if server else address
+        self._first = b""
 
     @property
     def port(self) -> int:
@@ -53,7 +67,21 @@ class UdpSink:
     def wait_for_peer(self) -> None:
         """Block until someone has spoken to a server socket."""
         if self._peer is None:
-            _, self._peer = self._socket.recvfrom(65535)
+            self._first, self._peer = self._socket.recvfrom(_LARGEST_DATAGRAM)
+
+    def receive(self, timeout_s: float) -> bytes:
+        if self._first:
+            data, self._first = self._first, b""
+            return data
+        try:
+            if not select.select([self._socket], [], [], timeout_s)[0]:
+                return b""
+            data, peer = self._socket.recvfrom(_LARGEST_DATAGRAM)
+        except OSError:
+            return b""  # an ICMP message about what was sent; writing tells what cannot go on
+        if self._server:
+            self._peer = peer
+        return data
 
     def write(self, data: bytes, utc_ns: int) -> None:
         self.wait_for_peer()
@@ -75,6 +103,7 @@ class TcpSink:
         self._where = f"{'tcpin' if server else 'tcp'}:{host}:{port}"
         self._listener: socket.socket | None = None
         self._stream: socket.socket | None = None
+        self._silent: socket.socket | None = None  # a stream whose other side will say no more
         try:
             if server:
                 self._listener = socket.create_server((host or "0.0.0.0", port))
@@ -95,6 +124,21 @@ class TcpSink:
             self._stream, _ = self._listener.accept()
             self._stream.settimeout(_SEND_TIMEOUT_S)
             self._stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def receive(self, timeout_s: float) -> bytes:
+        stream = self._stream
+        if stream is None or stream is self._silent:
+            time.sleep(timeout_s)
+            return b""
+        try:
+            if not select.select([stream], [], [], timeout_s)[0]:
+                return b""
+            data = stream.recv(_RECEIVE_BYTES)
+        except (OSError, ValueError):  # closed by the writing thread, which tells
+            data = b""
+        if not data:
+            self._silent = stream
+        return data
 
     def write(self, data: bytes, utc_ns: int) -> None:
         self.wait_for_peer()
@@ -121,12 +165,23 @@ class SerialSink:
         import serial
 
         try:
-            self._port = serial.Serial(device, baud, write_timeout=_SEND_TIMEOUT_S)
+            self._port = serial.Serial(device, baud, timeout=0, write_timeout=_SEND_TIMEOUT_S)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise SinkError(f"{device},{baud}: cannot be opened: {reason}") from None
         self._where = f"{device},{baud}"
         self._errors = (OSError, serial.SerialTimeoutException)
+
+    def receive(self, timeout_s: float) -> bytes:
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                data = bytes(self._port.read(_RECEIVE_BYTES))
+            except self._errors:
+                data = b""
+            if data or time.monotonic() >= deadline:
+                return data
+            time.sleep(_SERIAL_POLL_S)
 
     def write(self, data: bytes, utc_ns: int) -> None:
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ class Voice:
     def signed_from(self, utc_us: int) -> None:
         """Stamp the next signatures with `utc_us`, us since 1970, or later: a signature's stamp only rises."""
         signing = self.build.signing
-        signing.timestamp = max(signing.timestamp, (utc_us - _SIGNING_EPOCH_US) // 10)
+        signing.timestamp = max(signing.timestamp, _signing_time(utc_us))
 
     def restart(self) -> None:
         """Number messages from 0 again, as after a boot."""
@@ -72,8 +73,12 @@ class Voice:
         parser = mavlink.MAVLink(None)
         parser.robust_parsing = True
         parser.signing.secret_key = self._key
-        parser.signing.timestamp = self.build.signing.timestamp
+        parser.signing.timestamp = _signing_time(time.time_ns() // 1000)
         return parser
+
+
+def _signing_time(utc_us: int) -> int:
+    return max(utc_us - _SIGNING_EPOCH_US, 0) // 10
 
 
 def read_key(path: str | Path) -> bytes:

@@ -142,7 +142,7 @@ WRONG_USE = [
     (["--record", "f.tlog", "--wind", "1,2"], "three numbers"),
     (["--record", "f.tlog", "--duration", "0"], "above 0"),
     (["--record", "f.tlog", "--plan", "p.json", "--manoeuvre", "cruise"], "not both"),
-    (["--out", "udpout:127.0.0.1:1", "--speed", "0"], "above 0"),
+    (["--out", "udpout:127.0.0.1:1", "--speed", "0"], "from 0.01 to 1000"),
     (["--out", "pigeon"], "no such link"),
     (["--record", "f.tlog", "--vehicle", "no-such-vehicle"], "no such vehicle file"),
 ]
