@@ -15,6 +15,7 @@ Frames are MAVLink 1 (0xFE) and 2 (0xFD, signed ones too), as the MAVLink serial
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,8 @@ class Frames:
     kind: (N,) uint8 of KNOWN, KNOWN_SIGNED, UNKNOWN (whose signature, if any, shows in `incompat`).
     consumed: bytes of `buffer` that are accounted for: sum(length) + raw.
     bad_crc: complete candidates of known id whose checksum was wrong.
+
+    What is derived from these is worked out once, as several parts of the recorder ask for it.
     """
 
     buffer: Bytes
@@ -65,53 +68,53 @@ class Frames:
     def __len__(self) -> int:
         return int(self.offset.size)
 
-    @property
+    @cached_property
     def raw(self) -> int:
         """Consumed bytes that belong to no frame."""
         return self.consumed - int(self.length.sum(dtype=np.int64))
 
-    @property
+    @cached_property
     def unknown(self) -> int:
         """Number of frames whose id the dialect does not know."""
         return int(np.count_nonzero(self.kind == UNKNOWN))
 
-    @property
+    @cached_property
     def magic(self) -> Bytes:
         """(N,) 0xFE or 0xFD."""
         return self.buffer[self.offset]
 
-    @property
+    @cached_property
     def is_v2(self) -> NDArray[np.bool_]:
         """(N,) whether the frame is MAVLink 2."""
         magic: NDArray[np.uint8] = self.magic
         return np.equal(magic, MAGIC_V2)
 
-    @property
+    @cached_property
     def incompat(self) -> Bytes:
         """(N,) incompatibility flags, 0 for MAVLink 1."""
         return np.where(self.is_v2, self.buffer[self.offset + 2], 0).astype(np.uint8)
 
-    @property
+    @cached_property
     def seq(self) -> Bytes:
         """(N,) the sender's counter."""
         return self.buffer[self.offset + np.where(self.is_v2, 4, 2)]
 
-    @property
+    @cached_property
     def sysid(self) -> Bytes:
         """(N,) system."""
         return self.buffer[self.offset + np.where(self.is_v2, 5, 3)]
 
-    @property
+    @cached_property
     def compid(self) -> Bytes:
         """(N,) component."""
         return self.buffer[self.offset + np.where(self.is_v2, 6, 4)]
 
-    @property
+    @cached_property
     def payload_offset(self) -> NDArray[np.int64]:
         """(N,) where the payload begins."""
         return self.offset + np.where(self.is_v2, 10, 6)
 
-    @property
+    @cached_property
     def payload_length(self) -> Bytes:
         """(N,) payload bytes as sent (MAVLink 2 cuts trailing zeros)."""
         return self.buffer[self.offset + 1]
