@@ -2,50 +2,28 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.dialect import Dialect
 from gcs.framing import Frames
-from sim_vehicle.jit import jit
+from gcs.linkaccount import SYSTEM_TIME, SenderAccount
+from gcs.signing import SignatureChecker, SignatureCounts
 
 _RATE_WINDOW_S = 5
+_SUMS = (
+    *("frames", "frames_per_s", "bytes_per_s", "raw_bytes", "bad_crc", "unknown_messages"),
+    *SignatureCounts().to_json(),
+)
 _CLOCK_BUCKETS = 600
 _MIN_DRIFT_S = 10.0
-SYSTEM_TIME = 2
-
-
-@jit
-def _count_sequence(
-    sender: NDArray[np.int64],
-    sequence: NDArray[np.uint8],
-    last: NDArray[np.int64],
-    received: NDArray[np.int64],
-    lost: NDArray[np.int64],
-) -> None:
-    """Count frames and gaps per sender (system << 8 | component). A step of 0 is a repeat, not 255 lost frames.
-
-    Steps of up to 32 back are frames out of order, which fill a gap counted before.
-    """
-    for i in range(sender.size):
-        s = sender[i]
-        received[s] += 1
-        if last[s] < 0:
-            last[s] = sequence[i]
-            continue
-        step = (sequence[i] - last[s]) & 0xFF
-        if step == 0:
-            continue
-        if step >= 224:
-            if lost[s] > 0:
-                lost[s] -= 1
-            continue
-        lost[s] += step - 1
-        last[s] = sequence[i]
 
 
 @dataclass
@@ -77,13 +55,16 @@ class _Clock:
 
 
 class LinkStatistics:
-    """Statistics of one link, fed with what its framer found. Thread-safe."""
+    """Statistics of one source (a peer of a link), fed with what its framer found. Thread-safe.
 
-    def __init__(self, dialect: Dialect) -> None:
+    key: what signatures are checked with; without one, signed frames are only counted.
+    """
+
+    def __init__(self, dialect: Dialect, key: bytes | None = None) -> None:
         self._lock = threading.Lock()
-        self._last = np.full(1 << 16, -1, np.int64)
-        self._received = np.zeros(1 << 16, np.int64)
-        self._lost = np.zeros(1 << 16, np.int64)
+        self._account = SenderAccount()
+        self._signatures = SignatureChecker(key)
+        self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
         self._clocks: dict[int, _Clock] = {}
         self._frames = self._raw = self._bad_crc = self._unknown = 0
@@ -91,22 +72,25 @@ class LinkStatistics:
     def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
         """Count one batch. received_ns: (len(frames),) UTC time of each frame."""
         with self._lock:
-            self._raw += frames.raw
+            account = self._account
+            account.add(frames)
+            self._raw += frames.consumed - account.bytes
             self._bad_crc += frames.bad_crc
             if len(frames) == 0:
                 return
             self._frames += len(frames)
-            self._unknown += frames.unknown
-            sender = frames.sysid.astype(np.int64) << 8 | frames.compid
-            _count_sequence(sender, frames.seq, self._last, self._received, self._lost)
+            self._unknown += account.unknown
+            self._signatures.add(frames, received_ns)
             second = int(received_ns[-1]) // 1_000_000_000
-            size = int(frames.length.sum())
             if self._per_second and self._per_second[-1][0] == second:
                 _, count, total = self._per_second[-1]
-                self._per_second[-1] = (second, count + len(frames), total + size)
+                self._per_second[-1] = (second, count + len(frames), total + account.bytes)
             else:
-                self._per_second.append((second, len(frames), size))
-            self._add_clocks(frames, received_ns)
+                self._per_second.append((second, len(frames), account.bytes))
+            if account.radio >= 0:
+                self._radio = radio_report(frames, account.radio, int(received_ns[account.radio]))
+            if account.clocks:
+                self._add_clocks(frames, received_ns)
 
     def _add_clocks(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
         for i in np.flatnonzero((frames.msgid == SYSTEM_TIME) & (frames.message >= 0)).tolist():
@@ -116,25 +100,16 @@ class LinkStatistics:
             clock = self._clocks.setdefault(int(frames.sysid[i]), _Clock())
             clock.add(int(received_ns[i]) / 1e9, boot_ms / 1e3)
 
-    def to_json(self, now_ns: int) -> dict[str, object]:
+    def to_json(self, now_ns: int) -> dict[str, Any]:
         """Rates over the last 5 s, totals, and one entry for each system."""
         with self._lock:
             newest = now_ns // 1_000_000_000
             recent = [entry for entry in self._per_second if newest - _RATE_WINDOW_S <= entry[0] < newest]
-            systems: dict[int, dict[str, object]] = {}
-            for sender in np.flatnonzero(self._received).tolist():
-                entry = systems.setdefault(sender >> 8, self._system(sender >> 8))
-                received, lost = int(self._received[sender]), int(self._lost[sender])
-                components = entry["components"]
-                assert isinstance(components, list)
-                components.append(
-                    {
-                        "component": sender & 0xFF,
-                        "received": received,
-                        "lost": lost,
-                        "loss": lost / (received + lost),
-                    }
-                )
+            systems: dict[int, dict[str, Any]] = {}
+            for system, component, counts in self._account.senders():
+                entry = systems.get(system) or systems.setdefault(system, self._system(system))
+                sent = counts["received"] + counts["lost"]
+                entry["components"].append({"component": component, **counts, "loss": counts["lost"] / sent})
             return {
                 "frames": self._frames,
                 "frames_per_s": sum(entry[1] for entry in recent) / _RATE_WINDOW_S,
@@ -142,10 +117,12 @@ class LinkStatistics:
                 "raw_bytes": self._raw,
                 "bad_crc": self._bad_crc,
                 "unknown_messages": self._unknown,
+                **self._signatures.counts.to_json(),
+                "radio": self._radio,
                 "systems": list(systems.values()),
             }
 
-    def _system(self, system: int) -> dict[str, object]:
+    def _system(self, system: int) -> dict[str, Any]:
         clock = self._clocks.get(system)
         return {
             "system": system,
@@ -153,3 +130,34 @@ class LinkStatistics:
             "clock_drift_ppm": clock.drift_ppm() if clock else None,
             "components": [],
         }
+
+
+def radio_report(frames: Frames, i: int, received_ns: int) -> dict[str, object]:
+    """What frame i, a RADIO_STATUS or RADIO, says of a telemetry radio and of its partner (`rem…`)."""
+    start = int(frames.payload_offset[i])
+    sent = frames.buffer[start : start + int(frames.payload_length[i])].tobytes()
+    values = struct.unpack("<HHBBBBB", sent.ljust(9, b"\0")[:9])  # MAVLink 2 does not send trailing zeros
+    names = ("rxerrors", "fixed", "rssi", "remrssi", "txbuf", "noise", "remnoise")
+    sender = {"system": int(frames.sysid[i]), "component": int(frames.compid[i])}
+    return {**sender, "received_ns": received_ns, **dict(zip(names, values, strict=True))}
+
+
+def merged(statistics: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
+    """One link's statistics out of those of its sources: (source, its statistics), the first being the link itself.
+
+    Losses stay apart by source: each counts what did not come that way, whatever came by another.
+    """
+    (first, whole), *others = [(name, {**entry}) for name, entry in statistics]
+    _name_source(first, whole)
+    for name, entry in others:
+        _name_source(name, entry)
+        for key in _SUMS:
+            whole[key] += entry[key]
+        whole["systems"] = [*whole["systems"], *entry["systems"]]
+        newest = [radio for radio in (whole["radio"], entry["radio"]) if radio is not None]
+        whole["radio"] = max(newest, key=lambda radio: radio["received_ns"], default=None)
+    return whole
+
+
+def _name_source(name: str, entry: dict[str, Any]) -> None:
+    entry["systems"] = [{**system, "source": name} for system in entry["systems"]]

@@ -84,8 +84,12 @@ class Sources:
         oldest = time.monotonic() - PEER_MEMORY_S
         return [source for source in self._by_peer.copy().values() if source.heard >= oldest]
 
-    def to_json(self) -> list[dict[str, object]]:
+    def all(self) -> list[Source]:
         """Every source heard, those that fell silent too."""
+        return self._slots.copy()
+
+    def to_json(self) -> list[dict[str, object]]:
+        """The same as JSON."""
         return [
             {
                 "source": slot.name,
@@ -94,5 +98,5 @@ class Sources:
                 "reads": slot.reads,
                 "last_received_ns": slot.last_received_ns,
             }
-            for slot in self._slots.copy()
+            for slot in self.all()
         ]

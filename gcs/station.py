@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.datagrams import Batch
 from gcs.links import Link
+from gcs.linkstats import merged
 from gcs.recorder import FlightRecorder, RecorderState
 
 _RECEIVE_TIMEOUT_S = 0.25
@@ -138,4 +139,8 @@ class RecordingStation(Station):
     def link_status(self) -> list[dict[str, object]]:
         """State, counters and statistics of every link, as JSON."""
         now = self._clock()
-        return [{**link.status(), **self._recorder.statistics(link.name, now)} for link in self.links]
+        return [{**link.status(), **self._statistics(link, now)} for link in self.links]
+
+    def _statistics(self, link: Link, now_ns: int) -> dict[str, object]:
+        names = dict.fromkeys((link.name, *(source.name for source in link.sources.all())))
+        return merged([(name, self._recorder.statistics(name, now_ns)) for name in names])

@@ -36,6 +36,7 @@ class ComponentStatus(BaseModel):
 
     component: int
     received: int
+    duplicates: int = Field(description="Frames that came a second time over this source")
     lost: int = Field(description="Frames missing in the sender's sequence")
     loss: float = Field(description="lost / (lost + received)")
 
@@ -44,9 +45,35 @@ class SystemStatus(BaseModel):
     """One system (vehicle or ground station) heard on a link."""
 
     system: int
+    source: str = Field(description="The peer of the link that these frames came from")
     clock_offset_s: float | None = Field(description="Time of reception (UTC) minus the vehicle's time since boot")
     clock_drift_ppm: float | None = Field(description="How much faster the vehicle's clock runs than ours")
     components: list[ComponentStatus]
+
+
+class SourceStatus(BaseModel):
+    """One peer of a link."""
+
+    source: str
+    address: str
+    bytes: int
+    reads: int
+    last_received_ns: int
+
+
+class RadioStatus(BaseModel):
+    """The last RADIO_STATUS (or RADIO) of a telemetry radio; `rem…` is its partner. Units are the radio's own."""
+
+    system: int
+    component: int
+    received_ns: int
+    rssi: int
+    remrssi: int
+    noise: int
+    remnoise: int
+    txbuf: int = Field(description="Free share of the radio's buffer, %")
+    rxerrors: int
+    fixed: int
 
 
 class LinkStatus(BaseModel):
@@ -61,13 +88,21 @@ class LinkStatus(BaseModel):
     bytes_sent: int
     send_errors: int
     connections: int
+    reconnects: int
     last_received_ns: int
+    sources: list[SourceStatus]
     frames: int
     frames_per_s: float
     bytes_per_s: float
     raw_bytes: int = Field(description="Bytes that belong to no frame")
     bad_crc: int
     unknown_messages: int
+    signed_good: int
+    signed_bad: int = Field(description="Wrong signature, or a stamp that does not increase")
+    signed_replayed: int = Field(description="Those of signed_bad whose signature is right")
+    signed_unverified: int = Field(description="Signed, but there is no key")
+    unsigned: int
+    radio: RadioStatus | None
     systems: list[SystemStatus]
 
 

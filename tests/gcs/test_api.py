@@ -339,7 +339,9 @@ def test_links_show_losses_noise_and_the_vehicles_clock(bench: Bench) -> None:
     (status,) = bench.station.link_status()
     (system,) = status["systems"]  # type: ignore[misc]
     assert status["raw_bytes"] == 30 * 6
-    assert system["components"] == [{"component": 1, "received": 30 * 47, "lost": 150, "loss": pytest.approx(5 / 52)}]
+    assert system["components"] == [
+        {"component": 1, "received": 30 * 47, "lost": 150, "duplicates": 0, "loss": pytest.approx(5 / 52)}
+    ]
     assert system["clock_drift_ppm"] == pytest.approx(100.0, abs=5.0)
     assert system["clock_offset_s"] == pytest.approx(START / 1e9, abs=0.1)
     assert status["frames_per_s"] == pytest.approx(47, rel=0.2)

@@ -1,0 +1,124 @@
+"""Signatures: frames signed by pymavlink, altered, replayed and made with another key, judged as pymavlink judges."""
+
+import hashlib
+import itertools
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mavlink_frames import Sender
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.dialect import Dialect
+from gcs.errors import SettingsError
+from gcs.framing import Framer
+from gcs.signing import SignatureChecker, SignatureCounts, SigningClock, load_key, signing_time
+
+DIALECT = Dialect.load()
+KEY = hashlib.sha256(b"a passphrase").digest()
+NOW = 1_790_000_000 * 1_000_000_000
+
+
+def stamp(seconds: float = 0.0) -> int:
+    """What MAVLink calls the time: units of 10 us since 2015."""
+    return int((NOW / 1e9 - 1_420_070_400 + seconds) * 100_000)
+
+
+def signed(count: int, system: int = 1, link_id: int = 0, at_s: float = 0.0, key: bytes = KEY) -> list[bytes]:
+    """Frames of random messages, signed by pymavlink."""
+    sender = Sender(system, 1, seed=system)
+    sender.sign_from_now(key)
+    sender.mavlink.signing.link_id = link_id
+    sender.mavlink.signing.timestamp = stamp(at_s)
+    names = ("ATTITUDE", "HEARTBEAT", "STATUSTEXT", "GPS_RAW_INT")
+    return [sender.send(names[i % len(names)]).frame for i in range(count)]
+
+
+def judge(*batches: list[bytes], key: bytes | None = KEY) -> SignatureCounts:
+    """What our checker counts, batch by batch."""
+    checker, framer = SignatureChecker(key), Framer(DIALECT)
+    for batch in batches:
+        _, frames = framer.feed(b"".join(batch))
+        assert len(frames) == len(batch)
+        checker.add(frames, np.full(len(frames), NOW))
+    return checker.counts
+
+
+def pymavlinks_verdict(frames: list[bytes], key: bytes = KEY) -> list[bool]:
+    """What pymavlink's own check says of each frame, in turn."""
+    parser = mavlink.MAVLink(None)
+    parser.signing.secret_key = key
+    parser.signing.timestamp = stamp()
+    return [parser.check_signature(bytearray(frame), frame[5], frame[6]) for frame in frames]
+
+
+def test_frames_signed_by_pymavlink_are_good_and_unsigned_ones_are_counted_apart() -> None:
+    frames = signed(40)
+    plain = [Sender(2, 1).send("ATTITUDE").frame, Sender(3, 1, version=1).send("ATTITUDE").frame]
+    counts = judge(frames[:10], [*frames[10:], *plain])
+    assert counts == SignatureCounts(good=40, unsigned=2)
+    assert judge(frames, plain, key=None) == SignatureCounts(unverified=40, unsigned=2)
+
+
+def test_a_frame_altered_in_any_part_of_its_signature_is_bad() -> None:
+    for place in range(1, 14):
+        frames = signed(5)
+        altered = bytearray(frames[2])
+        altered[-place] ^= 0x10
+        frames[2] = bytes(altered)
+        verdicts = pymavlinks_verdict([frames[2]])
+        assert verdicts == [False]
+        counts = judge(frames)
+        assert (counts.good, counts.bad) == (4, 1)
+
+
+def test_another_key_makes_all_frames_bad() -> None:
+    assert judge(signed(7, key=bytes(32))) == SignatureCounts(bad=7)
+
+
+def test_replayed_frames_are_bad_and_streams_do_not_disturb_each_other() -> None:
+    first, second, other_link = signed(10), signed(10, system=2), signed(10, link_id=3)
+    mixed = [frame for trio in zip(first, second, other_link, strict=True) for frame in trio]
+    assert judge(mixed) == SignatureCounts(good=30)
+    counts = judge(mixed, first[3:6])
+    assert counts == SignatureCounts(good=30, bad=3, replayed=3)
+    assert pymavlinks_verdict([*mixed, *first[3:6]]) == [True] * 30 + [False] * 3
+
+
+@pytest.mark.parametrize(("age_s", "accepted"), [(-3600.0, False), (-61.0, False), (-59.0, True), (3600.0, True)])
+def test_a_new_stream_may_lie_a_minute_back(age_s: float, accepted: bool) -> None:
+    frames = signed(3, at_s=age_s)
+    assert judge(frames).good == (3 if accepted else 0)
+    assert pymavlinks_verdict(frames) == [accepted] * 3
+
+
+def test_signatures_of_unknown_messages_are_checked_too() -> None:
+    small = Dialect.load("minimal")
+    frames = signed(8)
+    checker = SignatureChecker(KEY)
+    _, found = Framer(small).feed(b"".join(frames), final=True)
+    checker.add(found, np.full(len(found), NOW))
+    assert len(found) == 8
+    assert checker.counts == SignatureCounts(good=8)
+
+
+def test_keys_are_32_bytes_or_64_digits(tmp_path: Path) -> None:
+    path = tmp_path / "key"
+    for content in (KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n"):
+        path.write_bytes(content)
+        assert load_key(path) == KEY
+    for wrong in (b"", KEY[:31], KEY + b"\n", b"x" * 64, KEY.hex().encode()[:63], b"\xff" * 64):
+        path.write_bytes(wrong)
+        with pytest.raises(SettingsError, match="32 bytes") as error:
+            load_key(path)
+        assert "\n" not in str(error.value)
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load_key(tmp_path / "none")
+
+
+def test_own_stamps_tell_the_time_and_always_increase() -> None:
+    clock = SigningClock()
+    stamps = [clock.next() for _ in range(1000)]
+    assert all(later > earlier for earlier, later in itertools.pairwise(stamps))
+    assert abs(stamps[-1] - signing_time(time.time_ns())) < 100_000 * 30
