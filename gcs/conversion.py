@@ -8,8 +8,11 @@ from pathlib import Path
 
 from gcs.errors import ImportFileError, RecordingError
 
+#: Told the share that is done, 0 to 1.
+Progress = Callable[[float], None]
 
-def _copy(source: Path, target: Path) -> None:
+
+def _copy(source: Path, target: Path, progress: Progress) -> None:
     """A recording is taken as it is, once it has opened."""
     from gcs.recording.reader import Recording
 
@@ -17,10 +20,22 @@ def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _import_tlog(source: Path, target: Path) -> None:
+def _import_tlog(source: Path, target: Path, progress: Progress) -> None:
     from gcs.tlog import import_tlog
 
-    import_tlog(source, target)
+    import_tlog(source, target, progress=progress)
+
+
+def _import_dataflash(source: Path, target: Path, progress: Progress) -> None:
+    from gcs.importers.ardupilot import import_dataflash
+
+    import_dataflash(source, target, progress)
+
+
+def _import_ulog(source: Path, target: Path, progress: Progress) -> None:
+    from gcs.importers.ulog import import_ulog
+
+    import_ulog(source, target, progress)
 
 
 def _export_tlog(source: Path, target: Path) -> None:
@@ -35,8 +50,31 @@ def _export_csv(source: Path, target: Path) -> None:
     export_csv(source, target)
 
 
-IMPORTS: dict[str, Callable[[Path, Path], None]] = {".mcap": _copy, ".tlog": _import_tlog}
-EXPORTS: dict[str, Callable[[Path, Path], None]] = {".tlog": _export_tlog, ".csv": _export_csv}
+def _export_parquet(source: Path, target: Path) -> None:
+    from gcs.tables import export_parquet
+
+    export_parquet(source, target)
+
+
+def _export_attached(source: Path, target: Path) -> None:
+    from gcs.importers.original import export_original
+
+    export_original(source, target)
+
+
+IMPORTS: dict[str, Callable[[Path, Path, Progress], None]] = {
+    ".mcap": _copy,
+    ".tlog": _import_tlog,
+    ".bin": _import_dataflash,
+    ".ulg": _import_ulog,
+}
+EXPORTS: dict[str, Callable[[Path, Path], None]] = {
+    ".tlog": _export_tlog,
+    ".csv": _export_csv,
+    ".parquet": _export_parquet,
+    ".bin": _export_attached,
+    ".ulg": _export_attached,
+}
 
 
 def check_file(path: Path) -> None:
@@ -47,10 +85,11 @@ def check_file(path: Path) -> None:
         raise ImportFileError(f"{path}: there is no such file")
 
 
-def import_file(source: Path, target: Path, ending: str | None = None) -> None:
-    """Write the recording `source` as MCAP to `target`.
+def import_file(source: Path, target: Path, ending: str | None = None, progress: Progress = lambda share: None) -> None:
+    """Write the recording `source` as MCAP to `target`, which must not exist.
 
-    ending: of the original name (".tlog"), where `source` itself has another. Raises ImportFileError, RecordingError.
+    ending: of the original name (".tlog"), where `source` itself has another. Raises ImportFileError, RecordingError;
+    no file is left behind then.
     """
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
@@ -60,14 +99,32 @@ def import_file(source: Path, target: Path, ending: str | None = None) -> None:
     check_file(source)
     if target.exists() and target.samefile(source):
         raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
-    IMPORTS[ending](source, target)
+    _check_new(target)
+    try:
+        IMPORTS[ending](source, target, progress)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
 
 
 def export_file(source: Path, target: Path) -> None:
-    """Write the recording `source` in the format that the ending of `target` names. Raises RecordingError."""
+    """Write the recording `source` in the format that the ending of `target`, which must not exist, names.
+
+    Raises RecordingError; no file is left behind then.
+    """
     ending = target.suffix.lower()
     if ending not in EXPORTS:
         raise RecordingError(
             f"{target.name}: {ending or 'no ending'} cannot be exported; this version writes {', '.join(EXPORTS)}"
         )
-    EXPORTS[ending](source, target)
+    _check_new(target)
+    try:
+        EXPORTS[ending](source, target)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+
+
+def _check_new(target: Path) -> None:
+    if target.exists():
+        raise RecordingError(f"{target} exists already; choose another name, or remove it first")

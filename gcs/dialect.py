@@ -64,7 +64,7 @@ class MessageType:
 
     base_length: payload bytes without extensions, which is what MAVLink 1 sends; layout.wire_size is with them.
     text_fields: names of the char arrays. stamp: name of the field that holds the sender's time, or "".
-    stamp_unit: "us", "ms" or "".
+    stamp_unit: "us", "ms" or "". units: of the fields that have one, as the definitions name them.
     """
 
     id: int
@@ -75,6 +75,7 @@ class MessageType:
     text_fields: tuple[str, ...]
     stamp: str
     stamp_unit: str
+    units: Mapping[str, str]
 
     @property
     def schema_name(self) -> str:
@@ -170,7 +171,8 @@ def _message_type(kind: Any) -> MessageType:
     texts = tuple(n.lower() for n in kind.ordered_fieldnames if types[n] == "char" and counts[n])
     stamp, unit = _stamp_field(kind, placed)
     base = _base_length(kind.msgname, [(types[n], n, counts[n]) for n in kind.ordered_fieldnames], kind.crc_extra)
-    return MessageType(kind.id, kind.msgname, kind.crc_extra, base, placed, texts, stamp, unit)
+    units = {name.lower(): text for name, text in kind.fieldunits_by_name.items()}
+    return MessageType(kind.id, kind.msgname, kind.crc_extra, base, placed, texts, stamp, unit, units)
 
 
 def _stamp_field(kind: Any, placed: Layout) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from types import TracebackType
 from typing import TextIO
 
@@ -12,11 +13,12 @@ _WIDTH = 24
 class Progress:
     """Called with a fraction (0..1) and a line of text; a context manager that leaves the terminal clean.
 
-    watched: whether the stream is a terminal.
+    watched: whether the stream is a terminal. after_s: work that is done sooner shows nothing.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
+    def __init__(self, stream: TextIO | None = None, after_s: float = 0.0) -> None:
         self._stream = sys.stderr if stream is None else stream
+        self._starts = time.monotonic() + after_s
         self.watched = self._stream.isatty()
         self._shown = ""
 
@@ -31,6 +33,8 @@ class Progress:
             self._stream.flush()
 
     def __call__(self, fraction: float, text: str) -> None:
+        if time.monotonic() < self._starts:
+            return
         fraction = min(max(fraction, 0.0), 1.0)
         if self.watched:
             done = round(_WIDTH * fraction)

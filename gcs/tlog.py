@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from gcs.crc import Int
 from gcs.dialect import Dialect
 from gcs.errors import ImportFileError, RecordingError
-from gcs.framing import Frames, scan
+from gcs.framing import UNKNOWN, Frames, scan
 from gcs.recording.reader import RUN_NOISE, Recording, WirePieces
 from gcs.recording.writer import Counts, McapWriter
 from sim_vehicle.jit import jit
@@ -46,12 +46,16 @@ def _stamps(frames: Frames) -> Ints:
     return stamps
 
 
+def _is_time(stamps: Ints) -> NDArray[np.bool_]:
+    return np.asarray((stamps > 0) & (stamps < _LATEST_US))
+
+
 def _believable(stamps: Ints, previous: int) -> Ints:
     """Stamps in us with the missing and the odd ones replaced by their neighbours' time.
 
     previous: the last stamp before these, -1 if there is none.
     """
-    usable = (stamps > 0) & (stamps < _LATEST_US)
+    usable = _is_time(stamps)
     if not usable.any():
         return np.full(stamps.shape, max(previous, 0), np.int64)
     places = np.maximum.accumulate(np.where(usable, np.arange(stamps.size), -1))
@@ -90,12 +94,15 @@ def _without_stamps(frames: Frames, stamp: Ints) -> tuple[Bytes, Frames]:
 
 
 def import_tlog(
-    path: str | os.PathLike[str], out_mcap: str | os.PathLike[str], dialect: Dialect | None = None
+    path: str | os.PathLike[str],
+    out_mcap: str | os.PathLike[str],
+    dialect: Dialect | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Counts:
     """Turn a .tlog into a recording, block by block; what was found.
 
     Bytes that belong to no frame and no stamp are kept as noise. ImportFileError if the file cannot be read or
-    holds no frame.
+    holds no frame. progress: told the share of the file that is done.
     """
     source = Path(path)
     dialect = dialect or Dialect.load()
@@ -105,12 +112,15 @@ def import_tlog(
         raise ImportFileError(f"{source} cannot be read: {error.strerror}") from None
     with file, McapWriter(out_mcap, dialect, chunk_seconds=_CHUNK_SECONDS) as writer:
         writer.metadata("import", {"source": source.name, "format": "tlog"})
+        total = max(os.fstat(file.fileno()).st_size, 1)
         tail = b""
         previous = -1
+        stamped = 0
         while True:
             block = file.read(_BLOCK_BYTES)
             frames = scan(np.frombuffer(tail + block, np.uint8), dialect, final=not block, gap=_STAMP_BYTES)
             stamps = _stamps(frames)
+            stamped += int(np.count_nonzero(_is_time(stamps) & (frames.kind != UNKNOWN)))
             tail = frames.buffer[frames.consumed :].tobytes()
             if frames.consumed:
                 times = _believable(stamps, previous)
@@ -119,9 +129,10 @@ def import_tlog(
                 writer.write(LINK_NAME, data, moved, times * 1000)
             if not block:
                 break
+            progress(file.tell() / total)
         counts = writer.counts
-    if counts.messages == 0 and 2 * counts.raw_bytes >= counts.bytes:
-        # Noise alone looks like a frame of unknown id now and then.
+    if stamped == 0 and 2 * counts.raw_bytes >= counts.bytes:
+        # Noise alone looks like a frame now and then, but not like one behind a time.
         Path(out_mcap).unlink()
         raise ImportFileError(f"{source} holds no MAVLink frame; check that it is a .tlog")
     return counts

@@ -4,19 +4,22 @@ import argparse
 from pathlib import Path
 
 NAME = "import"
-HELP = "turn a log of another format into a recording"
+HELP = "turn a log of another format (.tlog, ArduPilot .bin, PX4 .ulg) into a recording"
+_QUIET_S = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("file", metavar="FILE", type=Path)
-    parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True)
+    parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
+    parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="must not exist yet")
 
 
 def run(args: argparse.Namespace) -> int:
     """Import and say where to."""
     from gcs.conversion import import_file
+    from gcs.progress import Progress
 
-    import_file(args.file, args.output)
+    with Progress(after_s=_QUIET_S) as progress:
+        import_file(args.file, args.output, progress=lambda share: progress(share, "importing"))
     print(args.output)
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -93,6 +93,8 @@ class Container:
         self.attachments: list[Attachment] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         self._cached: Group | None = None
+        self._indexed: dict[int, tuple[ChunkInfo, frozenset[int]]] = {}
+        self._selected_bytes = 0
         self._zstd = zstandard.ZstdDecompressor()
         self._bad_chunks: set[int] = set()
         self.bytes = self._map()
@@ -178,9 +180,14 @@ class Container:
                     self.message_counts = records.read_statistics(self._content(place))
                 elif place[0] == records.CHUNK_INDEX:
                     chunks.append(records.read_chunk_index(self._content(place)))
+                    self._indexed[chunks[-1].offset] = (
+                        chunks[-1],
+                        records.read_index_channels(self._content(place)),
+                    )
         except ValueError as error:
             self.damage.notes.append(f"the summary is damaged ({error}); the file was read without it")
             self.message_counts = None
+            self._indexed = {}
             return []
         return sorted(chunks, key=lambda chunk: chunk.offset)
 
@@ -270,6 +277,49 @@ class Container:
             yield self._cached
         elif pending:
             yield _group(pending)
+
+    def selected_groups(
+        self,
+        channels: Collection[int],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        group_bytes: int | None = None,
+    ) -> Iterator[Group]:
+        """As `groups`, but of the chunks that can hold messages of these channels and this span of log time alone.
+
+        Which these are, only a summary tells for sure; of a file without one every chunk is read. A group holds about
+        `group_bytes`, unless all of the file is in memory already.
+        """
+        group_bytes = GROUP_BYTES if group_bytes is None else group_bytes
+        wanted = [chunk for chunk in self.chunks if self._may_hold(chunk, channels, start_ns, end_ns)]
+        size = sum(chunk.uncompressed_size for chunk in wanted)
+        whole = sum(chunk.uncompressed_size for chunk in self.chunks)
+        # Many small selections cost more than the whole file once, which is then kept.
+        if self._cached is not None or (whole <= group_bytes and self._selected_bytes + size > whole // 2):
+            yield from self.groups()
+            return
+        self._selected_bytes += size
+        pending: list[bytes] = []
+        size = 0
+        for chunk in wanted:
+            data = self._uncompressed(chunk)
+            if data is None:
+                continue
+            pending.append(data)
+            size += len(data)
+            if size > group_bytes:
+                yield _group(pending)
+                pending, size = [], 0
+        if pending:
+            yield _group(pending)
+
+    def _may_hold(self, chunk: ChunkInfo, channels: Collection[int], start_ns: int | None, end_ns: int | None) -> bool:
+        if chunk.offset not in self._indexed:
+            return True
+        info, held = self._indexed[chunk.offset]
+        early = start_ns is not None and info.end_ns < start_ns
+        late = end_ns is not None and info.start_ns > end_ns
+        return not (early or late) and (not held or not held.isdisjoint(channels))
 
 
 def _walk_all(data: Bytes) -> tuple[Ints, int]:

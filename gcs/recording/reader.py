@@ -7,10 +7,9 @@ Whole files and files that were cut off read alike. What is damaged is left out,
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,68 +19,17 @@ from gcs.errors import RecordingError
 from gcs.recording import scan
 from gcs.recording.build import RUN_NOISE, RUN_UNKNOWN
 from gcs.recording.cdr import Layout, parse_ros2msg
+from gcs.recording.columns import MessageChannel, MessageColumns, Selection, iter_columns, joined, message_channel
 from gcs.recording.container import Container, Damage, Group
 from gcs.recording.records import Attachment
 from gcs.recording.wire import WIRE_TOPIC, WireRecord, decode_wire
 
-# A message repeated over another link is the same one only if it comes within this time.
-_SAME_MESSAGE_NS = 2_000_000_000
+#: Uncompressed bytes of a file that are held at a time where it is read in parts.
+STREAM_BYTES = 32 << 20
 _LARGEST_FRAME = 10 + 255 + 2 + 13
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class MessageColumns:
-    """All N messages of one type from one component, in the order of reception.
-
-    log_time: (N,) UTC of reception, ns. publish_time: (N,) the sender's stamp in ns, 32-bit ones unwrapped, or
-    log_time where the message has none. sequence: (N,) the sender's counter, unwrapped.
-    fields: (N,) structured, the message's fields in lower case, units as in the dialect.
-    """
-
-    name: str
-    system: int
-    component: int
-    log_time: Ints
-    publish_time: Ints
-    sequence: Ints
-    fields: NDArray[Any]
-    text_fields: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return int(self.log_time.size)
-
-    def __getitem__(self, field: str) -> NDArray[Any]:
-        """One field, (N,) or (N, array length)."""
-        values: NDArray[Any] = self.fields[field]
-        return values
-
-    def text(self, field: str) -> NDArray[np.str_]:
-        """(N,) a char array as text: up to its first zero byte."""
-        letters = np.ascontiguousarray(self.fields[field])
-        ended = np.cumsum(letters == 0, axis=1) > 0
-        cut = np.where(ended, 0, letters).astype(np.uint8)
-        joined = cut.view(f"S{cut.shape[1]}").reshape(-1)
-        return np.char.decode(joined, "utf-8", "replace") if joined.size else np.empty(0, np.str_)
-
-
-@dataclass(frozen=True)
-class _MessageChannel:
-    """One channel of MAVLink messages."""
-
-    id: int
-    topic: str
-    name: str
-    link: str
-    system: int
-    component: int
-    message_id: int
-    crc_extra: int
-    base_length: int
-    text_fields: tuple[str, ...]
-    schema_id: int
 
 
 @dataclass(frozen=True)
@@ -110,7 +58,7 @@ class Recording:
         self._channels = {}
         self._wire_channels: dict[int, str] = {}
         for channel in self._file.channels.values():
-            message = _message_channel(channel.id, channel.topic, channel.schema_id, channel.metadata)
+            message = message_channel(channel.id, channel.topic, channel.schema_id, channel.metadata)
             if message is not None:
                 self._channels[channel.id] = message
             elif channel.topic == WIRE_TOPIC:
@@ -150,6 +98,11 @@ class Recording:
         """Names of the links that were recorded."""
         return tuple(dict.fromkeys(self._wire_channels.values()))
 
+    def dialects(self) -> tuple[str, ...]:
+        """Names of the MAVLink dialects that its channels name."""
+        named = (channel.metadata.get("dialect", "") for channel in self._file.channels.values())
+        return tuple(filter(None, dict.fromkeys(named)))
+
     def systems(self) -> tuple[tuple[int, int], ...]:
         """(system, component) of everything heard, sorted."""
         return tuple(sorted({(channel.system, channel.component) for channel in self._channels.values()}))
@@ -176,46 +129,54 @@ class Recording:
         return counts
 
     def columns(
-        self, message_name: str, system: int | None = None, component: int | None = None
+        self,
+        message_name: str,
+        system: int | None = None,
+        component: int | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        fields: Sequence[str] | None = None,
     ) -> list[MessageColumns]:
         """Every message of that name, one entry per (system, component), ordered by these; empty if there are none.
 
-        A message that came over several links counts once.
+        A message that came over several links counts once. start_ns, end_ns: log time, both included, of the messages
+        wanted. fields: their fields wanted, in lower case; all without. Only the chunks that can hold such messages
+        are decompressed, if the file has its summary. RecordingError for a field that the message does not have.
         """
-        wanted: dict[tuple[int, int, int], list[_MessageChannel]] = {}
+        wanted = Selection(start_ns, end_ns, fields)
+        entries = []
+        for channels in self._members(message_name, system, component):
+            parts = list(iter_columns(self._file, channels, self._layout(channels[0].schema_id), wanted))
+            if parts:
+                entries.append(joined(parts))
+        return entries
+
+    def iter_columns(
+        self,
+        message_name: str,
+        system: int | None = None,
+        component: int | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        fields: Sequence[str] | None = None,
+        group_bytes: int = STREAM_BYTES,
+    ) -> Iterator[MessageColumns]:
+        """As `columns`, in parts: about `group_bytes` of the file are held uncompressed at a time.
+
+        The parts of one (system, component) come behind one another in the order of reception.
+        """
+        wanted = Selection(start_ns, end_ns, fields, group_bytes)
+        for channels in self._members(message_name, system, component):
+            yield from iter_columns(self._file, channels, self._layout(channels[0].schema_id), wanted)
+
+    def _members(self, name: str, system: int | None, component: int | None) -> list[list[MessageChannel]]:
+        """The channels, one per link, of each (system, component) that sent the message."""
+        wanted: dict[tuple[int, int, int], list[MessageChannel]] = {}
         for channel in self._channels.values():
             fits = system in (None, channel.system) and component in (None, channel.component)
-            if channel.name == message_name and fits:
+            if channel.name == name and fits:
                 wanted.setdefault((channel.system, channel.component, channel.schema_id), []).append(channel)
-        columns = [self._columns(wanted[key]) for key in sorted(wanted)]
-        return [entry for entry in columns if len(entry)]
-
-    def _columns(self, channels: list[_MessageChannel]) -> MessageColumns:
-        first = channels[0]
-        layout = self._layout(first.schema_id)
-        parts = [self._gather(group, channels, layout.cdr_size) for group in self._file.groups()]
-        links, heads, bodies = parts[0] if len(parts) == 1 else _joined(parts)
-        fields = bodies.view(layout.dtype)
-        if np.unique(links).size > 1:
-            keep = _first_of_each(links, heads, bodies, layout.cdr_size)
-            heads, fields = heads[:, keep], fields[keep]
-        return MessageColumns(
-            first.name, first.system, first.component, heads[1], heads[2], heads[0], fields, first.text_fields
-        )
-
-    def _gather(
-        self, group: Group, channels: list[_MessageChannel], size: int
-    ) -> tuple[NDArray[np.uint16], Ints, Bytes]:
-        """Channels (N,), heads (3, N) and CDR bodies (N * size,) of these channels' messages in a group.
-
-        One channel stands for one link here, as all of them carry the same message of the same component.
-        """
-        picked = group.rows_of(channel.id for channel in channels)
-        bodies = np.empty(picked.size * size, np.uint8)
-        heads = np.empty((3, picked.size), np.int64)
-        scan.gather(group.data, group.rows, picked, size, bodies, heads)
-        ids = group.channel[picked] if len(channels) > 1 else np.zeros(picked.size, np.uint16)
-        return ids, heads, bodies
+        return [wanted[key] for key in sorted(wanted)]
 
     def _layout(self, schema_id: int) -> Layout:
         if schema_id not in self._layouts:
@@ -341,45 +302,6 @@ class Recording:
             rows[channel.id, : len(head)] = head
             rows[channel.id, scan.RUNS : scan.RUNS + len(runs)] = runs
         return rows
-
-
-def _message_channel(identity: int, topic: str, schema_id: int, metadata: Any) -> _MessageChannel | None:
-    """What a channel says about its MAVLink messages; None for other channels."""
-    try:
-        return _MessageChannel(
-            identity,
-            topic,
-            metadata["message"],
-            metadata["link"],
-            int(metadata["system"]),
-            int(metadata["component"]),
-            int(metadata["message_id"]),
-            int(metadata["crc_extra"]),
-            int(metadata["base_length"]),
-            tuple(filter(None, metadata["text_fields"].split(","))),
-            schema_id,
-        )
-    except (KeyError, ValueError):
-        return None
-
-
-def _joined(
-    parts: list[tuple[NDArray[np.uint16], Ints, Bytes]],
-) -> tuple[NDArray[np.uint16], Ints, Bytes]:
-    if not parts:
-        return np.empty(0, np.uint16), np.empty((3, 0), np.int64), np.empty(0, np.uint8)
-    links, heads, bodies = zip(*parts, strict=True)
-    return np.concatenate(links), np.concatenate(heads, axis=1), np.concatenate(bodies)
-
-
-def _first_of_each(links: NDArray[np.uint16], heads: Ints, bodies: Bytes, size: int) -> NDArray[np.bool_]:
-    """(N,) False for what another link had brought already."""
-    keys = np.empty(links.size, np.uint64)
-    scan.hash_bodies(bodies, size, heads[0], keys)
-    keep = np.ones(links.size, np.uint8)
-    order = np.lexsort((heads[1], keys))
-    scan.keep_first(keys, links.astype(np.int64), heads[1], order, _SAME_MESSAGE_NS, keep)
-    return keep.astype(bool)
 
 
 def _gaps(counters: Ints) -> int:

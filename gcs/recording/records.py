@@ -247,6 +247,14 @@ def read_chunk_index(content: bytes) -> ChunkInfo:
     return ChunkInfo(offset, length, start_ns, end_ns, compression, stored, size)
 
 
+def read_index_channels(content: bytes) -> frozenset[int]:
+    """Channels that a chunk's message indexes name, from its chunk index; empty where it has none."""
+    cursor = Cursor(content)
+    cursor.numbers("4Q")
+    pairs = cursor.take(cursor.numbers("I")[0])
+    return frozenset(channel for channel, _ in struct.iter_unpack("<HQ", pairs[: len(pairs) // 10 * 10]))
+
+
 def read_statistics(content: bytes) -> dict[int, int]:
     """Channel -> number of messages."""
     cursor = Cursor(content)

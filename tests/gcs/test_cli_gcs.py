@@ -78,7 +78,7 @@ def test_csv_has_one_row_per_value(flight: Path, tmp_path: Path) -> None:
         (["info", "nowhere.mcap"], "nowhere.mcap"),
         (["info", "nowhere.bin"], "nowhere.bin"),
         (["import", "pyproject.toml", "-o", "x.mcap"], ".toml cannot be imported"),
-        (["export", "FLIGHT", "-o", "x.parquet"], ".parquet cannot be exported"),
+        (["export", "FLIGHT", "-o", "x.json"], ".json cannot be exported"),
         (["replay", "nowhere.mcap", "--out", "udpout:127.0.0.1:9"], "nowhere.mcap"),
         (["import", "FLIGHT", "-o", "FLIGHT"], "over itself"),
         (["info", "FOLDER"], "is a folder"),

@@ -1,0 +1,300 @@
+"""ArduPilot's onboard logs (.bin) onto standard messages.
+
+Fields and units: ardupilot.org, "Onboard Message Log Messages".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.importers import messages as make
+from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, read_dataflash
+from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, whole, without_strays, write_recording
+
+FORMAT = "dataflash"
+AUTOPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
+REAL32 = 9  # MAV_PARAM_TYPE_REAL32; ArduPilot sends every parameter as a float
+FIX_3D = 3
+GOOD_RANGE = 4  # RangeFinder::Status::Good
+EV_ARMED, EV_DISARMED = 10, 11
+_VEHICLES = {"ArduPlane": 1, "ArduCopter": 2, "ArduRover": 10, "Rover": 10, "ArduSub": 12, "Blimp": 7}
+_SYSTEM_PARAMETERS = ("SYSID_THISMAV", "MAV_SYSID")
+_INSTANCE_FIELDS = ("I", "Instance")
+
+_GPS_EPOCH_S = 315_964_800
+_WEEK_S = 604_800
+#: GPS less UTC, s, from each UTC second on (IERS Bulletin C).
+_LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
+
+
+def import_dataflash(source: Path, target: Path, progress: Progress = lambda share: None) -> None:
+    """Write a .bin log as a recording. ImportFileError where there is nothing in it to use."""
+    write_recording(_Mapping(read_dataflash(source)).log(), source, target, progress)
+
+
+def _utc_us(week: Ints, milliseconds: Ints) -> Ints:
+    """(N,) UTC of a GPS week and its milliseconds."""
+    seconds = _GPS_EPOCH_S + week * _WEEK_S
+    leap = np.select([seconds >= since for since, _ in _LEAP_SECONDS], [count for _, count in _LEAP_SECONDS])
+    return np.asarray((seconds - leap) * 1_000_000 + milliseconds * 1000, np.int64)
+
+
+class _Mapping:
+    """One log on its way to MAVLink."""
+
+    def __init__(self, log: DataflashLog) -> None:
+        self._file = log
+        self._tables = {name: table for name, table in log.tables.items() if "TimeUS" in table and len(table)}
+        self._used: set[str] = set()
+        self._left_out: set[str] = set()
+
+    def log(self) -> ImportedLog:
+        """All series of the log, and notes of what has no counterpart."""
+        series: list[Series] = []
+        steps: tuple[Callable[[], list[Series]], ...] = (
+            self._parameters,
+            self._texts,
+            self._imu,
+            self._magnetometer,
+            self._barometer,
+            self._airspeed,
+            self._attitude,
+            self._angles_of_flow,
+            self._gps,
+            self._local_position,
+            self._range,
+            self._rpm,
+            self._servos,
+            self._rc,
+        )
+        for step in steps:
+            series += step()
+        series, strays = without_strays(series)
+        if any(entry.time_us.size for entry in series):
+            series.append(self._heartbeats(series))
+        rest = sorted((set(self._file.tables) - self._used - DESCRIPTIONS) | self._left_out)
+        notes = {
+            "not_mapped": " ".join(rest),
+            "skipped_bytes": str(self._file.skipped),
+            "unfinished_bytes": str(self._file.unfinished),
+            "odd_stamps": str(strays),
+            **({"unreadable": " ".join(self._file.unreadable)} if self._file.unreadable else {}),
+            **({} if self._armed() is not None else {"armed": "not in the log; HEARTBEAT says disarmed"}),
+        }
+        return ImportedLog(FORMAT, self._system(), series, self._utc_offset(), notes)
+
+    def _table(self, name: str, *fields: str) -> Table | None:
+        """The messages of that name, if the log has them with these fields."""
+        table = self._tables.get(name)
+        if table is None or any(field not in table for field in fields):
+            return None
+        self._used.add(name)
+        return table
+
+    def _first(self, name: str, *fields: str) -> Table | None:
+        """As `_table`, of several instances the lowest."""
+        table = self._table(name, *fields)
+        instance = next((field for field in _INSTANCE_FIELDS if table is not None and field in table), None)
+        if table is None or instance is None:
+            return table
+        number = table.rows[instance]
+        others = np.unique(number)[1:]
+        self._left_out.update(f"{name}[{other}]" for other in others.tolist())
+        return table.only(number == number.min())
+
+    def _system(self) -> int:
+        table = self._tables.get("PARM")
+        if table is not None and "Name" in table:
+            for name, value in zip(table.texts("Name"), table.values("Value").tolist(), strict=True):
+                if name in _SYSTEM_PARAMETERS and 1 <= value <= 255:
+                    return int(value)
+        return 1
+
+    def _parameters(self) -> list[Series]:
+        table = self._table("PARM", "Name", "Value")
+        if table is None:
+            return []
+        values = table.rows["Value"].astype(np.float32)
+        return [make.parameters(table.time_us.tolist(), table.texts("Name"), values, [REAL32] * len(table))]
+
+    def _texts(self) -> list[Series]:
+        table = self._table("MSG", "Message")
+        if table is None:
+            return []
+        texts = zip(table.time_us.tolist(), table.texts("Message"), strict=True)
+        return [make.status_texts([(time, make.INFO, text) for time, text in texts])]
+
+    def _imu(self) -> list[Series]:
+        series = []
+        for name, number in (("IMU", 0), ("IMU2", 1), ("IMU3", 2)):
+            table = self._table(name, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ")
+            if table is None:
+                continue
+            instances = table.rows["I"] if "I" in table else np.full(len(table), number)
+            for instance in np.unique(instances).tolist():
+                part = table.only(instances == instance)
+                given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
+                given |= {f"{axis.lower()}gyro": part.values(f"Gyr{axis}") for axis in "XYZ"}
+                bits = make.ACCELERATION | make.ROTATION
+                series.append(make.highres_imu(part.time_us, bits, int(instance), **given))
+        return series
+
+    def _magnetometer(self) -> list[Series]:
+        table = self._first("MAG", "MagX", "MagY", "MagZ")
+        if table is None:
+            return []
+        given = {f"{axis.lower()}mag": 1e-3 * table.values(f"Mag{axis}") for axis in "XYZ"}
+        return [make.highres_imu(table.time_us, make.MAGNETISM, 0, **given)]
+
+    def _barometer(self) -> list[Series]:
+        table = self._first("BARO", "Press", "Temp")
+        if table is None:
+            return []
+        altitude = table.values("AltAMSL")
+        return make.static_pressure(table.time_us, table.values("Press"), table.values("Temp"), altitude)
+
+    def _airspeed(self) -> list[Series]:
+        table = self._first("ARSP", "Airspeed", "DiffPress")
+        if table is None:
+            return []
+        pressure = table.values("DiffPress")
+        healthy = ~(table.values("H", "Health") == 0.0)
+        reading = make.airspeed(table.time_us, table.values("Airspeed"), pressure, table.values("Temp"), healthy)
+        bits = make.DIFFERENTIAL_PRESSURE
+        return [reading, make.highres_imu(table.time_us, bits, 0, diff_pressure=pressure / 100.0)]
+
+    def _attitude(self) -> list[Series]:
+        table = self._table("ATT", "Roll", "Pitch", "Yaw")
+        if table is None:
+            return []
+        roll, pitch, yaw = (np.radians(table.values(name)) for name in ("Roll", "Pitch", "Yaw"))
+        return [make.attitude(table.time_us, roll, pitch, yaw)]
+
+    def _angles_of_flow(self) -> list[Series]:
+        table = self._table("AOA", "AOA", "SSA")
+        if table is None:
+            return []
+        fields = {"aoa": table.values("AOA").astype(np.float32), "ssa": table.values("SSA").astype(np.float32)}
+        return [Series("AOA_SSA", table.time_us, {"time_usec": table.time_us.astype(np.uint64), **fields})]
+
+    def _gps(self) -> list[Series]:
+        table = self._first("GPS", "Status", "Lat", "Lng", "Alt", "Spd", "GCrs")
+        if table is None:
+            return []
+        fixes = make.gps(
+            table.time_us,
+            fix=table.values("Status"),
+            latitude=table.values("Lat"),
+            longitude=table.values("Lng"),
+            altitude=table.values("Alt"),
+            speed=table.values("Spd"),
+            course=np.radians(table.values("GCrs")),
+            hdop=table.values("HDop"),
+            vdop=np.full(len(table), np.nan),
+            satellites=table.values("NSats"),
+        )
+        times, utc = self._gps_time()
+        return [fixes, make.system_time(times, utc)]
+
+    def _gps_time(self) -> tuple[Ints, Ints]:
+        """Times in us at which the GPS knew UTC, and that UTC in us."""
+        table = self._tables.get("GPS")
+        if table is None or any(field not in table for field in ("Status", "GWk", "GMS")):
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        known = table.only((table.rows["Status"] >= FIX_3D) & (table.rows["GWk"] > 0))
+        return known.time_us, _utc_us(known.rows["GWk"].astype(np.int64), known.rows["GMS"].astype(np.int64))
+
+    def _utc_offset(self) -> int | None:
+        times, utc = self._gps_time()
+        return int(np.median(utc - times)) if times.size else None
+
+    def _local_position(self) -> list[Series]:
+        for name in ("XKF1", "NKF1", "EKF1"):
+            table = self._table(name, "PN", "PE", "PD", "VN", "VE", "VD")
+            if table is None:
+                continue
+            if "C" in table:
+                table = table.only(table.rows["C"] == table.rows["C"].min())
+            position = [table.values(field) for field in ("PN", "PE", "PD")]
+            velocity = [table.values(field) for field in ("VN", "VE", "VD")]
+            return [make.local_position(table.time_us, position, velocity)]
+        return []
+
+    def _range(self) -> list[Series]:
+        table = self._first("RFND", "Dist", "Orient")
+        if table is None:
+            return []
+        good = table.only(table.rows["Stat"] == GOOD_RANGE) if "Stat" in table else table
+        none = np.zeros(len(good))
+        return [make.distance(good.time_us, good.values("Dist"), none, none, good.values("Orient"))]
+
+    def _rpm(self) -> list[Series]:
+        table = self._table("RPM", "rpm1", "rpm2") or self._first("RPM", "RPM") or self._first("ESC", "RPM")
+        if table is None:
+            return []
+        fields: dict[str, NDArray[np.float32]] = {"rpm1": table.values("rpm1", "RPM").astype(np.float32)}
+        if "rpm2" in table:
+            fields["rpm2"] = table.values("rpm2").astype(np.float32)
+        return [Series("RPM", table.time_us, fields)]
+
+    def _servos(self) -> list[Series]:
+        table = self._table("RCOU")
+        return [] if table is None else [make.servo_outputs(table.time_us, _channels(table), 0)]
+
+    def _rc(self) -> list[Series]:
+        table = self._table("RCIN")
+        return [] if table is None else [make.rc_channels(table.time_us, _channels(table))]
+
+    def _armed(self) -> list[tuple[int, int]] | None:
+        """(time in us, 1 or 0) from then on; None where the log does not tell."""
+        for name, field in (("ARM", "ArmState"), ("EV", "Id"), ("STAT", "Armed")):
+            table = self._table(name, field)
+            if table is None:
+                continue
+            states = table.values(field)
+            if name == "EV":
+                changes = (states == EV_ARMED) | (states == EV_DISARMED)
+                table, states = table.only(changes), states[changes] == EV_ARMED
+            armed = [(time, int(state != 0)) for time, state in zip(table.time_us.tolist(), states, strict=True)]
+            if armed and name != "STAT":
+                # The log tells of changes only; before the first it was the other way round.
+                armed.insert(0, (min(t.time_us.min() for t in self._tables.values()), 1 - armed[0][1]))
+            if armed:
+                return armed
+        return None
+
+    def _heartbeats(self, series: list[Series]) -> Series:
+        times = np.concatenate([entry.time_us for entry in series])
+        texts = self._tables["MSG"].texts("Message") if "MSG" in self._tables else []
+        vehicle = next((kind for text in texts for name, kind in _VEHICLES.items() if text.startswith(name)), 0)
+        modes = self._table("MODE")
+        mode: list[tuple[int, int]] = []
+        if modes is not None:
+            numbers = whole(modes.values("ModeNum", "Mode"), "uint8")
+            mode = list(zip(modes.time_us.tolist(), numbers.tolist(), strict=True))
+        return make.heartbeats(
+            int(times.min()),
+            int(times.max()),
+            vehicle=vehicle,
+            autopilot=AUTOPILOT,
+            armed=self._armed() or [],
+            mode=mode,
+        )
+
+
+def _channels(table: Table) -> list[NDArray[np.float64]]:
+    """Pulses of channels 1, 2, …; older logs call them Ch1 or Chan1."""
+    found = []
+    for number in range(1, 19):
+        names = (f"C{number}", f"Ch{number}", f"Chan{number}")
+        if not any(name in table for name in names):
+            break
+        found.append(table.values(*names))
+    return found
+
+
+__all__ = ["import_dataflash"]

@@ -1,0 +1,182 @@
+"""The file format of ArduPilot's onboard logs (.bin): tables by message name.
+
+A log is a row of messages, each A3 95, its type and the fields that the type's FMT message lists by a letter each
+(ArduPilot's AP_Logger; the letters are pymavlink's `DFReader.FORMAT_TO_STRUCT`). There are no checksums, so a message
+counts only where the next one, or the file's end, follows right behind it; everything else is skipped and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.DFReader import FORMAT_TO_STRUCT
+
+from gcs.crc import Int
+from gcs.errors import ImportFileError
+from sim_vehicle.jit import jit
+
+FMT_TYPE, FMT_LENGTH = 0x80, 89
+#: Messages that describe others.
+DESCRIPTIONS = frozenset({"FMT", "FMTU", "UNIT", "MULT"})
+_HEAD = 3
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+
+@jit
+def _find_messages(data: Bytes, lengths: Ints, offset: Ints, kind: Bytes) -> tuple[int, Int, Int]:
+    """Places and types of all messages; (their number, bytes skipped, bytes of an unfinished message at the end).
+
+    lengths: (256,) of each type, header included, 0 where it is not known yet; filled from the FMT messages on the way.
+    """
+    n = 0
+    skipped: Int = 0
+    p: Int = 0
+    end = data.size
+    while p + 3 <= end:
+        length = lengths[data[p + 2]] if data[p] == 0xA3 and data[p + 1] == 0x95 else np.int64(0)
+        after = p + length
+        if length > 0 and after > end:
+            # Cut off here, if the rest is the beginning of a message; a header among other bytes is not.
+            if n > 0 and offset[n - 1] + lengths[kind[n - 1]] == p:
+                return n, skipped, end - p
+            length = np.int64(0)
+        follows = length > 0 and (
+            after == end or (data[after] == 0xA3 and (after + 1 == end or data[after + 1] == 0x95))
+        )
+        if not follows:
+            p += 1
+            skipped += 1
+            continue
+        if data[p + 2] == 0x80 and data[p + 4] >= 3 and lengths[data[p + 3]] == 0:
+            lengths[data[p + 3]] = data[p + 4]
+        offset[n] = p
+        kind[n] = data[p + 2]
+        n += 1
+        p = after
+    if n > 0 and offset[n - 1] + lengths[kind[n - 1]] == p:
+        return n, skipped, end - p
+    return n, skipped + end - p, np.int64(0)
+
+
+@dataclass(frozen=True)
+class Table:
+    """All N messages of one type: (N,) structured, in the order of the file, and each field's factor."""
+
+    name: str
+    rows: NDArray[Any]
+    factors: Mapping[str, float]
+
+    def __len__(self) -> int:
+        return int(self.rows.size)
+
+    def __contains__(self, field: object) -> bool:
+        return field in (self.rows.dtype.names or ())
+
+    @cached_property
+    def time_us(self) -> Ints:
+        """(N,) time since boot."""
+        return self.rows["TimeUS"].astype(np.int64)
+
+    def values(self, *names: str) -> NDArray[np.float64]:
+        """(N,) the first of these fields that there is, its factor applied; NaN where the log has none of them."""
+        for name in names:
+            if name in self:
+                return self.rows[name].astype(np.float64) * self.factors[name]
+        return np.full(len(self), np.nan)
+
+    def texts(self, name: str) -> list[str]:
+        """(N,) a field of letters, up to its first zero byte."""
+        if name not in self or self.rows.dtype[name].kind != "S":
+            return [""] * len(self)
+        return [bytes(entry).split(b"\0")[0].decode("utf-8", "replace") for entry in self.rows[name]]
+
+    def only(self, keep: NDArray[np.bool_]) -> Table:
+        """The messages chosen by a mask."""
+        return Table(self.name, self.rows[keep], self.factors)
+
+
+@dataclass(frozen=True)
+class DataflashLog:
+    """A log's messages by name, and what of its bytes is no message.
+
+    skipped: bytes that belong to no message. unfinished: bytes of a message cut off at the end. unreadable: types
+    whose FMT does not fit their messages.
+    """
+
+    tables: Mapping[str, Table]
+    skipped: int
+    unfinished: int
+    unreadable: tuple[str, ...]
+
+
+def read_dataflash(path: Path) -> DataflashLog:
+    """Read a log whole; ImportFileError if the file cannot be read or holds no FMT message."""
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise ImportFileError(f"{path} cannot be read: {error.strerror}") from None
+    lengths = np.zeros(256, np.int64)
+    lengths[FMT_TYPE] = FMT_LENGTH
+    offset = np.empty(data.size // _HEAD + 1, np.int64)
+    kind = np.empty(data.size // _HEAD + 1, np.uint8)
+    count, skipped, unfinished = _find_messages(data, lengths, offset, kind)
+    offset, kind = offset[:count], kind[:count]
+    formats = _formats(data, offset[kind == FMT_TYPE])
+    if not formats:
+        raise ImportFileError(f"{path} holds no message of a dataflash log; check that it is an ArduPilot .bin")
+    tables: dict[str, Table] = {}
+    unreadable = []
+    for number, (name, length, letters, columns) in formats.items():
+        places = offset[kind == number]
+        if places.size == 0:
+            continue
+        table = _table(data, places, name, length, letters, columns)
+        if table is None:
+            unreadable.append(name)
+        else:
+            tables[name] = table
+    return DataflashLog(tables, int(skipped), int(unfinished), tuple(sorted(unreadable)))
+
+
+def _formats(data: Bytes, places: Ints) -> dict[int, tuple[str, int, str, list[str]]]:
+    """Type -> (name, length, letters, columns) of every FMT message; the first of a type counts."""
+    formats: dict[int, tuple[str, int, str, list[str]]] = {}
+    for at in places.tolist():
+        body = data[at + _HEAD : at + FMT_LENGTH].tobytes()
+        name, letters, columns = (
+            part.split(b"\0")[0].decode("ascii", "replace") for part in (body[2:6], body[6:22], body[22:86])
+        )
+        formats.setdefault(body[0], (name, body[1], letters, columns.split(",") if columns else []))
+    return formats
+
+
+def _table(data: Bytes, places: Ints, name: str, length: int, letters: str, columns: list[str]) -> Table | None:
+    """The messages at these places; None where letters, columns and length contradict each other."""
+    if len(letters) != len(columns) or len(set(columns)) != len(columns) or any(c not in _TYPES for c in letters):
+        return None
+    layout = np.dtype(list(zip(columns, (_TYPES[letter] for letter in letters), strict=True)))
+    if layout.itemsize != length - _HEAD or not columns:
+        return None
+    bodies = data[places[:, None] + np.arange(_HEAD, length)]
+    factors = {column: FORMAT_TO_STRUCT[letter][1] or 1.0 for column, letter in zip(columns, letters, strict=True)}
+    return Table(name, np.ascontiguousarray(bodies).view(layout)[:, 0], factors)
+
+
+def _numpy_type(letter: str) -> str:
+    """The numpy type of a format letter, from its letter of the struct module."""
+    code = FORMAT_TO_STRUCT[letter][0]
+    return f"S{code[:-1]}" if code.endswith("s") else f"<{np.dtype(code).str[1:]}"
+
+
+_TYPES = {letter: _numpy_type(letter) for letter in FORMAT_TO_STRUCT}
+
+
+__all__ = ["DESCRIPTIONS", "DataflashLog", "Table", "read_dataflash"]

@@ -1,0 +1,324 @@
+"""PX4's onboard logs (.ulg), read with pyulog, onto standard messages.
+
+Topics and units: docs.px4.io, "uORB Message Reference".
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyulog import ULog
+
+from gcs.errors import ImportFileError
+from gcs.importers import messages as make
+from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, whole, without_strays, write_recording
+
+FORMAT = "ulog"
+AUTOPILOT = 12  # MAV_AUTOPILOT_PX4
+REAL32, INT32 = 9, 6  # MAV_PARAM_TYPE
+ARMED = 2  # vehicle_status.arming_state
+FIX_3D = 3
+LARGEST_SERVO_COUNT = 16
+NO_LEVEL = 6
+_SENSORS = range(1, 4)  # selected_airspeed_index of a sensor; others are estimates
+_EARLIEST_UTC_US = 946_684_800_000_000  # the year 2000; a receiver without a fix may say 1980
+
+Values = NDArray[np.float64]
+
+
+def import_ulog(source: Path, target: Path, progress: Progress = lambda share: None) -> None:
+    """Write a .ulg log as a recording. ImportFileError where there is nothing in it to use."""
+    write_recording(_Mapping(_read(source)).log(), source, target, progress)
+
+
+def _read(path: Path) -> Any:
+    try:
+        # pyulog prints what it finds damaged; the notes of the import say so.
+        with open(path, "rb") as file, contextlib.redirect_stdout(io.StringIO()):
+            return ULog(file)
+    except OSError as error:
+        raise ImportFileError(f"{path} cannot be read: {error.strerror}") from None
+    except Exception as error:  # on damaged files pyulog fails with whatever its unpacking meets
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ImportFileError(f"{path} cannot be read as a PX4 log ({reason}); check that it is a .ulg") from None
+
+
+class _Topic:
+    """One instance of one topic: (N,) arrays by field."""
+
+    def __init__(self, data: dict[str, NDArray[Any]], keep: NDArray[np.bool_] | None = None) -> None:
+        self._data = data if keep is None else {name: column[keep] for name, column in data.items()}
+        self.time_us: Ints = self._data["timestamp"].astype(np.int64)
+
+    def __len__(self) -> int:
+        return int(self.time_us.size)
+
+    def __contains__(self, field: object) -> bool:
+        return field in self._data
+
+    def values(self, *names: str) -> Values:
+        """(N,) the first of these fields that there is; NaN where the log has none of them."""
+        for name in names:
+            if name in self._data:
+                return np.asarray(self._data[name], np.float64)
+        return np.full(len(self), np.nan)
+
+    def vector(self, name: str, count: int) -> list[Values]:
+        """The elements of an array field."""
+        return [self.values(f"{name}[{i}]") for i in range(count)]
+
+    def only(self, keep: NDArray[np.bool_]) -> _Topic:
+        """The samples chosen by a mask."""
+        return _Topic(self._data, keep)
+
+
+class _Mapping:
+    """One log on its way to MAVLink."""
+
+    def __init__(self, log: Any) -> None:
+        self._file = log
+        self._topics: dict[str, dict[int, _Topic]] = {}
+        for entry in log.data_list:
+            topic = _Topic(entry.data)
+            if len(topic):
+                self._topics.setdefault(entry.name, {})[int(entry.multi_id)] = topic
+        self._used: set[tuple[str, int]] = set()
+
+    def log(self) -> ImportedLog:
+        """All series of the log, and notes of what has no counterpart."""
+        series: list[Series] = []
+        steps: tuple[Callable[[], list[Series]], ...] = (
+            self._parameters,
+            self._texts,
+            self._imu,
+            self._magnetometer,
+            self._barometer,
+            self._airspeed,
+            self._attitude,
+            self._gps,
+            self._local_position,
+            self._range,
+            self._rpm,
+            self._servos,
+            self._rc,
+        )
+        for step in steps:
+            series += step()
+        status = self._topic("vehicle_status", "arming_state") or self._topic("vehicle_status")
+        series, strays = without_strays(series)
+        if any(entry.time_us.size for entry in series):
+            series.append(self._heartbeats(series, status))
+        rest = sorted((name, number) for name, group in self._topics.items() for number in group)
+        names = [f"{name}[{number}]" if number else name for name, number in rest if (name, number) not in self._used]
+        missed_ms = sum(dropout.duration for dropout in self._file.dropouts)
+        notes = {
+            "not_mapped": " ".join(names),
+            "damaged": "yes, part of the log cannot be read" if self._file.file_corruption else "no",
+            "odd_stamps": str(strays),
+            "dropouts": f"{len(self._file.dropouts)}, {missed_ms} ms in all",
+            **({} if self._armed() is not None else {"armed": "not in the log; HEARTBEAT says disarmed"}),
+        }
+        return ImportedLog(FORMAT, self._system(status), series, self._utc_offset(), notes)
+
+    def _topic(self, name: str, *fields: str) -> _Topic | None:
+        """The lowest instance of a topic, if the log has it with these fields."""
+        group = self._topics.get(name)
+        if not group:
+            return None
+        number = min(group)
+        if any(field not in group[number] for field in fields):
+            return None
+        self._used.add((name, number))
+        return group[number]
+
+    def _system(self, status: _Topic | None) -> int:
+        given = self._file.initial_parameters.get("MAV_SYS_ID")
+        if given is None and status is not None and "system_id" in status:
+            given = status.values("system_id")[0]
+        return int(given) if given is not None and 1 <= given <= 255 else 1
+
+    def _parameters(self) -> list[Series]:
+        start = int(self._file.start_timestamp)
+        entries = [(start, name, value) for name, value in self._file.initial_parameters.items()]
+        entries += [(int(time), name, value) for time, name, value in self._file.changed_parameters]
+        # PX4 sends the bytes of a whole number in place of the float.
+        values = [
+            np.frombuffer(np.int32(value).tobytes(), np.float32)[0] if isinstance(value, int) else np.float32(value)
+            for _, _, value in entries
+        ]
+        kinds = [INT32 if isinstance(value, int) else REAL32 for _, _, value in entries]
+        times, names = [time for time, _, _ in entries], [name for _, name, _ in entries]
+        return [make.parameters(times, names, np.array(values, np.float32), kinds)] if entries else []
+
+    def _texts(self) -> list[Series]:
+        entries = []
+        for message in self._file.logged_messages:
+            level = int(message.log_level) - ord("0")
+            severity = level if 0 <= level <= 7 else NO_LEVEL
+            entries.append((int(message.timestamp), severity, str(message.message)))
+        return [make.status_texts(entries)] if entries else []
+
+    def _imu(self) -> list[Series]:
+        topic = self._topic("sensor_combined", "gyro_rad[0]", "accelerometer_m_s2[0]")
+        if topic is None:
+            return []
+        given = dict(zip(("xacc", "yacc", "zacc"), topic.vector("accelerometer_m_s2", 3), strict=True))
+        given |= dict(zip(("xgyro", "ygyro", "zgyro"), topic.vector("gyro_rad", 3), strict=True))
+        return [make.highres_imu(topic.time_us, make.ACCELERATION | make.ROTATION, 0, **given)]
+
+    def _magnetometer(self) -> list[Series]:
+        topic = self._topic("vehicle_magnetometer", "magnetometer_ga[0]")
+        if topic is None:
+            return []
+        given = dict(zip(("xmag", "ymag", "zmag"), topic.vector("magnetometer_ga", 3), strict=True))
+        return [make.highres_imu(topic.time_us, make.MAGNETISM, 0, **given)]
+
+    def _barometer(self) -> list[Series]:
+        topic = self._topic("vehicle_air_data", "baro_pressure_pa")
+        if topic is None:
+            return []
+        temperature = topic.values("baro_temp_celcius", "ambient_temperature")
+        pressure, altitude = topic.values("baro_pressure_pa"), topic.values("baro_alt_meter")
+        return make.static_pressure(topic.time_us, pressure, temperature, altitude)
+
+    def _airspeed(self) -> list[Series]:
+        series = []
+        pressure = self._topic("differential_pressure")
+        if pressure is not None:
+            reading = pressure.values("differential_pressure_raw_pa", "differential_pressure_pa")
+            bits = make.DIFFERENTIAL_PRESSURE
+            series.append(make.highres_imu(pressure.time_us, bits, 0, diff_pressure=reading / 100.0))
+        topic = self._topic("airspeed", "indicated_airspeed_m_s")
+        if topic is None:
+            topic = self._topic("airspeed_validated")
+            source = (
+                "airspeed_source" if topic is not None and "airspeed_source" in topic else "selected_airspeed_index"
+            )
+            if topic is not None:
+                topic = topic.only(np.isin(topic.values(source), _SENSORS))
+        if topic is not None:
+            speed = topic.values("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
+            topic, speed = topic.only(np.isfinite(speed)), speed[np.isfinite(speed)]
+            unknown = np.full(len(topic), np.nan)
+            temperature = topic.values("air_temperature_celsius")
+            series.append(make.airspeed(topic.time_us, speed, unknown, temperature, np.ones(len(topic), bool)))
+        return series
+
+    def _attitude(self) -> list[Series]:
+        topic = self._topic("vehicle_attitude", "q[0]")
+        if topic is None:
+            return []
+        w, x, y, z = topic.vector("q", 4)
+        roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return [make.attitude(topic.time_us, roll, pitch, yaw)]
+
+    def _gps_topic(self) -> _Topic | None:
+        return self._topic("vehicle_gps_position") or self._topic("sensor_gps")
+
+    def _gps(self) -> list[Series]:
+        topic = self._gps_topic()
+        if topic is None:
+            return []
+        newer = "latitude_deg" in topic
+        fixes = make.gps(
+            topic.time_us,
+            fix=topic.values("fix_type"),
+            latitude=topic.values("latitude_deg") if newer else 1e-7 * topic.values("lat"),
+            longitude=topic.values("longitude_deg") if newer else 1e-7 * topic.values("lon"),
+            altitude=topic.values("altitude_msl_m") if newer else 1e-3 * topic.values("alt"),
+            speed=topic.values("vel_m_s"),
+            course=topic.values("cog_rad"),
+            hdop=topic.values("hdop"),
+            vdop=topic.values("vdop"),
+            satellites=topic.values("satellites_used"),
+        )
+        times, utc = self._gps_time()
+        return [fixes, make.system_time(times, utc)]
+
+    def _gps_time(self) -> tuple[Ints, Ints]:
+        """Times in us at which the GPS knew UTC, and that UTC in us."""
+        topic = self._gps_topic()
+        if topic is None or "time_utc_usec" not in topic:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        utc = whole(topic.values("time_utc_usec"), "int64")
+        known = (topic.values("fix_type") >= FIX_3D) & (utc > _EARLIEST_UTC_US)
+        return topic.time_us[known], utc[known]
+
+    def _utc_offset(self) -> int | None:
+        times, utc = self._gps_time()
+        return int(np.median(utc - times)) if times.size else None
+
+    def _local_position(self) -> list[Series]:
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        topic = self._topic("vehicle_local_position", *names)
+        if topic is None:
+            return []
+        values = [topic.values(name) for name in names]
+        return [make.local_position(topic.time_us, values[:3], values[3:])]
+
+    def _range(self) -> list[Series]:
+        topic = self._topic("distance_sensor", "current_distance", "orientation")
+        if topic is None:
+            return []
+        low, high = topic.values("min_distance"), topic.values("max_distance")
+        return [make.distance(topic.time_us, topic.values("current_distance"), low, high, topic.values("orientation"))]
+
+    def _rpm(self) -> list[Series]:
+        topic = self._topic("rpm") or self._topic("esc_status", "esc[0].esc_rpm")
+        if topic is None:
+            return []
+        speed = topic.values("rpm_estimate", "indicated_frequency_rpm", "esc[0].esc_rpm")
+        return [Series("RPM", topic.time_us, {"rpm1": speed.astype(np.float32)})]
+
+    def _servos(self) -> list[Series]:
+        series = []
+        for number, topic in self._topics.get("actuator_outputs", {}).items():
+            self._used.add(("actuator_outputs", number))
+            in_use = topic.values("noutputs")
+            pulses = [
+                np.where(in_use > i, values, 0.0)
+                for i, values in enumerate(topic.vector("output", LARGEST_SERVO_COUNT))
+            ]
+            series.append(make.servo_outputs(topic.time_us, pulses, number))
+        return series
+
+    def _rc(self) -> list[Series]:
+        topic = self._topic("input_rc", "values[0]", "channel_count")
+        if topic is None:
+            return []
+        count = int(np.nanmax(topic.values("channel_count")))
+        return [make.rc_channels(topic.time_us, topic.vector("values", min(count, 18)))]
+
+    def _armed(self) -> list[tuple[int, int]] | None:
+        """(time in us, 1 or 0) from then on, changes only; None where the log does not tell."""
+        for name, field, armed in (("vehicle_status", "arming_state", ARMED), ("actuator_armed", "armed", 1)):
+            topic = self._topic(name, field)
+            if topic is None:
+                continue
+            states = (topic.values(field) == armed).astype(np.int64)
+            changes = np.diff(states, prepend=-1) != 0
+            return list(zip(topic.time_us[changes].tolist(), states[changes].tolist(), strict=True))
+        return None
+
+    def _heartbeats(self, series: list[Series], status: _Topic | None) -> Series:
+        times = np.concatenate([entry.time_us for entry in series])
+        kind = status.values("system_type") if status is not None and "system_type" in status else np.zeros(1)
+        return make.heartbeats(
+            int(times.min()),
+            int(times.max()),
+            vehicle=int(kind[-1]),
+            autopilot=AUTOPILOT,
+            armed=self._armed() or [],
+            mode=[],
+        )
+
+
+__all__ = ["import_ulog"]
