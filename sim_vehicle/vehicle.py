@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
@@ -155,6 +156,24 @@ class Vehicle:
     flight: Flight
     path: Path
     warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def unknown(cls) -> Vehicle:
+        """A vehicle of which nothing is known but what its messages tell: no controls, no calibration, no numbers."""
+        nan = math.nan
+        return cls(
+            name="",
+            mass=MassProperties(nan, nan, nan, nan, nan),
+            geometry=Geometry(nan, nan, nan),
+            controls={},
+            propulsion=None,
+            sensors=Sensors(),
+            signals={},
+            calibration={},
+            environment=Environment(),
+            flight=Flight(nan),
+            path=Path(),
+        )
 
     @cached_property
     def servo_mixing(self) -> tuple[tuple[int, ...], Array]:
