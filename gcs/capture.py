@@ -1,29 +1,42 @@
-"""Recording everything that some links bring into one file, without cutting it into flights."""
+"""Recording everything that some links bring, without cutting it into flights."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from gcs.datagrams import Batch
-from gcs.dialect import Dialect
+from gcs.dialect import DEFAULT_DIALECT, Dialect
 from gcs.errors import RecordingError
 from gcs.frameparts import frame_times
 from gcs.framing import Framer
 from gcs.links import Link
-from gcs.recording.writer import McapWriter
+from gcs.provenance import provenance
+from gcs.recording.parts import Provenance, RecordingParts
+from gcs.recording.storage import StorageOptions
 from gcs.station import Station
 
 
 class Capture:
-    """One MCAP of several links. Thread-safe; after `close` nothing is taken any more."""
+    """One recording of several links. Thread-safe; after `close` nothing is taken any more.
 
-    def __init__(self, path: Path, dialect: Dialect) -> None:
-        self._writer = McapWriter(path, dialect)
+    now_ns: UTC of its beginning.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        dialect: Dialect,
+        storage: StorageOptions | None = None,
+        origin: Provenance | None = None,
+        now_ns: int = 0,
+    ) -> None:
+        self._writer = RecordingParts(path, dialect, storage or StorageOptions(), origin or Provenance(), now_ns)
         self._dialect = dialect
         self._framers: dict[str, Framer] = {}
         self._lock = threading.Lock()
@@ -32,7 +45,12 @@ class Capture:
     @property
     def messages(self) -> int:
         """MAVLink messages recorded so far."""
-        return self._writer.counts.messages
+        return self._writer.counts.messages - self._writer.lost.messages
+
+    @property
+    def parts(self) -> list[Path]:
+        """Its files."""
+        return self._writer.parts
 
     @property
     def bytes(self) -> int:
@@ -61,41 +79,57 @@ class Capture:
                 self.problem = error
 
     def close(self, now_ns: int) -> None:
-        """Take the unfinished ends of all links and complete the file."""
+        """Take the unfinished ends of all links and complete the file. Errors show in `problem`."""
         with self._lock:
-            for link, framer in self._framers.items():
-                buffer, frames = framer.flush()
-                if buffer.size:
-                    self._writer.write(link, buffer, frames, now_ns)
-            self._writer.close()
+            try:
+                for link, framer in self._framers.items():
+                    buffer, frames = framer.flush()
+                    if buffer.size:
+                        self._writer.write(link, buffer, frames, now_ns)
+                counts = self._writer.counts
+                numbers = {"messages": counts.messages, "bytes": counts.bytes, "raw_bytes": counts.raw_bytes}
+                self._writer.close({"statistics": {name: str(value) for name, value in numbers.items()}})
+            except RecordingError as error:
+                self.problem = self.problem or error
 
 
-def record(
-    links: Sequence[Link],
-    path: Path,
-    duration_s: float | None,
-    progress: Callable[[float, Capture], None],
-) -> Capture:
-    """Record until `duration_s` is over or KeyboardInterrupt; the finished capture. Raises RecordingError.
+@dataclass(frozen=True)
+class CaptureOptions:
+    """What to record in, and how. dialect: name or XML of a MAVLink dialect. vehicle: vehicle file that goes in too."""
 
-    progress: called about twice a second with the seconds so far.
+    path: Path
+    duration_s: float | None = None
+    vehicle: str | None = None
+    dialect: str = DEFAULT_DIALECT
+    storage: StorageOptions = field(default_factory=StorageOptions)
+
+
+def record(links: Sequence[Link], options: CaptureOptions, progress: Callable[[float, Capture], None]) -> Capture:
+    """Record until the duration is over or KeyboardInterrupt; the finished capture.
+
+    progress: called about twice a second with the seconds so far. RecordingError if the disk refuses; what came until
+    then is in the file.
     """
+    path = options.path
     if path.exists() and path.stat().st_size > 0:
         raise RecordingError(f"{path} exists already; choose another name, or remove it first")
-    capture = Capture(path, Dialect.load())
+    dialect = Dialect.load(options.dialect)
+    origin = provenance(dialect, [link.name for link in links], options.vehicle, options.dialect)
+    capture = Capture(path, dialect, options.storage, origin, time.time_ns())
     station = Station(links, capture.take, capture.tick)
     station.start()
     started = time.monotonic()
     pause = threading.Event()
+    duration_s = float("inf") if options.duration_s is None else options.duration_s
     try:
-        while (passed := time.monotonic() - started) < (duration_s if duration_s is not None else float("inf")):
-            if capture.problem is not None:
-                raise capture.problem
+        while (passed := time.monotonic() - started) < duration_s and capture.problem is None:
             progress(passed, capture)
-            pause.wait(0.5 if duration_s is None else min(0.5, duration_s - passed))
+            pause.wait(min(0.5, duration_s - passed))
     except KeyboardInterrupt:
         pass  # being told to stop is how a recording without a duration ends
     finally:
         station.stop()
         capture.close(time.time_ns())
+    if capture.problem is not None:
+        raise RecordingError(f"{capture.problem}; {capture.messages} messages until then are in {path}")
     return capture

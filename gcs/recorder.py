@@ -25,7 +25,8 @@ from gcs.framing import Framer, Frames
 from gcs.intake import flight_stamp, unused_id
 from gcs.linkstats import LinkStatistics
 from gcs.liveflight import LiveFlight
-from gcs.recording.parts import Metadata, Provenance, RecordingParts, StorageOptions
+from gcs.recording.parts import Metadata, Provenance, RecordingParts
+from gcs.recording.storage import StorageOptions
 from gcs.segmentation import FlightSegmenter, Heartbeat, heartbeats
 from gcs.sizes import size_text
 

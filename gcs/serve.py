@@ -26,6 +26,7 @@ from gcs.intake import recover
 from gcs.jobs import JobRunner
 from gcs.links import Link, open_link
 from gcs.linkstats import LinkStatistics
+from gcs.provenance import provenance
 from gcs.recorder import FlightRecorder
 from gcs.recording.writer import McapWriter
 from gcs.segmentation import FlightSegmenter
@@ -132,6 +133,8 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             silence_s=settings.silence_s,
             disarm_s=settings.disarm_s,
             on_flight_end=_identify_when_over(settings, jobs),
+            storage=settings.storage,
+            provenance=provenance(dialect, settings.connect, settings.vehicle),
         )
         with _links(settings.connect) as links, _links(settings.forward) as forward:
             station = RecordingStation(links, recorder, forward)

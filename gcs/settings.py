@@ -5,10 +5,11 @@ from __future__ import annotations
 import ipaddress
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs.errors import SettingsError
+from gcs.recording.storage import StorageOptions
 
 TOKEN_VARIABLE = "GCS_TOKEN"
 _MIN_TOKEN = 8
@@ -23,6 +24,8 @@ class Settings:
     ends is identified at once.
     silence_s: silence of the vehicle that ends a flight; disarm_s: time recorded behind a disarming.
     max_upload_bytes: largest recording that may be uploaded.
+    storage: how recordings are kept on disk. keep_days, keep_bytes: recordings that are older, or for which there is
+    no room in that size, are deleted once they have been worked on; None keeps them.
     token: demanded from every client as `Authorization: Bearer`, None where only this machine can connect.
     """
 
@@ -37,6 +40,9 @@ class Settings:
     silence_s: float = 10.0
     disarm_s: float = 2.0
     max_upload_bytes: int = 4 * 1024**3
+    storage: StorageOptions = field(default_factory=StorageOptions)
+    keep_days: float | None = None
+    keep_bytes: int | None = None
 
     @property
     def flights(self) -> Path:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from gcs.link import Link
 
 NAME = "record"
-HELP = "record what links bring into one MCAP file, until Ctrl-C or --duration"
+HELP = "record what links bring into an MCAP file, until Ctrl-C or --duration"
 
 _COUNT_EVERY_S = 10.0  # where nobody watches, each new count is another line
 
@@ -22,23 +22,31 @@ def problems(links: "list[Link]") -> list[str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.storageoptions import add_storage_arguments
+
     parser.add_argument("--connect", metavar="URL", action="append", required=True, help="link, repeatable")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True)
     parser.add_argument("--duration", metavar="S", type=float, help="stop after this time")
+    parser.add_argument(
+        "--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle, to keep in the recording"
+    )
+    add_storage_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Record and say what was recorded."""
-    from gcs.capture import record
+    from gcs.capture import CaptureOptions, record
     from gcs.errors import LinkError, SettingsError
     from gcs.links import open_link
     from gcs.linkurl import parse_url
     from gcs.progress import Progress
+    from gcs.storageoptions import storage_options
 
     if args.duration is not None and not args.duration > 0:
         raise SettingsError(f"--duration {args.duration}: give a time above 0 s")
     for url in args.connect:
         parse_url(url)
+    options = CaptureOptions(args.output, args.duration, args.vehicle, storage=storage_options(args))
     with contextlib.ExitStack() as stack:
         links = [stack.enter_context(contextlib.closing(open_link(url))) for url in args.connect]
         next_count, counted = 0.0, ""
@@ -52,9 +60,10 @@ def run(args: argparse.Namespace) -> int:
                 share = passed / args.duration if args.duration else 0.0
                 progress(share, "; ".join([counted, *problems(links)]))
 
-            capture = record(links, args.output, args.duration, show)
+            capture = record(links, options, show)
         if capture.bytes == 0:
-            args.output.unlink()
+            args.output.unlink()  # only what the station says of itself is in it
             raise LinkError("nothing was received: " + ("; ".join(problems(links)) or "no link brought a byte"))
-    print(f"{args.output}: {capture.messages} messages, {capture.bytes} bytes")
+    files = ", ".join(map(str, capture.parts))
+    print(f"{files}: {capture.messages} messages, {capture.bytes} bytes")
     return 0

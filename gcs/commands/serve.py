@@ -10,6 +10,8 @@ HELP = "record flights from links, identify them, and answer over REST"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.storageoptions import add_storage_arguments
+
     parser.add_argument(
         "--connect", metavar="URL", action="append", default=[], help="link to receive from, repeatable"
     )
@@ -23,6 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=8000)
     parser.add_argument("--token-file", metavar="FILE", type=Path, help="file with the token, else GCS_TOKEN")
     parser.add_argument("--silence", metavar="S", type=float, default=10.0, help="silence that ends a flight (10)")
+    add_storage_arguments(parser)
+    parser.add_argument(
+        "--keep-days", metavar="N", type=float, help="delete recordings older than this once they are identified"
+    )
+    parser.add_argument(
+        "--keep-size", metavar="SIZE", help="delete the oldest identified recordings beyond this size, as 20GB"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,11 +40,15 @@ def run(args: argparse.Namespace) -> int:
     from gcs.linkurl import parse_url
     from gcs.serve import serve
     from gcs.settings import Settings, read_token
+    from gcs.sizes import parse_size
+    from gcs.storageoptions import storage_options
 
     if not 0 <= args.port <= 65535:
         raise SettingsError(f"--port {args.port}: a port is a number from 0 to 65535")
     if not args.silence > 0:
         raise SettingsError(f"--silence {args.silence}: give a time above 0 s")
+    if args.keep_days is not None and not args.keep_days > 0:
+        raise SettingsError(f"--keep-days {args.keep_days}: give a number of days above 0")
     for url in (*args.connect, *args.forward):
         parse_url(url)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
@@ -49,6 +62,9 @@ def run(args: argparse.Namespace) -> int:
         port=args.port,
         token=read_token(args.host, args.token_file),
         silence_s=args.silence,
+        storage=storage_options(args),
+        keep_days=args.keep_days,
+        keep_bytes=None if args.keep_size is None else parse_size(args.keep_size, "--keep-size"),
     )
     serve(settings, lambda url: print(f"serving on {url}", flush=True))
     return 0

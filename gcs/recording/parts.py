@@ -13,32 +13,17 @@ from numpy.typing import NDArray
 from gcs.dialect import Dialect
 from gcs.framing import Frames
 from gcs.recording.records import Attachment
-from gcs.recording.sync import DEFAULT_SYNC, SyncPolicy
+from gcs.recording.storage import StorageOptions
 from gcs.recording.writer import Counts, Lost, McapWriter
 
 #: Metadata of a recording by name; each is pairs of text.
 Metadata = Mapping[str, Mapping[str, str]]
 
-DEFAULT_RESERVE_BYTES = 64 * 2**20
-SMALLEST_SPLIT_BYTES = 10**6
 # Half of what a crash may cost: the rest goes to the tick that closes the chunk and to writing it.
 _CHUNK_SECONDS = 0.5
 # At ordinary rates a chunk holds half a second, so this many are the time a disk may stand still.
 _WAITING_CHUNKS = 32
 _PART = re.compile(r"(?P<stem>.+)\.part(?P<number>\d+)")
-
-
-@dataclass(frozen=True)
-class StorageOptions:
-    """How recordings are kept on disk.
-
-    sync: when the disk must have them. split_bytes: size at which another part is begun, None for one file.
-    reserve_bytes: free space that is left on the disk.
-    """
-
-    sync: SyncPolicy = field(default_factory=lambda: SyncPolicy.parse(DEFAULT_SYNC))
-    split_bytes: int | None = None
-    reserve_bytes: int = DEFAULT_RESERVE_BYTES
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from gcs.errors import DiskFullError, RecordingError
 from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
-from gcs.recording.sync import SyncPolicy
+from gcs.recording.storage import SyncPolicy
 
 CHUNK_BYTES = 1 << 20
 INDEX_ENTRIES = CHUNK_BYTES // (kernel.RECORD_HEADER + 1)

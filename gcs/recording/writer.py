@@ -24,7 +24,7 @@ from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, Schema
 from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedChunk, Lost, RecordingSink
-from gcs.recording.sync import SyncPolicy
+from gcs.recording.storage import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
 
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds

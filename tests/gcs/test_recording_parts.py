@@ -15,7 +15,7 @@ from gcs.dialect import Dialect
 from gcs.errors import DiskFullError, RecordingError, SettingsError
 from gcs.framing import Framer
 from gcs.recording.reader import Recording
-from gcs.recording.sync import SyncPolicy
+from gcs.recording.storage import SyncPolicy
 from gcs.recording.writer import McapWriter
 
 DIALECT = Dialect.load()

@@ -1,16 +1,14 @@
-"""When a recording being written is forced from the system's memory onto the disk."""
+"""How recordings are kept on disk: when it must have them, their size, and the space that is left free."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.errors import SettingsError
 
 DEFAULT_SYNC = "5"
-SYNC_HELP = (
-    "when the disk must have what was written: never, close (at the end of a file), chunk (each chunk), "
-    f"or every so many seconds and at the end ({DEFAULT_SYNC})"
-)
+DEFAULT_RESERVE_BYTES = 64 * 2**20
+SMALLEST_SPLIT_BYTES = 10**6
 
 
 @dataclass(frozen=True)
@@ -40,3 +38,16 @@ class SyncPolicy:
         if not 0.0 < seconds <= 3600.0:
             raise SettingsError(f"--fsync {text}: write never, close, chunk, or a number of seconds up to 3600")
         return cls(seconds, at_close=True)
+
+
+@dataclass(frozen=True)
+class StorageOptions:
+    """How recordings are kept on disk.
+
+    sync: when the disk must have them. split_bytes: size at which another part is begun, None for one file.
+    reserve_bytes: free space that is left on the disk.
+    """
+
+    sync: SyncPolicy = field(default_factory=lambda: SyncPolicy.parse(DEFAULT_SYNC))
+    split_bytes: int | None = None
+    reserve_bytes: int = DEFAULT_RESERVE_BYTES
