@@ -20,18 +20,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.clockfit import NS_PER_S, ClockFit, Times, fit_clock
 from gcs.errors import SignalMapError
 
-Times = NDArray[np.int64]
-
-NS_PER_S = 1_000_000_000
 SMALLEST_EPOCH_NS = 500_000_000 * NS_PER_S  # 1985; no vehicle has been up for 16 years
 SAME_COMPONENT_NS = 2 * NS_PER_S  # a GPS fix may be stamped that much before it is sent
 OTHER_COMPONENT_NS = NS_PER_S // 10  # a second board's clock is as good as its time synchronisation
 RESET_NS = NS_PER_S
 STRAY_NS = 10 * NS_PER_S
 NEIGHBOURS = 7  # stamps among which up to three strays are told
-BINS = 60
 
 
 @dataclass(frozen=True)
@@ -66,52 +63,6 @@ class Stamps:
     def is_short(self) -> bool:
         """Whether the stamp wraps within a day, so that it says nothing of how long ago the vehicle started."""
         return 0 < self.period_ns < 86_400 * NS_PER_S
-
-
-@dataclass(frozen=True)
-class ClockFit:
-    """Reception = stamp + offset + drift (stamp - origin) for a message that arrives without delay."""
-
-    origin_ns: int
-    offset_ns: int
-    drift: float
-
-    def to_vehicle(self, log_ns: Times) -> Times:
-        """Vehicle's time, ns, at which a message received at `log_ns` left, at the smallest delay."""
-        since = (log_ns - self.offset_ns - self.origin_ns).astype(np.float64) / (1.0 + self.drift)
-        return np.rint(since).astype(np.int64) + self.origin_ns
-
-    def delay(self, log_ns: Times, stamp_ns: Times) -> Times:
-        """Delay, ns, beyond the smallest one."""
-        slope = np.rint(self.drift * (stamp_ns - self.origin_ns).astype(np.float64)).astype(np.int64)
-        return log_ns - stamp_ns - self.offset_ns - slope
-
-
-def fit_clock(log_ns: Times, stamp_ns: Times) -> ClockFit:
-    """Line under the arrival delays of N >= 1 messages, robust against outliers.
-
-    The smallest delay of each of up to 60 equal stretches of time stands for an unhindered message, since delay only
-    ever adds (Moon, Skelly, Towsley, INFOCOM 1999); Theil and Sen's median of slopes bears outliers in 29 % of them.
-    """
-    origin = int(np.median(stamp_ns))
-    since = (stamp_ns - origin).astype(np.float64)
-    base = int(np.median(log_ns - stamp_ns))
-    delay = (log_ns - stamp_ns - base).astype(np.float64)
-    # Stretches of reception, which unlike a stamp never strays.
-    arrived = (log_ns - log_ns.min()).astype(np.float64)
-    span = float(arrived.max())
-    count = int(min(BINS, max(1.0, span / NS_PER_S)))
-    place = np.minimum((arrived * (count / max(span, 1.0))).astype(np.int64), count - 1)
-    order = np.lexsort((delay, place))
-    first = order[np.unique(place[order], return_index=True)[1]]
-    t, d = since[first], delay[first]
-    drift = 0.0
-    if t.size >= 3:
-        i, j = np.triu_indices(t.size, 1)
-        apart = t[j] - t[i]
-        drift = float(np.median((d[j] - d[i])[apart > 0] / apart[apart > 0]))
-    offset = float(np.median(d - drift * t))
-    return ClockFit(origin, base + round(offset), drift)
 
 
 def unwrap(stamps: Stamps) -> Times:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.clock import NS_PER_S, Stamps, Times, build_clock, fit_clock, unwrap
+from gcs.clock import Stamps, build_clock, unwrap
+from gcs.clockfit import NS_PER_S, Times, fit_clock
 from gcs.errors import SignalMapError
 
 MS = 1_000_000
