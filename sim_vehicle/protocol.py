@@ -6,6 +6,7 @@ https://mavlink.io/en/services/: timesync, parameter, command, ping, mission.
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,10 @@ from sim_vehicle.commands import Commands
 from sim_vehicle.onboard import LARGEST_HZ, Onboard, Parameter
 from sim_vehicle.telemetry import Telemetry
 from sim_vehicle.voice import COMPONENT
+
+# Sequence, session, opcode, size, opcode asked, burst complete, padding, offset: https://mavlink.io/en/services/ftp.html
+_FTP_HEADER = struct.Struct("<HBBBBBxI")
+_FTP_NAK, _FTP_UNKNOWN_COMMAND = 129, b"\x07"
 
 
 class Protocol:
@@ -43,6 +48,7 @@ class Protocol:
             "COMMAND_LONG": self._command,
             "COMMAND_INT": self._command,
             "REQUEST_DATA_STREAM": self._data_stream,
+            "FILE_TRANSFER_PROTOCOL": self._no_files,
             "MISSION_REQUEST_LIST": self._mission_list,
             "MISSION_REQUEST": self._no_such_item,
             "MISSION_REQUEST_INT": self._no_such_item,
@@ -102,6 +108,14 @@ class Protocol:
     def _data_stream(self, message: Any) -> None:
         hz = min(float(message.req_message_rate), LARGEST_HZ) if message.start_stop else 0.0
         self._onboard.stream(message.req_stream_id, hz)
+
+    def _no_files(self, message: Any) -> None:
+        """Refuse at once: a ground station that tries files first then lists the parameters one by one."""
+        asked = bytes(message.payload[: _FTP_HEADER.size])
+        sequence, session, opcode, *_ = _FTP_HEADER.unpack(asked)
+        refusal = _FTP_HEADER.pack((sequence + 1) & 0xFFFF, session, _FTP_NAK, 1, opcode, 0, 0) + _FTP_UNKNOWN_COMMAND
+        payload = refusal.ljust(len(message.payload), b"\0")
+        self._voice.say(self._build.file_transfer_protocol_encode(0, *_sender(message), payload))
 
     # --- a mission: there is none, and none can be put aboard ---
 
