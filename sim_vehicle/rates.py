@@ -82,7 +82,7 @@ class Rates:
             return True
         if interval < 0.0:
             return forced
-        when = self._next.get(message_id, 0.0)
+        when = self._next.get(message_id, time_s)
         ready = time_s + 1e-6 >= when
         if not (ready or forced):
             return False
