@@ -7,6 +7,7 @@ import errno
 import select
 import socket
 import struct
+import sys
 import time
 from dataclasses import replace
 
@@ -15,12 +16,15 @@ from gcs.errors import LinkError
 from gcs.link import Backoff, Link, address_text, resolve
 from gcs.linkurl import LinkKind, LinkUrl
 
-RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024  # holds about 25 s of ordinary telemetry while the process is held up
-# Waking up is what costs at ordinary rates. The kernel stamps the arrival of datagrams, so they may wait together:
-# long where few come, short where many do.
+# Holds over a minute of ordinary telemetry while the process is held up. The system grants a quarter of it or less to
+# those who may not overrule its limit (net.core.rmem_max).
+RECEIVE_BUFFER_BYTES = 16 * 1024 * 1024
+_SO_RCVBUFFORCE = 33
+# Waking up is what costs. The kernel stamps the arrival of datagrams, so they may wait together: until there are many,
+# but no longer than a person or a program behind a forwarding link would notice.
 _LONGEST_WAIT_S = 0.05
-_SHORTEST_WAIT_S = 0.002
-_MANY_DATAGRAMS = 128
+_SHORTEST_WAIT_S = 0.0005
+_MANY_DATAGRAMS = 512  # a twentieth of what 4 MB of buffer hold
 
 
 def _join_route(sender: socket.socket, group: Peer) -> None:
@@ -32,6 +36,14 @@ def _join_route(sender: socket.socket, group: Peer) -> None:
             raise
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         sender.connect(group)
+
+
+def _widen(sock: socket.socket) -> None:
+    """Give a socket as large a receive buffer as it may have."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if sys.platform == "linux":
+        with contextlib.suppress(PermissionError):
+            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
 
 
 class UdpLink(Link):
@@ -49,6 +61,7 @@ class UdpLink(Link):
         self._own: Peer | None = None
         self._receiver: DatagramReceiver | None = None
         self._wait_s = _SHORTEST_WAIT_S
+        self._flowing = False
         self._retry = Backoff()
         if url.kind is LinkKind.UDP_IN:
             try:
@@ -73,7 +86,7 @@ class UdpLink(Link):
         family, address = resolve(self.url, socket.SOCK_DGRAM)
         with contextlib.ExitStack() as undo:
             sock = undo.enter_context(socket.socket(family, socket.SOCK_DGRAM))
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            _widen(sock)
             sock.setblocking(False)
             receiver = DatagramReceiver(sock)
             sender = sock
@@ -105,10 +118,11 @@ class UdpLink(Link):
             return
         assert self._socket is not None
         assert self._receiver is not None
-        if not select.select([self._socket], [], [], timeout_s)[0]:
-            return
-        if self._wait_s:
+        if self._flowing:
             time.sleep(self._wait_s)
+        elif not select.select([self._socket], [], [], timeout_s)[0]:
+            return
+        self._flowing = False
         try:
             arrived = self._receiver.drain()
         except OSError as error:  # a connected socket hears of a port that nobody listens on
@@ -116,6 +130,7 @@ class UdpLink(Link):
             return
         if not arrived:
             return
+        self._flowing = True
         self._adapt_wait(sum(batch.ends.size for _, batch in arrived), self._receiver.slots)
         self.problem = ""
         self.counters.dropped = self._receiver.dropped
@@ -130,10 +145,9 @@ class UdpLink(Link):
         """How long to let datagrams gather before the next fetch; not at all while more are waiting."""
         if datagrams >= slots:
             self._wait_s = 0.0
-        elif datagrams > _MANY_DATAGRAMS:
-            self._wait_s = max(self._wait_s / 2, _SHORTEST_WAIT_S)
-        elif datagrams < _MANY_DATAGRAMS // 4:
-            self._wait_s = min(max(self._wait_s * 2, _SHORTEST_WAIT_S), _LONGEST_WAIT_S)
+            return
+        wait = max(self._wait_s, _SHORTEST_WAIT_S) * min(_MANY_DATAGRAMS / datagrams, 2.0)
+        self._wait_s = min(max(wait, _SHORTEST_WAIT_S), _LONGEST_WAIT_S)
 
     def _reopen(self, timeout_s: float) -> bool:
         if not self._retry.due(timeout_s):

@@ -110,6 +110,17 @@ def test_udp_keeps_every_datagram_in_order_with_its_arrival_time() -> None:
         assert link.counters.dropped == 0
 
 
+def test_udp_keeps_datagrams_of_every_size_whole() -> None:
+    link, sender = udp_pair()
+    with closing(link), sender:
+        sizes = (1, 37, 280, 511, 512, 513, 1472, 9000, 65_507)
+        sent = [bytes((i * 7 + k) % 251 for k in range(size)) for i in range(4) for size in sizes]
+        for data in sent:
+            sender.send(data)
+        batches = collect(link, sum(map(len, sent)))
+        assert [chunk for entry in batches for chunk in entry.chunks()] == sent
+
+
 def test_udp_counts_what_the_kernel_had_no_room_for() -> None:
     link, sender = udp_pair()
     with closing(link), sender:
