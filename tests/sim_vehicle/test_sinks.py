@@ -14,7 +14,7 @@ import pytest
 
 from sim_vehicle import sinks
 from sim_vehicle.errors import SinkError
-from sim_vehicle.sinks import SerialSink, TcpSink, UdpSink, open_link, open_recording
+from sim_vehicle.sinks import Link, SerialSink, TcpSink, UdpSink, open_link, open_recording
 
 FRAMES = [b"first", b"second frame", b"3"]
 DEADLINE_S = 10.0
@@ -139,6 +139,80 @@ def test_serial_port() -> None:
         while len(data) < 18:
             data += os.read(master, 100)
         assert data == b"".join(FRAMES)
+        link.close()
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def heard(link: Link, count: int) -> bytes:
+    """The next `count` bytes that a link receives."""
+    data, deadline = b"", time.monotonic() + DEADLINE_S
+    while len(data) < count and time.monotonic() < deadline:
+        data += link.receive(0.05)
+    return data
+
+
+def test_a_udp_client_hears_its_station() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        station.settimeout(DEADLINE_S)
+        link = open_link(f"udpout:127.0.0.1:{station.getsockname()[1]}")
+        assert link.receive(0.0) == b""
+        link.write(b"hello", 0)
+        _, vehicle = station.recvfrom(100)
+        station.sendto(b"question", vehicle)
+        assert heard(link, 8) == b"question"
+        link.close()
+
+
+def test_a_udp_server_hears_the_first_datagram_and_answers_who_spoke_last() -> None:
+    link = open_link("udpin:127.0.0.1:0")
+    assert isinstance(link, UdpSink)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
+    ):
+        first.settimeout(DEADLINE_S)
+        second.settimeout(DEADLINE_S)
+        first.sendto(b"one", ("127.0.0.1", link.port))
+        link.wait_for_peer()
+        assert heard(link, 3) == b"one"
+        link.write(b"to first", 0)
+        assert first.recv(100) == b"to first"
+        second.sendto(b"two", ("127.0.0.1", link.port))
+        assert heard(link, 3) == b"two"
+        link.write(b"to second", 0)
+        assert second.recv(100) == b"to second"
+    link.close()
+
+
+def test_tcp_hears_its_station_and_goes_on_when_that_says_no_more() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        station, _ = server.accept()
+        with station:
+            station.settimeout(DEADLINE_S)
+            station.sendall(b"question")
+            assert heard(link, 8) == b"question"
+            station.shutdown(socket.SHUT_WR)
+            assert [link.receive(0.01) for _ in range(3)] == [b"", b"", b""]
+            link.write(b"answer", 0)
+            assert station.recv(100) == b"answer"
+        link.close()
+    assert link.receive(0.01) == b""
+
+
+def test_a_serial_port_hears_while_it_is_written_to() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        link = open_link(f"{os.ttyname(slave)},115200")
+        assert link.receive(0.0) == b""
+        link.write(b"frame", 0)
+        os.write(master, b"question")
+        assert heard(link, 8) == b"question"
+        assert os.read(master, 100) == b"frame"
         link.close()
     finally:
         os.close(master)
