@@ -11,21 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from gcs.datagrams import Batch
-from gcs.dialect import DEFAULT_DIALECT, Dialect
+from gcs.dialect import Dialect
 from gcs.errors import RecordingError
 from gcs.frameparts import frame_times
 from gcs.framing import Framer
+from gcs.linkoptions import LinkOptions
 from gcs.links import Link
 from gcs.provenance import provenance
 from gcs.recording.parts import Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
+from gcs.signing import SignatureChecker, SignatureCounts
 from gcs.station import Station
+from gcs.voice import StationVoice
 
 
 class Capture:
     """One recording of several links. Thread-safe; after `close` nothing is taken any more.
 
-    now_ns: UTC of its beginning.
+    now_ns: UTC of its beginning. key: what signatures are checked with.
     """
 
     def __init__(
@@ -35,10 +38,13 @@ class Capture:
         storage: StorageOptions | None = None,
         origin: Provenance | None = None,
         now_ns: int = 0,
+        key: bytes | None = None,
     ) -> None:
         self._writer = RecordingParts(path, dialect, storage or StorageOptions(), origin or Provenance(), now_ns)
         self._dialect = dialect
         self._framers: dict[str, Framer] = {}
+        self._key = key
+        self._checkers: dict[str, SignatureChecker] = {}
         self._lock = threading.Lock()
         self.problem: RecordingError | None = None
 
@@ -57,6 +63,14 @@ class Capture:
         """Bytes received so far."""
         return self._writer.counts.bytes
 
+    @property
+    def signatures(self) -> SignatureCounts:
+        """Frames by their signatures, where there is a key to check them with."""
+        total = SignatureCounts()
+        for checker in self._checkers.values():
+            total = total + checker.counts
+        return total
+
     def take(self, link: str, batch: Batch) -> None:
         """Record what a link received. A file that cannot be written shows in `problem`."""
         with self._lock:
@@ -65,6 +79,9 @@ class Capture:
             buffer, frames = framer.feed(batch.data)
             times: np.ndarray[tuple[int], np.dtype[np.int64]] | int
             times = frame_times(frames, batch, held) if len(frames) else int(batch.received_ns[-1])
+            if self._key is not None and len(frames):
+                checker = self._checkers.setdefault(link, SignatureChecker(self._key))
+                checker.add(frames, np.broadcast_to(times, len(frames)))
             try:
                 self._writer.write(link, buffer, frames, times)
             except RecordingError as error:
@@ -95,12 +112,12 @@ class Capture:
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """What to record in, and how. dialect: name or XML of a MAVLink dialect. vehicle: vehicle file that goes in too."""
+    """What to record in, and how. vehicle: vehicle file that goes in too."""
 
     path: Path
     duration_s: float | None = None
     vehicle: str | None = None
-    dialect: str = DEFAULT_DIALECT
+    link: LinkOptions = field(default_factory=LinkOptions)
     storage: StorageOptions = field(default_factory=StorageOptions)
 
 
@@ -113,10 +130,10 @@ def record(links: Sequence[Link], options: CaptureOptions, progress: Callable[[f
     path = options.path
     if path.exists() and path.stat().st_size > 0:
         raise RecordingError(f"{path} exists already; choose another name, or remove it first")
-    dialect = Dialect.load(options.dialect)
-    origin = provenance(dialect, [link.name for link in links], options.vehicle, options.dialect)
-    capture = Capture(path, dialect, options.storage, origin, time.time_ns())
-    station = Station(links, capture.take, capture.tick)
+    dialect = Dialect.load(options.link.dialect)
+    origin = provenance(dialect, [link.name for link in links], options.vehicle, options.link.dialect)
+    capture = Capture(path, dialect, options.storage, origin, time.time_ns(), options.link.key)
+    station = Station(links, capture.take, capture.tick, voice=StationVoice(options.link.own_key))
     station.start()
     started = time.monotonic()
     pause = threading.Event()

@@ -29,6 +29,7 @@ from gcs.recording.parts import Metadata, Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
 from gcs.segmentation import FlightSegmenter, Heartbeat, heartbeats
 from gcs.sizes import size_text
+from gcs.sources import FORWARD
 
 _log = logging.getLogger(__name__)
 
@@ -41,10 +42,15 @@ _RETRY_NS = 1_000_000_000
 
 @dataclass
 class _Source:
-    """A link (by name) as the recorder sees it. `flight`: where bytes that belong to no vehicle go."""
+    """A source (by name) as the recorder sees it.
+
+    begins: whether its bytes begin a flight where there is none; what another ground station says does not.
+    flight: where bytes that belong to no vehicle go.
+    """
 
     framer: Framer
     statistics: LinkStatistics
+    begins: bool = True
     flight: LiveFlight | None = None
     last_ns: int = 0
 
@@ -64,7 +70,7 @@ class FlightRecorder:
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
     storage, provenance: how recordings are kept, and what stands in each. clocks: called with UTC ns at the end of a
-    flight, metadata of what is known of the vehicles' clocks then.
+    flight, metadata of what is known of the vehicles' clocks then. key: what signatures are checked with.
     """
 
     def __init__(
@@ -79,6 +85,7 @@ class FlightRecorder:
         storage: StorageOptions | None = None,
         provenance: Provenance | None = None,
         clocks: Callable[[int], Metadata] = lambda now_ns: {},
+        key: bytes | None = None,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
@@ -90,6 +97,7 @@ class FlightRecorder:
         self._storage = storage or StorageOptions()
         self._provenance = provenance or Provenance()
         self._clocks = clocks
+        self._key = key
         self._heard: set[int] = set()
         self._blocked_until_ns = 0
         self._unlisted: dict[str, Flight] = {}
@@ -101,7 +109,9 @@ class FlightRecorder:
     def _source(self, name: str) -> _Source:
         with self._lock:
             if name not in self._sources:
-                self._sources[name] = _Source(Framer(self._dialect), LinkStatistics(self._dialect))
+                statistics = LinkStatistics(self._dialect, self._key)
+                begins = not name.startswith(FORWARD)
+                self._sources[name] = _Source(Framer(self._dialect), statistics, begins)
             return self._sources[name]
 
     def feed(self, link: str, batch: Batch) -> None:
@@ -164,7 +174,7 @@ class FlightRecorder:
         times = received[run[0] : run[1]]
         live = self._flight_for(source, part, int(times[0]) if times.size else now_ns)
         if live is None:
-            self.state.unrecorded_bytes += part.consumed
+            self.state.unrecorded_bytes += part.consumed if source.begins else 0
             return
         own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
         before_reset = live.segmenter.clock_reset(link, part)
@@ -215,7 +225,7 @@ class FlightRecorder:
             if live is not None:
                 source.flight = live
                 return live
-        if now_ns < self._blocked_until_ns:
+        if now_ns < self._blocked_until_ns or not source.begins:
             return None
         try:
             live = self._begin(vehicle, part, now_ns)

@@ -32,6 +32,7 @@ from gcs.recording.writer import McapWriter
 from gcs.segmentation import FlightSegmenter
 from gcs.settings import Settings
 from gcs.station import RecordingStation
+from gcs.voice import StationVoice
 from sim_vehicle.vehicle import load_vehicle
 
 _log = logging.getLogger(__name__)
@@ -124,7 +125,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     ):
         recover(settings, catalogue)
         jobs = JobRunner(settings, catalogue)
-        dialect = Dialect.load()
+        dialect = Dialect.load(settings.link.dialect)
         _warm_up(dialect)
         recorder = FlightRecorder(
             settings.flights,
@@ -134,10 +135,12 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             disarm_s=settings.disarm_s,
             on_flight_end=_identify_when_over(settings, jobs),
             storage=settings.storage,
-            provenance=provenance(dialect, settings.connect, settings.vehicle),
+            provenance=provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect),
+            key=settings.link.key,
         )
         with _links(settings.connect) as links, _links(settings.forward) as forward:
-            station = RecordingStation(links, recorder, forward)
+            voice = StationVoice(settings.link.own_key)
+            station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect)
             app = create_app(settings, catalogue, station, jobs)
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
             server = uvicorn.Server(config)

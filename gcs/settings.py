@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs.errors import SettingsError
+from gcs.linkoptions import LinkOptions
 from gcs.recording.storage import StorageOptions
 
 TOKEN_VARIABLE = "GCS_TOKEN"
@@ -19,7 +20,8 @@ _MIN_TOKEN = 8
 class Settings:
     """What the service is told at its start.
 
-    connect, forward: connection strings to receive from, and to pass all bytes on to.
+    connect, forward: connection strings to receive from, and of other ground stations to pass frames on to and from.
+    link: dialect and signatures.
     vehicle: vehicle file or the name of a built-in one; None records only. identify: whether every flight that
     ends is identified at once.
     silence_s: silence of the vehicle that ends a flight; disarm_s: time recorded behind a disarming.
@@ -32,6 +34,7 @@ class Settings:
     data: Path
     connect: tuple[str, ...] = ()
     forward: tuple[str, ...] = ()
+    link: LinkOptions = field(default_factory=LinkOptions)
     vehicle: str | None = None
     identify: bool = True
     host: str = "127.0.0.1"

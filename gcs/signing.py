@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import time
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,15 @@ class SignatureCounts:
     replayed: int = 0
     unverified: int = 0
     unsigned: int = 0
+
+    def __add__(self, other: SignatureCounts) -> SignatureCounts:
+        return SignatureCounts(*(mine + theirs for mine, theirs in zip(astuple(self), astuple(other), strict=True)))
+
+    def text(self) -> str:
+        """The counts in words."""
+        replayed = f" ({self.replayed} of them replayed)" if self.replayed else ""
+        unverified = f", {self.unverified} not checked for want of a key" if self.unverified else ""
+        return f"signatures: {self.good} good, {self.bad} bad{replayed}, {self.unsigned} frames unsigned{unverified}"
 
     def to_json(self) -> dict[str, int]:
         """The counts by the names that REST and `gcs info` use."""

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 from gcs.datagrams import Batch, Peer
 
+#: In front of the name of a source behind a link to another ground station: it brings commands, not telemetry.
+FORWARD = "forward:"
 #: After this time in silence a peer is not answered any more, and its name is free.
 PEER_MEMORY_S = 30.0
 #: Peers told apart at one time; those beyond share the last name.

@@ -5,42 +5,30 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-
-from pymavlink.dialects.v20 import common
+from dataclasses import asdict
 
 from gcs.datagrams import Batch
+from gcs.dialect import Dialect
+from gcs.forwarding import Forwarder
 from gcs.links import Link
 from gcs.linkstats import merged
 from gcs.recorder import FlightRecorder, RecorderState
+from gcs.sources import FORWARD
+from gcs.voice import StationVoice
 
 _RECEIVE_TIMEOUT_S = 0.25
 _TICK_S = 0.25
 _HEARTBEAT_S = 1.0
 _STOP_TIMEOUT_S = 5.0
-SYSTEM = 255
-COMPONENT = common.MAV_COMP_ID_MISSIONPLANNER
-
-
-class GroundStationHeartbeat:
-    """HEARTBEAT of a ground station, by which a vehicle knows that one is there."""
-
-    def __init__(self) -> None:
-        self._sender = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._message = common.MAVLink_heartbeat_message(
-            common.MAV_TYPE_GCS, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE, 3
-        )
-
-    def next(self) -> bytes:
-        """The next frame, its counter one up."""
-        frame = bytes(self._message.pack(self._sender))
-        self._sender.seq = (self._sender.seq + 1) % 256
-        return frame
+_DRAIN_S = 1.0
+_LAST_LOOK_S = 0.01
 
 
 class Station:
-    """Links in, bytes to `take`, bytes on to the links of `forward` and their answers back to the vehicle.
+    """Links in, bytes to `take`, frames on to the links of `forward` and what these say back to the vehicles.
 
-    take: called with (source name, batch) from the thread of that link. tick: called a few times a second with UTC ns.
+    take: called with (source name, batch) from the thread of that link; the sources of forward links have names that
+    begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself.
     """
 
     def __init__(
@@ -50,9 +38,14 @@ class Station:
         tick: Callable[[int], None],
         forward: Sequence[Link] = (),
         clock: Callable[[], int] = time.time_ns,
+        *,
+        voice: StationVoice | None = None,
+        dialect: Dialect | None = None,
     ) -> None:
         self.links = tuple(links)
         self.forward = tuple(forward)
+        self.voice = voice or StationVoice()
+        self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
         self._take = take
         self._tick = tick
         self._clock = clock
@@ -65,6 +58,8 @@ class Station:
 
     def start(self) -> None:
         """Begin to receive."""
+        if self._forwarder is not None:
+            self._forwarder.start()
         for thread in self._threads:
             thread.start()
 
@@ -74,37 +69,41 @@ class Station:
         for thread in self._threads:
             if thread.ident is not None:
                 thread.join(_STOP_TIMEOUT_S)
+        if self._forwarder is not None:
+            self._forwarder.stop(_STOP_TIMEOUT_S)
         for link in (*self.links, *self.forward):
             link.close()
 
     def _receive(self, link: Link) -> None:
         while not self._stopping.is_set():
-            batch = link.receive(_RECEIVE_TIMEOUT_S)
-            if batch is None:
-                continue
-            self._take(batch.source or link.name, batch)
-            for other in self.forward:
-                for chunk in batch.chunks():
-                    other.send(chunk)
+            self._take_from(link, _RECEIVE_TIMEOUT_S, "")
+        # What had arrived when the station was told to stop was received.
+        deadline = time.monotonic() + _DRAIN_S
+        while self._take_from(link, _LAST_LOOK_S, "") and time.monotonic() < deadline:
+            pass
 
     def _answer(self, link: Link) -> None:
-        """What another ground station behind a forward link says goes to the vehicle."""
+        """What another ground station behind a forward link says."""
         while not self._stopping.is_set():
-            batch = link.receive(_RECEIVE_TIMEOUT_S)
-            if batch is None:
-                continue
-            for other in self.links:
-                for chunk in batch.chunks():
-                    other.send(chunk)
+            self._take_from(link, _RECEIVE_TIMEOUT_S, FORWARD)
+
+    def _take_from(self, link: Link, timeout_s: float, prefix: str) -> bool:
+        batch = link.receive(timeout_s)
+        if batch is None:
+            return False
+        source = prefix + (batch.source or link.name)
+        self._take(source, batch)
+        if self._forwarder is not None:
+            self._forwarder.offer(source, batch, from_vehicle=not prefix)
+        return True
 
     def _keep_time(self) -> None:
-        heartbeat = GroundStationHeartbeat()
         next_heartbeat = time.monotonic()
         while not self._stopping.wait(_TICK_S):
             self._tick(self._clock())
             if time.monotonic() >= next_heartbeat:
                 next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
-                frame = heartbeat.next()
+                frame = self.voice.heartbeat()
                 for link in self.links:
                     link.send(frame)
 
@@ -118,8 +117,11 @@ class RecordingStation(Station):
         recorder: FlightRecorder,
         forward: Sequence[Link] = (),
         clock: Callable[[], int] = time.time_ns,
+        *,
+        voice: StationVoice | None = None,
+        dialect: Dialect | None = None,
     ) -> None:
-        super().__init__(links, recorder.feed, recorder.tick, forward, clock)
+        super().__init__(links, recorder.feed, recorder.tick, forward, clock, voice=voice, dialect=dialect)
         self._recorder = recorder
 
     def stop(self) -> None:
@@ -137,10 +139,18 @@ class RecordingStation(Station):
         return self._recorder.live_flights()
 
     def link_status(self) -> list[dict[str, object]]:
-        """State, counters and statistics of every link, as JSON."""
+        """State, counters and statistics of every link, those to other ground stations behind the others, as JSON."""
         now = self._clock()
-        return [{**link.status(), **self._statistics(link, now)} for link in self.links]
+        return [
+            {**link.status(), "role": role, **self._statistics(prefix, link, now)}
+            for role, prefix, links in (("vehicle", "", self.links), ("forward", FORWARD, self.forward))
+            for link in links
+        ]
 
-    def _statistics(self, link: Link, now_ns: int) -> dict[str, object]:
+    def forwarding(self) -> dict[str, int] | None:
+        """What was passed on, as JSON; None where there is nobody to pass it on to."""
+        return None if self._forwarder is None else asdict(self._forwarder.counts)
+
+    def _statistics(self, prefix: str, link: Link, now_ns: int) -> dict[str, object]:
         names = dict.fromkeys((link.name, *(source.name for source in link.sources.all())))
-        return merged([(name, self._recorder.statistics(name, now_ns)) for name in names])
+        return merged([(name, self._recorder.statistics(prefix + name, now_ns)) for name in names])

@@ -16,6 +16,14 @@ class Problem(BaseModel):
     detail: str
 
 
+class Forwarding(BaseModel):
+    """What was passed on between vehicles and other ground stations."""
+
+    frames: int
+    copies: int = Field(description="Frames held back, as the same had come by another way")
+    dropped_bytes: int = Field(description="Bytes there was no time to pass on; they are recorded all the same")
+
+
 class Health(BaseModel):
     """State of the service. `problem` is empty when all is well."""
 
@@ -28,6 +36,7 @@ class Health(BaseModel):
     disk_total_bytes: int
     recording: list[str] = Field(description="Ids of the flights being recorded now")
     unrecorded_bytes: int
+    forwarding: Forwarding | None = Field(description="null where nothing is passed on")
     problem: str
 
 
@@ -46,8 +55,24 @@ class SystemStatus(BaseModel):
 
     system: int
     source: str = Field(description="The peer of the link that these frames came from")
-    clock_offset_s: float | None = Field(description="Time of reception (UTC) minus the vehicle's time since boot")
-    clock_drift_ppm: float | None = Field(description="How much faster the vehicle's clock runs than ours")
+    clock_offset_s: float | None = Field(
+        description="Our UTC minus the vehicle's time since boot: by round trips where it answers TIMESYNC, else by"
+        " arrivals, the smallest delay included"
+    )
+    clock_offset_std_s: float | None = Field(description="Standard error of the offset")
+    clock_offset_bound_s: float | None = Field(
+        description="By how much the offset may be wrong at most where the ways there and back take different times;"
+        " null where there are no round trips"
+    )
+    clock_drift_ppm: float | None = Field(
+        description="How much faster the vehicle's clock runs than ours; null where it does not fly in real time"
+    )
+    clock_drift_std_ppm: float | None = Field(description="Standard error of the drift")
+    clock_rate: float | None = Field(description="Vehicle's seconds to one of ours: 5.0 for a simulation at 5 times")
+    clock_resets: int = Field(description="Restarts of the vehicle's clock over this source")
+    round_trip_s: float | None = Field(description="Median round trip by TIMESYNC")
+    delay_s: float | None = Field(description="One way at the smallest round trip")
+    jitter_s: float | None = Field(description="Mean change of the delay from message to message (RFC 3550)")
     components: list[ComponentStatus]
 
 
@@ -80,6 +105,7 @@ class LinkStatus(BaseModel):
     """One link: its connection, what it carried and who speaks on it."""
 
     url: str
+    role: Literal["vehicle", "forward"] = Field(description="Who is behind it: vehicles, or another ground station")
     connected: bool
     problem: str
     bytes: int
@@ -120,6 +146,8 @@ class FlightItem(BaseModel):
     messages: int
     bytes: int
     end_reason: str
+    parts: int = Field(description="Files of the recording, more than one if it was split by size")
+    recording_deleted: str | None = Field(description="When the recording was deleted to make room, null while kept")
 
 
 class FlightPage(BaseModel):

@@ -7,7 +7,7 @@ import time
 
 from fastapi import APIRouter
 
-from gcs.api.schemas import Health, LinkStatus
+from gcs.api.schemas import Forwarding, Health, LinkStatus
 from gcs.api.service import Serving
 from gcs.version import VERSION
 
@@ -19,6 +19,7 @@ def health(service: Serving) -> Health:
     """Whether the service records: links, disk, version. Needs no token."""
     links = service.recorder.links
     state = service.recorder.state
+    forwarding = service.recorder.forwarding()
     disk = shutil.disk_usage(service.settings.data)
     return Health(
         status="degraded" if state.problem else "ok",
@@ -30,6 +31,7 @@ def health(service: Serving) -> Health:
         disk_total_bytes=disk.total,
         recording=service.recorder.live_flights(),
         unrecorded_bytes=state.unrecorded_bytes,
+        forwarding=None if forwarding is None else Forwarding.model_validate(forwarding),
         problem=state.problem,
     )
 

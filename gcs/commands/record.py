@@ -22,6 +22,7 @@ def problems(links: "list[Link]") -> list[str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.linkoptions import add_link_arguments
     from gcs.storageoptions import add_storage_arguments
 
     parser.add_argument("--connect", metavar="URL", action="append", required=True, help="link, repeatable")
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle, to keep in the recording"
     )
+    add_link_arguments(parser)
     add_storage_arguments(parser)
 
 
@@ -37,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Record and say what was recorded."""
     from gcs.capture import CaptureOptions, record
     from gcs.errors import LinkError, SettingsError
+    from gcs.linkoptions import link_options
     from gcs.links import open_link
     from gcs.linkurl import parse_url
     from gcs.progress import Progress
@@ -46,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(f"--duration {args.duration}: give a time above 0 s")
     for url in args.connect:
         parse_url(url)
-    options = CaptureOptions(args.output, args.duration, args.vehicle, storage=storage_options(args))
+    options = CaptureOptions(args.output, args.duration, args.vehicle, link_options(args), storage_options(args))
     with contextlib.ExitStack() as stack:
         links = [stack.enter_context(contextlib.closing(open_link(url))) for url in args.connect]
         next_count, counted = 0.0, ""
@@ -66,4 +69,6 @@ def run(args: argparse.Namespace) -> int:
             raise LinkError("nothing was received: " + ("; ".join(problems(links)) or "no link brought a byte"))
     files = ", ".join(map(str, capture.parts))
     print(f"{files}: {capture.messages} messages, {capture.bytes} bytes")
+    if options.link.key is not None:
+        print(capture.signatures.text())
     return 0

@@ -10,12 +10,20 @@ HELP = "record flights from links, identify them, and answer over REST"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.linkoptions import add_link_arguments
     from gcs.storageoptions import add_storage_arguments
 
     parser.add_argument(
         "--connect", metavar="URL", action="append", default=[], help="link to receive from, repeatable"
     )
-    parser.add_argument("--forward", metavar="URL", action="append", default=[], help="link to pass all bytes on to")
+    parser.add_argument(
+        "--forward",
+        metavar="URL",
+        action="append",
+        default=[],
+        help="link to another ground station, to which frames are passed on, and from it to the vehicles; repeatable",
+    )
+    add_link_arguments(parser)
     parser.add_argument("--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle")
     parser.add_argument("--no-identify", action="store_true", help="identify flights only when asked to")
     parser.add_argument(
@@ -37,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until told to stop."""
     from gcs.errors import SettingsError
+    from gcs.linkoptions import link_options
     from gcs.linkurl import parse_url
     from gcs.serve import serve
     from gcs.settings import Settings, read_token
@@ -56,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
         data=args.data,
         connect=tuple(args.connect),
         forward=tuple(args.forward),
+        link=link_options(args),
         vehicle=args.vehicle,
         identify=not args.no_identify,
         host=args.host,
