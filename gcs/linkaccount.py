@@ -9,13 +9,12 @@ from gcs.framing import MAGIC_V2, UNKNOWN, Frames
 from sim_vehicle.jit import jit
 
 RADIO_STATUS, RADIO = 109, 166
-SYSTEM_TIME, TIMESYNC = 2, 111
 
 # Columns of the table of senders.
 _SENDER, _LAST, _SEEN, RECEIVED, LOST, DUPLICATES = range(6)
 _COLUMNS = 6
 # What one pass adds up.
-_BYTES, _UNKNOWN, _RADIO, _CLOCKS, _NEXT = range(5)
+_BYTES, _UNKNOWN, _RADIO, _NEXT = range(4)
 # A frame may come this many places late, or a second time, and is known for that.
 _WINDOW = 63
 
@@ -79,8 +78,6 @@ def _pass(
             sums[_UNKNOWN] += 1
         elif msgid[i] == RADIO_STATUS or msgid[i] == RADIO:
             sums[_RADIO] = i
-        elif msgid[i] == SYSTEM_TIME or msgid[i] == TIMESYNC:
-            sums[_CLOCKS] += 1
     sums[_NEXT] = offset.size
     return count
 
@@ -90,19 +87,19 @@ class SenderAccount:
 
     A frame that comes a second time is a duplicate; one that comes late fills the gap that was counted for it.
     bytes, unknown: of the last batch, in frames, and frames of unknown id. radio: index of its last radio report, -1
-    if there is none. clocks: how many of its messages tell the time.
+    if there is none.
     """
 
     def __init__(self) -> None:
         self._row_of = np.zeros(1 << 16, np.int32)
         self._rows = np.zeros((16, _COLUMNS), np.int64)
         self._count = 0
-        self.bytes = self.unknown = self.clocks = 0
+        self.bytes = self.unknown = 0
         self.radio = -1
 
     def add(self, frames: Frames) -> None:
         """Take in one batch."""
-        sums = np.zeros(5, np.int64)
+        sums = np.zeros(4, np.int64)
         sums[_RADIO] = -1
         while sums[_NEXT] < len(frames):
             self._count = _pass(
@@ -119,7 +116,7 @@ class SenderAccount:
             )
             if self._count == self._rows.shape[0]:
                 self._rows = np.concatenate((self._rows, np.zeros_like(self._rows)))
-        self.bytes, self.unknown, self.radio, self.clocks = sums[:_NEXT].tolist()
+        self.bytes, self.unknown, self.radio = sums[:_NEXT].tolist()
 
     def senders(self) -> list[tuple[int, int, dict[str, int]]]:
         """(system, component, counts) of all, sorted."""

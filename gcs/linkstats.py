@@ -6,15 +6,15 @@ import struct
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.clocktrack import ClockState, ClockTracker
 from gcs.dialect import Dialect
 from gcs.framing import Frames
-from gcs.linkaccount import SYSTEM_TIME, SenderAccount
+from gcs.linkaccount import SenderAccount
 from gcs.signing import SignatureChecker, SignatureCounts
 
 _RATE_WINDOW_S = 5
@@ -22,36 +22,6 @@ _SUMS = (
     *("frames", "frames_per_s", "bytes_per_s", "raw_bytes", "bad_crc", "unknown_messages"),
     *SignatureCounts().to_json(),
 )
-_CLOCK_BUCKETS = 600
-_MIN_DRIFT_S = 10.0
-
-
-@dataclass
-class _Clock:
-    """Smallest (reception - boot time) of each second: the envelope that delays on the way cannot reach."""
-
-    seconds: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_CLOCK_BUCKETS))
-
-    def add(self, received_s: float, boot_s: float) -> None:
-        offset = received_s - boot_s
-        if self.seconds and abs(offset - self.seconds[-1][1]) > 1.0:
-            self.seconds.clear()  # the vehicle was restarted
-        if self.seconds and received_s - self.seconds[-1][0] < 1.0:
-            at, best = self.seconds[-1]
-            self.seconds[-1] = (at, min(best, offset))
-        else:
-            self.seconds.append((received_s, offset))
-
-    def offset_s(self) -> float | None:
-        return self.seconds[-1][1] if self.seconds else None
-
-    def drift_ppm(self) -> float | None:
-        """How much faster the vehicle's clock runs than ours."""
-        if len(self.seconds) < 3 or self.seconds[-1][0] - self.seconds[0][0] < _MIN_DRIFT_S:
-            return None
-        at, offset = np.array(self.seconds).T
-        slope = np.polyfit(at - at[0], offset - offset[0], 1)[0]
-        return float(-slope * 1e6)
 
 
 class LinkStatistics:
@@ -66,7 +36,7 @@ class LinkStatistics:
         self._signatures = SignatureChecker(key)
         self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
-        self._clocks: dict[int, _Clock] = {}
+        self.clocks = ClockTracker(dialect)
         self._frames = self._raw = self._bad_crc = self._unknown = 0
 
     def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
@@ -89,16 +59,7 @@ class LinkStatistics:
                 self._per_second.append((second, len(frames), account.bytes))
             if account.radio >= 0:
                 self._radio = radio_report(frames, account.radio, int(received_ns[account.radio]))
-            if account.clocks:
-                self._add_clocks(frames, received_ns)
-
-    def _add_clocks(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
-        for i in np.flatnonzero((frames.msgid == SYSTEM_TIME) & (frames.message >= 0)).tolist():
-            start = int(frames.payload_offset[i])
-            payload = frames.buffer[start : start + int(frames.payload_length[i])].tobytes().ljust(12, b"\0")
-            boot_ms = int.from_bytes(payload[8:12], "little")
-            clock = self._clocks.setdefault(int(frames.sysid[i]), _Clock())
-            clock.add(int(received_ns[i]) / 1e9, boot_ms / 1e3)
+            self.clocks.add(frames, received_ns)
 
     def to_json(self, now_ns: int) -> dict[str, Any]:
         """Rates over the last 5 s, totals, and one entry for each system."""
@@ -123,13 +84,8 @@ class LinkStatistics:
             }
 
     def _system(self, system: int) -> dict[str, Any]:
-        clock = self._clocks.get(system)
-        return {
-            "system": system,
-            "clock_offset_s": clock.offset_s() if clock else None,
-            "clock_drift_ppm": clock.drift_ppm() if clock else None,
-            "components": [],
-        }
+        clock = self.clocks.state(system) or ClockState(system, 0)
+        return {"system": system, **clock.to_json(), "components": []}
 
 
 def radio_report(frames: Frames, i: int, received_ns: int) -> dict[str, object]:
