@@ -6,13 +6,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from gcs.dialect import DEFAULT_DIALECT, Dialect
 from gcs.errors import ImportFileError, RecordingError
 
 #: Told the share that is done, 0 to 1.
 Progress = Callable[[float], None]
 
 
-def _copy(source: Path, target: Path, progress: Progress) -> None:
+def _copy(source: Path, target: Path, progress: Progress, dialect: str) -> None:
     """A recording is taken as it is, once it has opened."""
     from gcs.recording.reader import Recording
 
@@ -20,19 +21,19 @@ def _copy(source: Path, target: Path, progress: Progress) -> None:
     shutil.copyfile(source, target)
 
 
-def _import_tlog(source: Path, target: Path, progress: Progress) -> None:
+def _import_tlog(source: Path, target: Path, progress: Progress, dialect: str) -> None:
     from gcs.tlog import import_tlog
 
-    import_tlog(source, target, progress=progress)
+    import_tlog(source, target, Dialect.load(dialect), progress)
 
 
-def _import_dataflash(source: Path, target: Path, progress: Progress) -> None:
+def _import_dataflash(source: Path, target: Path, progress: Progress, dialect: str) -> None:
     from gcs.importers.ardupilot import import_dataflash
 
     import_dataflash(source, target, progress)
 
 
-def _import_ulog(source: Path, target: Path, progress: Progress) -> None:
+def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str) -> None:
     from gcs.importers.ulog import import_ulog
 
     import_ulog(source, target, progress)
@@ -62,7 +63,7 @@ def _export_attached(source: Path, target: Path) -> None:
     export_original(source, target)
 
 
-IMPORTS: dict[str, Callable[[Path, Path, Progress], None]] = {
+IMPORTS: dict[str, Callable[[Path, Path, Progress, str], None]] = {
     ".mcap": _copy,
     ".tlog": _import_tlog,
     ".bin": _import_dataflash,
@@ -85,11 +86,17 @@ def check_file(path: Path) -> None:
         raise ImportFileError(f"{path}: there is no such file")
 
 
-def import_file(source: Path, target: Path, ending: str | None = None, progress: Progress = lambda share: None) -> None:
+def import_file(
+    source: Path,
+    target: Path,
+    ending: str | None = None,
+    progress: Progress = lambda share: None,
+    dialect: str = DEFAULT_DIALECT,
+) -> None:
     """Write the recording `source` as MCAP to `target`, which must not exist.
 
-    ending: of the original name (".tlog"), where `source` itself has another. Raises ImportFileError, RecordingError;
-    no file is left behind then.
+    ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
+    frames. Raises ImportFileError, RecordingError, DialectError; no file is left behind then.
     """
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
@@ -101,7 +108,7 @@ def import_file(source: Path, target: Path, ending: str | None = None, progress:
         raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
     _check_new(target)
     try:
-        IMPORTS[ending](source, target, progress)
+        IMPORTS[ending](source, target, progress, dialect)
     except BaseException:
         target.unlink(missing_ok=True)
         raise

@@ -11,6 +11,7 @@ import functools
 import importlib
 import importlib.util
 import io
+import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -144,11 +145,12 @@ def _module_from_xml(path: Path) -> ModuleType:
     except ElementTree.ParseError as error:
         raise DialectError(f"dialect {path} cannot be used: {error}") from None
     with tempfile.TemporaryDirectory() as folder:
+        source = _with_includes(path, Path(folder))
         output = Path(folder) / f"{path.stem}.py"
         options = mavgen.Opts(str(output), wire_protocol="2.0", language="Python3", validate=False)
         try:
             with contextlib.redirect_stdout(io.StringIO()):
-                mavgen.mavgen(options, [str(path)])
+                mavgen.mavgen(options, [str(source)])
             spec = importlib.util.spec_from_file_location(f"gcs_dialect_{path.stem}", output)
             if spec is None or spec.loader is None:
                 raise DialectError(f"dialect {path} cannot be used; check that it is a MAVLink XML")
@@ -158,6 +160,20 @@ def _module_from_xml(path: Path) -> ModuleType:
         except (Exception, SystemExit) as error:
             raise DialectError(f"dialect {path} cannot be used: {' '.join(str(error).split())}") from None
     return module
+
+
+def _with_includes(path: Path, folder: Path) -> Path:
+    """The definition where everything it includes lies beside it: a copy with what pymavlink ships if need be."""
+    included = [entry.text or "" for entry in ElementTree.parse(path).iter("include")]
+    if all((path.parent / name).is_file() for name in included):
+        return path
+    shipped = Path(importlib.import_module("pymavlink.dialects.v20").__path__[0])
+    for source in (*shipped.glob("*.xml"), *path.parent.glob("*.xml")):  # the user's own come last and so count
+        shutil.copyfile(source, folder / source.name)
+    for name in included:
+        if not (folder / name).is_file():
+            raise DialectError(f"dialect {path} includes {name}, which is neither beside it nor known by that name")
+    return folder / path.name
 
 
 def _message_type(kind: Any) -> MessageType:

@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from gcs.conversion import check_file, import_file
-from gcs.flightview import utc_text
+from gcs.dialect import DEFAULT_DIALECT
+from gcs.linkinfo import link_counts, radio_text, radios
 from gcs.recording.reader import Recording
+from gcs.signing import SignatureCounts
+from gcs.utctext import utc_text
 
 
 @contextmanager
-def as_recordings(paths: list[Path]) -> Iterator[list[Path]]:
+def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator[list[Path]]:
     """The same recordings as MCAP: other formats are imported to files that are gone afterwards."""
     with TemporaryDirectory(prefix="gcs-") as folder:
         converted = []
@@ -27,18 +30,21 @@ def as_recordings(paths: list[Path]) -> Iterator[list[Path]]:
                 continue
             target = Path(folder) / str(number) / f"{path.stem}.mcap"
             target.parent.mkdir()
-            import_file(path, target)
+            import_file(path, target, dialect=dialect)
             converted.append(target)
         yield converted
 
 
-def describe_recording(path: Path) -> dict[str, Any]:
-    """Counts, rates, losses and clocks of an MCAP recording, ready for JSON. Raises RecordingError."""
+def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
+    """Counts, rates, losses and clocks of an MCAP recording, ready for JSON. Raises RecordingError.
+
+    key: what signatures are checked with.
+    """
     recording = Recording(path)
     counts = recording.counts()
     damage = recording.damage
     duration_s = (recording.end_ns - recording.start_ns) / 1e9
-    raw = _raw_bytes(recording)
+    links = link_counts(recording, key)
     return {
         "file": str(path),
         "size_bytes": path.stat().st_size,
@@ -48,8 +54,9 @@ def describe_recording(path: Path) -> dict[str, Any]:
         "messages": sum(counts.values()),
         "topics": [_topic(recording, topic, count) for topic, count in sorted(counts.items())],
         "components": _components(recording, counts),
-        "links": [{"link": link, "raw_bytes": raw.get(link, 0)} for link in recording.links()],
-        "raw_bytes": sum(raw.values()),
+        "links": [{"link": link, **counts.to_json()} for link, counts in links.items()],
+        "radios": radios(recording),
+        "raw_bytes": sum(counts.raw_bytes for counts in links.values()),
         "clock": _clock(recording),
         "damage": list(damage.notes),
         "truncated": damage.truncated,
@@ -78,17 +85,6 @@ def _components(recording: Recording, counts: dict[str, int]) -> list[dict[str, 
         }
         for (link, system, component), lost in sorted(recording.lost().items())
     ]
-
-
-def _raw_bytes(recording: Recording) -> dict[str, int]:
-    """Bytes of each link that belong to no frame."""
-    from gcs.recording.reader import RUN_NOISE
-
-    raw: dict[str, int] = {}
-    for part in recording.wire_pieces():
-        noise = part.pieces[:, 3] == RUN_NOISE
-        raw[part.link] = raw.get(part.link, 0) + int(part.pieces[noise, 2].sum())
-    return raw
 
 
 def _clock(recording: Recording) -> list[dict[str, Any]]:
@@ -129,10 +125,16 @@ def info_text(info: dict[str, Any]) -> str:
     for entry in info["components"]:
         sender = f"{entry['link']}, {entry['system']}, {entry['component']}"
         lines.append(f"{sender:<44} {entry['lost']:>9}")
-    lines += ["", *(f"{entry['link']}: {entry['raw_bytes']} bytes in no frame" for entry in info["links"])]
+    lines += ["", *(_link_text(entry) for entry in info["links"]), *map(radio_text, info["radios"])]
     for clock in info["clock"]:
         drift = "" if clock["drift_ppm"] is None else f", drift {clock['drift_ppm']:.1f} ppm"
         known = "" if clock["knows_utc"] else ", it does not know UTC"
         lines.append(f"clock of system {clock['system']}: started {clock['boot_utc']}{drift}{known}")
     lines += [f"damage: {note}" for note in info["damage"]]
     return "\n".join(lines)
+
+
+def _link_text(entry: dict[str, Any]) -> str:
+    line = f"{entry['link']}: {entry['raw_bytes']} bytes in no frame"
+    counts = SignatureCounts.of(entry)
+    return f"{line}; {counts.text()}" if counts.good or counts.bad or counts.unverified else line

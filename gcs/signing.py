@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import time
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
@@ -72,6 +73,11 @@ class SignatureCounts:
         unverified = f", {self.unverified} not checked for want of a key" if self.unverified else ""
         return f"signatures: {self.good} good, {self.bad} bad{replayed}, {self.unsigned} frames unsigned{unverified}"
 
+    @classmethod
+    def of(cls, values: Mapping[str, int]) -> SignatureCounts:
+        """The counts among the entries of a JSON object, as `to_json` names them."""
+        return cls(*(values[name] for name in cls().to_json()))
+
     def to_json(self) -> dict[str, int]:
         """The counts by the names that REST and `gcs info` use."""
         return {
@@ -100,14 +106,14 @@ class SignatureChecker:
             signed &= ~unknown | (frames.incompat == SIGNED)
         at = np.flatnonzero(signed).tolist()
         self.counts.unsigned += len(frames) - len(at)
-        if self._key is None:
-            self.counts.unverified += len(at)
-            return
         for i in at:
-            self._judge(frames.frame(i), int(received_ns[i]))
+            self.judge(frames.frame(i), int(received_ns[i]))
 
-    def _judge(self, frame: bytes, now_ns: int) -> None:
-        assert self._key is not None
+    def judge(self, frame: bytes, now_ns: int) -> None:
+        """Count one signed frame that came at `now_ns` UTC."""
+        if self._key is None:
+            self.counts.unverified += 1
+            return
         digest = hashlib.sha256(self._key + frame[:-_SIGNATURE_BYTES]).digest()
         if not hmac.compare_digest(digest[:_SIGNATURE_BYTES], frame[-_SIGNATURE_BYTES:]):
             self.counts.bad += 1

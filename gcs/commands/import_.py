@@ -10,8 +10,11 @@ _QUIET_S = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.linkoptions import add_dialect_argument
+
     parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="must not exist yet")
+    add_dialect_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,6 +23,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.progress import Progress
 
     with Progress(after_s=_QUIET_S) as progress:
-        import_file(args.file, args.output, progress=lambda share: progress(share, "importing"))
+        import_file(args.file, args.output, progress=lambda share: progress(share, "importing"), dialect=args.dialect)
     print(args.output)
     return 0

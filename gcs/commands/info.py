@@ -9,7 +9,11 @@ HELP = "show messages, rates, losses and clocks of a recording"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.linkoptions import add_dialect_argument, add_key_argument
+
     parser.add_argument("file", metavar="FILE", type=Path, help="a recording, or anything that import reads")
+    add_dialect_argument(parser)
+    add_key_argument(parser)
     parser.add_argument("--json", action="store_true")
 
 
@@ -17,8 +21,10 @@ def run(args: argparse.Namespace) -> int:
     """Print the description."""
     from gcs.info import as_recordings, describe_recording, info_text
     from gcs.jsontext import dumps
+    from gcs.signing import load_key
 
-    with as_recordings([args.file]) as (path,):
-        info = {**describe_recording(path), "file": str(args.file), "size_bytes": args.file.stat().st_size}
+    key = None if args.signing_key is None else load_key(args.signing_key)
+    with as_recordings([args.file], args.dialect) as (path,):
+        info = {**describe_recording(path, key), "file": str(args.file), "size_bytes": args.file.stat().st_size}
     print(dumps(info, indent=2) if args.json else info_text(info))
     return 0

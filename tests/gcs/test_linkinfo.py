@@ -1,0 +1,130 @@
+"""What `gcs info` says of links: signatures checked anew, radios, and one vehicle heard over two lossy links."""
+
+import random
+import socket
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mavlink_frames import Sender
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from test_signing import KEY, NOW, signed
+from traffic import Vehicle, batch
+
+from gcs.capture import Capture
+from gcs.dialect import Dialect
+from gcs.errors import DialectError
+from gcs.framing import Framer
+from gcs.info import describe_recording, info_text
+from gcs.links import UdpLink, open_link
+from gcs.linkstats import LinkStatistics
+from gcs.recording.reader import Recording
+
+
+def capture(path: Path, streams: dict[str, list[bytes]]) -> Recording:
+    """A recording of frames that came over several links within 10 s."""
+    made = Capture(path, Dialect.load())
+    for link, frames in streams.items():
+        made.take(link, batch(frames, NOW, 10_000_000_000))
+    made.close(NOW)
+    return Recording(path)
+
+
+def test_signatures_in_a_recording_are_checked_with_the_key_given_then(tmp_path: Path) -> None:
+    path = tmp_path / "signed.mcap"
+    good = signed(20)
+    altered = bytearray(good[3])
+    altered[-2] ^= 1
+    unsigned = [Vehicle(7).attitude(), Sender(8, version=1).send("ATTITUDE").frame]
+    capture(
+        path, {"udp": [*good[:3], bytes(altered), *good[4:], good[5], *unsigned, b"noise"], "serial": [unsigned[0]]}
+    )
+    info = describe_recording(path, KEY)
+    udp, serial = info["links"]
+    assert udp == {
+        "link": "udp",
+        "raw_bytes": 5,
+        "signed_good": 19,
+        "signed_bad": 2,
+        "signed_replayed": 1,
+        "signed_unverified": 0,
+        "unsigned": 2,
+    }
+    assert serial["unsigned"] == 1
+    assert "19 good, 2 bad (1 of them replayed), 2 frames unsigned" in info_text(info)
+    without = describe_recording(path)["links"][0]
+    assert (without["signed_unverified"], without["unsigned"]) == (21, 2)
+
+
+def test_radios_reports_are_summed_up(tmp_path: Path) -> None:
+    radio = Vehicle(51, 68)
+    reports = [
+        radio.frame(mavlink.MAVLink_radio_status_message(200 + i, 190, 100 - i, 40, 50, (65530 + 3 * i) % 65536, i))
+        for i in range(10)
+    ]
+    capture(tmp_path / "radio.mcap", {"udp": reports})
+    info = describe_recording(tmp_path / "radio.mcap")
+    (summary,) = info["radios"]
+    assert summary["rssi"] == {"min": 200, "median": 204.5, "max": 209}
+    assert summary["txbuf"]["min"] == 91
+    assert (summary["reports"], summary["rxerrors"], summary["fixed"]) == (10, 27, 9)
+    assert "radio 51, 68: 10 reports, rssi 200 to 209" in info_text(info)
+
+
+@pytest.mark.parametrize("losses", [(0.1, 0.3), (0.5, 0.5)])
+def test_two_lossy_udp_links_together_hold_every_message_that_came_over_either(
+    tmp_path: Path, losses: tuple[float, float]
+) -> None:
+    vehicle, chooser = Vehicle(), random.Random(5)
+    sent = [vehicle.attitude(0.001 * i) for i in range(2000)]
+    arrived: list[set[int]] = [set(), set()]
+    made = Capture(tmp_path / "two.mcap", Dialect.load())
+    statistics = [LinkStatistics(Dialect.load()) for _ in losses]
+    framers = [Framer(Dialect.load()) for _ in losses]
+    with ExitStack() as stack:
+        links = [stack.enter_context(closing(open_link("udpin:127.0.0.1:0"))) for _ in losses]
+        peers = []
+        for link in links:
+            assert isinstance(link, UdpLink)
+            peers.append(stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)))
+            peers[-1].connect(("127.0.0.1", link.port))
+        for begin in range(0, 2000, 200):
+            for i in range(begin, begin + 200):
+                for k, loss in enumerate(losses):
+                    if chooser.random() >= loss:
+                        arrived[k].add(i)
+                        peers[k].send(sent[i])
+            for k, link in enumerate(links):
+                while link.counters.reads < len(arrived[k]):
+                    if (piece := link.receive(30.0)) is not None:
+                        made.take(f"udpin:0.0.0.0:{k}", piece)
+                        statistics[k].add(framers[k].feed(piece.data)[1], piece.received_ns)
+    made.close(0)
+    recording = Recording(tmp_path / "two.mcap")
+    (columns,) = recording.columns("ATTITUDE")
+    union = sorted(arrived[0] | arrived[1])
+    assert np.array_equal(np.sort(columns["roll"]), np.float32([0.001 * i for i in union]))
+    gaps = [max(got) - min(got) + 1 - len(got) for got in arrived]
+    assert [lost for _, lost in sorted(recording.lost().items())] == gaps
+    for k in (0, 1):
+        (system,) = statistics[k].to_json(0)["systems"]
+        assert system["components"][0]["lost"] == gaps[k]
+        assert system["components"][0]["duplicates"] == 0
+
+
+def test_a_definition_may_include_what_pymavlink_ships(tmp_path: Path) -> None:
+    xml = tmp_path / "mine.xml"
+    text = """<?xml version="1.0"?><mavlink><include>minimal.xml</include><messages>
+        <message id="180000" name="VANE_RAW"><description>x</description>
+        <field type="uint64_t" name="time_usec" units="us">t</field><field type="float" name="Angle">a</field>
+        </message></messages></mavlink>"""
+    xml.write_text(text)
+    dialect = Dialect.load(str(xml))
+    assert {"HEARTBEAT", "VANE_RAW"} <= set(dialect.by_name)
+    assert dialect.by_name["HEARTBEAT"] == Dialect.load("minimal").by_name["HEARTBEAT"]
+    other = tmp_path / "other.xml"
+    other.write_text(text.replace("minimal.xml", "theirs.xml"))
+    with pytest.raises(DialectError, match=r"includes theirs\.xml, which is neither beside it") as error:
+        Dialect.load(str(other))
+    assert "\n" not in str(error.value)
