@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gcs.errors import CatalogueError, CatalogueFileError
+from gcs.errors import CatalogueError, CatalogueFileError, RecordingDeletedError
 from gcs.jsontext import dumps
 from gcs.recording.parts import part_path
+from gcs.utctext import utc_text
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS flights (
@@ -73,6 +74,18 @@ class Flight:
     def files(self, folder: Path) -> list[Path]:
         """All files of the recording, in order."""
         return [part_path(folder / self.file, number) for number in range(1, self.parts + 1)]
+
+    def kept_files(self, folder: Path) -> list[Path]:
+        """The files that are there. RecordingDeletedError if they were deleted to make room, CatalogueError if gone."""
+        if self.deleted_ns is not None:
+            raise RecordingDeletedError(
+                f"the recording of flight {self.id} was deleted on {utc_text(self.deleted_ns)} to make room;"
+                " its results and models are kept"
+            )
+        paths = [path for path in self.files(folder) if path.is_file()]
+        if not paths:
+            raise CatalogueError(f"the recording of flight {self.id} is gone from the data folder")
+        return paths
 
 
 @dataclass(frozen=True)

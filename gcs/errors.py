@@ -8,6 +8,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── LinkError                  a link that cannot be opened or brings nothing
 │   └── LinkUrlError           a connection string that is wrong
 ├── CatalogueError             a flight, model or result that the catalogue does not hold
+├── RecordingDeletedError      a recording that was deleted to make room
 ├── CatalogueFileError         a catalogue whose file cannot be read or written, as on a full disk
 ├── JobError                   a job that cannot be started or has failed
 ├── SignalMapError             a signal whose message or field does not exist
@@ -46,6 +47,10 @@ class LinkUrlError(LinkError):
 
 class CatalogueError(GcsError):
     """The catalogue does not hold the flight, model or result asked for."""
+
+
+class RecordingDeletedError(GcsError):
+    """The recording was deleted to make room."""
 
 
 class CatalogueFileError(GcsError):

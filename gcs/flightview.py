@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +21,6 @@ from sysid.flight import FlightSignals, Signal
 _KEPT_FLIGHTS = 4
 
 
-def utc_text(ns: int) -> str:
-    """UTC ns as ISO 8601 with milliseconds."""
-    moment = datetime.fromtimestamp(ns // 1_000_000_000, UTC)
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{ns // 1_000_000 % 1000:03d}Z"
-
-
 class FlightViewer:
     """Summaries and signals of recordings in the data folder. Thread-safe; keeps the last few flights' signals."""
 
@@ -37,20 +29,15 @@ class FlightViewer:
         self._lock = threading.Lock()
         self._kept: OrderedDict[tuple[str, int], FlightSignals] = OrderedDict()
 
-    def _path(self, flight: Flight) -> Path:
-        path = self._settings.flights / flight.file
-        if not path.is_file():
-            raise CatalogueError(f"the recording of flight {flight.id} is gone from the data folder")
-        return path
-
     def summary(self, flight: Flight) -> dict[str, Any]:
         """Messages per topic, losses, damage, and the names that `series` accepts.
 
         Of a flight that is being recorded it tells what is on disk already.
         """
-        path = self._path(flight)
         try:
-            recording = Recording(path)
+            recording = Recording(flight.kept_files(self._settings.flights))
+        except CatalogueError:
+            raise
         except GcsError as error:
             return {"topics": {}, "lost": 0, "damage": [str(error)], "signals": [], "warnings": []}
         names: list[str] = []
@@ -75,13 +62,13 @@ class FlightViewer:
             raise SignalMapError("signals need a vehicle file; start the service with --vehicle FILE")
         from gcs.signals import extract
 
-        path = self._path(flight)
-        key = (flight.file, path.stat().st_size)
+        paths = flight.kept_files(self._settings.flights)
+        key = (flight.file, sum(path.stat().st_size for path in paths))
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        found = extract(Recording(path), load_vehicle(self._settings.vehicle), flight.system)
+        found = extract(Recording(paths), load_vehicle(self._settings.vehicle), flight.system)
         with self._lock:
             self._kept[key] = found
             while len(self._kept) > _KEPT_FLIGHTS:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.catalogue import Catalogue, Job
-from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError
+from gcs.errors import CatalogueFileError, GcsError, JobError
 from gcs.jsontext import dumps
 from gcs.settings import Settings
 from sim_vehicle.errors import SimVehicleError
@@ -89,6 +89,7 @@ class JobRunner:
         for flight in (flight_id, *request.get("validate", ())):
             if self._catalogue.flight(flight).state == "recording":
                 raise JobError(f"flight {flight} is still being recorded; wait until it has ended")
+            self._recordings(flight)
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
@@ -199,8 +200,8 @@ class JobRunner:
                 models[name].write_text(dumps(self._model(request[name], name)), encoding="utf-8")
         return {
             "kind": job.kind,
-            "recordings": [self._recording(job.flight_id)],
-            "validate": [self._recording(flight) for flight in request.get("validate", ())],
+            "recordings": self._recordings(job.flight_id),
+            "validate": [path for flight in request.get("validate", ()) for path in self._recordings(flight)],
             "vehicle": load_vehicle(self._settings.vehicle).path,
             "models": models,
             "method": request.get("method", "auto"),
@@ -211,11 +212,8 @@ class JobRunner:
             "output": folder / "result.json",
         }
 
-    def _recording(self, flight_id: str) -> Path:
-        path = self._settings.flights / self._catalogue.flight(flight_id).file
-        if not path.is_file():
-            raise CatalogueError(f"the recording of flight {flight_id} is gone from the data folder")
-        return path
+    def _recordings(self, flight_id: str) -> list[Path]:
+        return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
 
 
 def _python_path() -> str:

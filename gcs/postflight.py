@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from gcs.signals import extract
 from sim_vehicle.model import read_model
@@ -20,8 +21,11 @@ def _silent(share: float, text: str) -> None:
 
 
 def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = None) -> list[FlightSignals]:
-    """Signals of each recording. Raises GcsError or SysidError in one line where one cannot be read."""
-    return [extract(Recording(path), vehicle, system) for path in paths]
+    """Signals of each recording; files whose names say that they are parts of one count as one.
+
+    Raises GcsError or SysidError in one line where one cannot be read.
+    """
+    return [extract(Recording(parts), vehicle, system) for parts in by_recording(paths)]
 
 
 def identify(

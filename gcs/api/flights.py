@@ -12,9 +12,9 @@ from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Prob
 from gcs.api.service import Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue import Flight
-from gcs.errors import RecordingError
-from gcs.flightview import utc_text
+from gcs.errors import CatalogueError
 from gcs.intake import take_in
+from gcs.utctext import utc_text
 
 router = APIRouter(tags=["flights"])
 
@@ -53,6 +53,8 @@ def _fields(flight: Flight) -> dict[str, Any]:
         "messages": flight.messages,
         "bytes": flight.bytes,
         "end_reason": flight.end_reason,
+        "parts": flight.parts,
+        "recording_deleted": None if flight.deleted_ns is None else utc_text(flight.deleted_ns),
     }
 
 
@@ -92,15 +94,27 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
 @router.get(
     "/api/flights/{flight_id}/recording",
     response_class=FileResponse,
-    responses={200: {"content": {"application/octet-stream": {}}}, 206: {"description": "The range asked for"}},
+    responses={
+        200: {"content": {"application/octet-stream": {}}},
+        206: {"description": "The range asked for"},
+        404: _PROBLEM,
+        410: {"model": Problem, "description": "The recording was deleted to make room"},
+    },
 )
-def recording(service: Serving, flight_id: str) -> FileResponse:
+def recording(
+    service: Serving,
+    flight_id: str,
+    part: Annotated[int, Query(ge=1, description="Which file of a recording that was split by size")] = 1,
+) -> FileResponse:
     """The MCAP file; HTTP ranges are honoured."""
     found = service.catalogue.flight(flight_id)
-    path = service.settings.flights / found.file
+    found.kept_files(service.settings.flights)
+    if part > found.parts:
+        raise CatalogueError(f"the recording of flight {flight_id} has {found.parts} parts, no part {part}")
+    path = found.files(service.settings.flights)[part - 1]
     if not path.is_file():
-        raise RecordingError(f"the recording of flight {flight_id} is gone from the data folder")
-    return FileResponse(path, media_type="application/octet-stream", filename=f"{found.id}.mcap")
+        raise CatalogueError(f"part {part} of the recording of flight {flight_id} is gone from the data folder")
+    return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
 @router.get("/api/flights/{flight_id}/signals", responses={404: _PROBLEM, 409: _PROBLEM})

@@ -17,6 +17,7 @@ from gcs.errors import (
     GcsError,
     ImportFileError,
     JobError,
+    RecordingDeletedError,
     RecordingError,
     SignalMapError,
 )
@@ -26,6 +27,7 @@ from sysid.errors import SysidError
 _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (CatalogueError, 404),
     (CatalogueFileError, 503),
+    (RecordingDeletedError, 410),
     (SignalMapError, 404),
     (JobError, 409),
     (ImportFileError, 422),

@@ -13,6 +13,7 @@ from gcs.errors import RecordingError
 from gcs.recording import scan
 from gcs.recording.cdr import Layout
 from gcs.recording.container import Container, Group
+from gcs.recording.joined import JoinedContainer
 
 # A message repeated over another link is the same one only if it comes within this time.
 _SAME_MESSAGE_NS = 2_000_000_000
@@ -123,7 +124,7 @@ class _Rows:
 
 
 def iter_columns(
-    file: Container, channels: Sequence[MessageChannel], layout: Layout, wanted: Selection
+    file: Container | JoinedContainer, channels: Sequence[MessageChannel], layout: Layout, wanted: Selection
 ) -> Iterator[MessageColumns]:
     """The messages of one type and component, from one or several links each once, a part of the file at a time."""
     names = [field.name for field in layout.fields]

@@ -21,6 +21,7 @@ from gcs.recording.build import RUN_NOISE, RUN_UNKNOWN
 from gcs.recording.cdr import Layout, parse_ros2msg
 from gcs.recording.columns import MessageChannel, MessageColumns, Selection, iter_columns, joined, message_channel
 from gcs.recording.container import Container, Damage, Group
+from gcs.recording.joined import JoinedContainer
 from gcs.recording.records import Attachment
 from gcs.recording.wire import WIRE_TOPIC, WireRecord, decode_wire
 
@@ -47,13 +48,13 @@ class WirePieces:
 
 
 class Recording:
-    """One MCAP recording, opened for reading.
+    """One MCAP recording, opened for reading; of one that was split by size all parts, in order.
 
     RecordingError, in one line, if the file is missing, empty, no MCAP file, or cut off before its first message.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._file = Container(path)
+    def __init__(self, path: str | os.PathLike[str] | Sequence[Path]) -> None:
+        self._file = _open(path)
         self._layouts: dict[int, Layout] = {}
         self._channels = {}
         self._wire_channels: dict[int, str] = {}
@@ -302,6 +303,12 @@ class Recording:
             rows[channel.id, : len(head)] = head
             rows[channel.id, scan.RUNS : scan.RUNS + len(runs)] = runs
         return rows
+
+
+def _open(path: str | os.PathLike[str] | Sequence[Path]) -> Container | JoinedContainer:
+    if isinstance(path, str | os.PathLike):
+        return Container(path)
+    return Container(path[0]) if len(path) == 1 else JoinedContainer(path)
 
 
 def _gaps(counters: Ints) -> int:

@@ -46,7 +46,8 @@ class Bench:
         settings = Settings(data=folder, vehicle="iitb-mav", max_upload_bytes=1_000_000)
         self.settings = replace(settings, **changes)
         self.catalogue = Catalogue(self.settings.database)
-        self.recorder = FlightRecorder(self.settings.flights, Dialect.load(), self.catalogue)
+        # The station's clock stands still ahead of the flights, whose silence must not end them meanwhile.
+        self.recorder = FlightRecorder(self.settings.flights, Dialect.load(), self.catalogue, silence_s=1000.0)
         self.link = open_link("udpin:127.0.0.1:0")
         self.station = RecordingStation([self.link], self.recorder, clock=lambda: START + 30 * SECOND)
         jobs = JobRunner(self.settings, self.catalogue, (sys.executable, "-c", WORKER))

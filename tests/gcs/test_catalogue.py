@@ -1,5 +1,8 @@
 """The catalogue keeps what it is told, in order, and over a restart."""
 
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -101,3 +104,23 @@ def test_a_catalogue_that_cannot_be_opened_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "c.sqlite").write_bytes(b"this is no database" * 100)
     with pytest.raises(CatalogueError, match="cannot be opened"):
         Catalogue(tmp_path / "c.sqlite")
+
+
+def test_a_catalogue_of_an_older_version_is_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "catalogue.sqlite"
+    with closing(sqlite3.connect(path)) as old:
+        old.execute(
+            "CREATE TABLE flights (id TEXT PRIMARY KEY, file TEXT NOT NULL, name TEXT NOT NULL, source TEXT NOT NULL,"
+            " state TEXT NOT NULL, system INTEGER, start_ns INTEGER NOT NULL, end_ns INTEGER NOT NULL,"
+            " messages INTEGER NOT NULL, bytes INTEGER NOT NULL, end_reason TEXT NOT NULL)"
+        )
+        old.execute(
+            "INSERT INTO flights VALUES ('a', 'a.mcap', 'a.mcap', 'live', 'complete', 1, 1, 2, 3, 4, 'silence')"
+        )
+        old.commit()
+    with closing(Catalogue(path)) as catalogue:
+        flight = catalogue.flight("a")
+        assert (flight.parts, flight.deleted_ns) == (1, None)
+        assert flight.files(tmp_path) == [tmp_path / "a.mcap"]
+        catalogue.put_flight(replace(flight, parts=2))
+        assert catalogue.flight("a").files(tmp_path) == [tmp_path / "a.mcap", tmp_path / "a.part2.mcap"]

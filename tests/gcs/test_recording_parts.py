@@ -14,6 +14,7 @@ from traffic import wait_until
 from gcs.dialect import Dialect
 from gcs.errors import DiskFullError, RecordingError, SettingsError
 from gcs.framing import Framer
+from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from gcs.recording.storage import SyncPolicy
 from gcs.recording.writer import McapWriter
@@ -193,6 +194,8 @@ from pathlib import Path
 sys.path.insert(0, {support!r})
 sys.path.insert(0, {here!r})
 from test_recording_parts import DIALECT, Stream, RecordingError, McapWriter
+with McapWriter(Path({path!r} + ".first"), DIALECT) as first:  # compiles, and keeps what it compiled on disk
+    Stream().feed(first, 10)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
 writer, stream = McapWriter(Path({path!r}), DIALECT, chunk_seconds=0.1), Stream()
@@ -223,3 +226,39 @@ def test_a_file_that_the_system_refuses_to_extend_stays_readable(limit: int, tmp
     assert path.stat().st_size <= limit
     assert len(stream_of(path)) == kept > 0
     assert lost > 0
+
+
+def test_the_parts_of_a_recording_read_as_one(tmp_path: Path) -> None:
+    stream = Stream()
+    paths = [tmp_path / name for name in ("a.mcap", "a.part2.mcap", "a.part3.mcap")]
+    with McapWriter(paths[0], DIALECT) as writer:
+        writer.metadata("recording", {"part": "1"})
+        for following in paths[1:]:
+            stream.feed(writer, 50)
+            writer.roll(following)
+        stream.feed(writer, 50)
+    with McapWriter(tmp_path / "whole.mcap", DIALECT) as writer:
+        Stream().feed(writer, 150)
+    whole, joined = Recording(tmp_path / "whole.mcap"), Recording(paths)
+    assert joined.path == paths[0]
+    assert b"".join(data for _, data in joined.wire_streams()["udp"]) == stream.bytes
+    assert joined.counts() == whole.counts()
+    assert set(joined.lost().values()) == {0}
+    assert (joined.start_ns, joined.end_ns) == (whole.start_ns, whole.end_ns)
+    assert joined.metadata() == {"recording": {"part": "1"}}
+    for name in NAMES:
+        (one,), (other,) = joined.columns(name), whole.columns(name)
+        assert (one.log_time == other.log_time).all()
+        assert (one.sequence == other.sequence).all()
+        assert one.fields.tobytes() == other.fields.tobytes()
+    assert by_recording([paths[2], tmp_path / "whole.mcap", paths[0], paths[1]]) == [paths, [tmp_path / "whole.mcap"]]
+    paths[1].write_bytes(b"")
+    assert "a.part2.mcap is empty" in " ".join(Recording(paths).damage.notes)
+    with pytest.raises(RecordingError, match="not of the same recording"):
+        Recording([paths[0], other_recording(tmp_path / "b.mcap")])
+
+
+def other_recording(path: Path) -> Path:
+    with McapWriter(path, DIALECT) as writer:
+        Stream().feed(writer, 10, "another link")
+    return path
