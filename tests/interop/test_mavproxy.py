@@ -1,0 +1,96 @@
+"""MAVProxy, the ground station of ArduPilot's developers, meets two simulated vehicles."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from processes import TIMEOUT_S, free_port, start
+
+DEADLINE_S = 120.0
+
+
+class MAVProxy:
+    """A session in MAVProxy's terminal: what was typed, and what it printed."""
+
+    def __init__(self, port: int, home: Path) -> None:
+        arguments = ["--master", f"udpin:127.0.0.1:{port}", "--no-state", "--source-system", "255"]
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-m", "MAVProxy.mavproxy", *arguments],
+            cwd=home,
+            env={**os.environ, "HOME": str(home)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.printed = ""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        while text := self.process.stdout.read(1):
+            self.printed += text
+
+    def type(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n")
+        self.process.stdin.flush()
+
+    def wait_for(self, text: str, typing: str = "") -> None:
+        """Wait until `text` is printed; meanwhile type a line every second."""
+        deadline, typed = time.monotonic() + DEADLINE_S, time.monotonic()
+        while text not in self.printed:
+            if typing and time.monotonic() - typed > 1.0:
+                typed = time.monotonic()
+                self.type(typing)
+            assert self.process.poll() is None, self.printed
+            assert time.monotonic() < deadline, f"{text!r} was not printed, but:\n{self.printed}"
+            time.sleep(0.05)
+
+
+@contextmanager
+def mavproxy(port: int, home: Path) -> Iterator[MAVProxy]:
+    session = MAVProxy(port, home)
+    with session.process:
+        try:
+            yield session
+        finally:
+            session.process.kill()
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[MAVProxy]:
+    port = free_port()
+    vehicles = ["fly", "--taxi", "--wait-arm", "--vehicles", 2, "--out", f"udpout:127.0.0.1:{port}"]
+    with mavproxy(port, tmp_path) as opened:
+        simulator = start("sim-vehicle", vehicles)
+        with simulator:
+            try:
+                yield opened
+            finally:
+                simulator.kill()
+                simulator.communicate(timeout=TIMEOUT_S)
+
+
+def test_it_lists_both_vehicles_fetches_their_parameters_and_arms(session: MAVProxy) -> None:
+    session.wait_for("Detected vehicle 1:1 on link 0")
+    session.wait_for("Detected vehicle 2:1 on link 0")
+    session.wait_for("Received 18 parameters")
+    session.type("param show SIM_WING_AREA")
+    session.wait_for("SIM_WING_AREA    0.2")
+    session.type("param set SR0_EXTRA1 5")
+    session.wait_for("SR0_EXTRA1 = 5.0", typing="param fetch SR0_EXTRA1")
+    session.type("arm throttle")
+    session.wait_for("Got COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
+    session.wait_for("\nARMED")
+    session.type("disarm")
+    session.wait_for("Got COMMAND_ACK: COMPONENT_ARM_DISARM: DENIED")
