@@ -7,13 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.importers import messages as make
 from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, read_dataflash
-from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, whole, without_strays, write_recording
+from gcs.importers.synthesis import (
+    ImportedLog,
+    Ints,
+    Progress,
+    Series,
+    utc_offset,
+    whole,
+    without_strays,
+    write_recording,
+)
 
 FORMAT = "dataflash"
 AUTOPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -36,11 +46,11 @@ def import_dataflash(source: Path, target: Path, progress: Progress = lambda sha
     write_recording(_Mapping(read_dataflash(source)).log(), source, target, progress)
 
 
-def _utc_us(week: Ints, milliseconds: Ints) -> Ints:
+def _utc_us(week: NDArray[Any], milliseconds: NDArray[Any]) -> Ints:
     """(N,) UTC of a GPS week and its milliseconds."""
-    seconds = _GPS_EPOCH_S + week * _WEEK_S
+    seconds = _GPS_EPOCH_S + week.astype(np.int64) * _WEEK_S
     leap = np.select([seconds >= since for since, _ in _LEAP_SECONDS], [count for _, count in _LEAP_SECONDS])
-    return np.asarray((seconds - leap) * 1_000_000 + milliseconds * 1000, np.int64)
+    return np.asarray((seconds - leap) * 1_000_000 + milliseconds.astype(np.int64) * 1000, np.int64)
 
 
 class _Mapping:
@@ -48,7 +58,7 @@ class _Mapping:
 
     def __init__(self, log: DataflashLog) -> None:
         self._file = log
-        self._tables = {name: table for name, table in log.tables.items() if "TimeUS" in table and len(table)}
+        self._tables = {name: table for name, table in log.tables.items() if table.is_timed and len(table)}
         self._used: set[str] = set()
         self._left_out: set[str] = set()
 
@@ -101,7 +111,7 @@ class _Mapping:
         instance = next((field for field in _INSTANCE_FIELDS if table is not None and field in table), None)
         if table is None or instance is None:
             return table
-        number = table.rows[instance]
+        number = whole(table.values(instance), "int64")
         others = np.unique(number)[1:]
         self._left_out.update(f"{name}[{other}]" for other in others.tolist())
         return table.only(number == number.min())
@@ -118,7 +128,7 @@ class _Mapping:
         table = self._table("PARM", "Name", "Value")
         if table is None:
             return []
-        values = table.rows["Value"].astype(np.float32)
+        values = table.values("Value").astype(np.float32)
         return [make.parameters(table.time_us.tolist(), table.texts("Name"), values, [REAL32] * len(table))]
 
     def _texts(self) -> list[Series]:
@@ -134,7 +144,7 @@ class _Mapping:
             table = self._table(name, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ")
             if table is None:
                 continue
-            instances = table.rows["I"] if "I" in table else np.full(len(table), number)
+            instances = whole(table.values("I"), "uint8") if "I" in table else np.full(len(table), number)
             for instance in np.unique(instances).tolist():
                 part = table.only(instances == instance)
                 given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
@@ -206,11 +216,10 @@ class _Mapping:
         if table is None or any(field not in table for field in ("Status", "GWk", "GMS")):
             return np.empty(0, np.int64), np.empty(0, np.int64)
         known = table.only((table.rows["Status"] >= FIX_3D) & (table.rows["GWk"] > 0))
-        return known.time_us, _utc_us(known.rows["GWk"].astype(np.int64), known.rows["GMS"].astype(np.int64))
+        return known.time_us, _utc_us(whole(known.values("GWk"), "uint16"), whole(known.values("GMS"), "uint32"))
 
     def _utc_offset(self) -> int | None:
-        times, utc = self._gps_time()
-        return int(np.median(utc - times)) if times.size else None
+        return utc_offset(*self._gps_time())
 
     def _local_position(self) -> list[Series]:
         for name in ("XKF1", "NKF1", "EKF1"):
@@ -277,8 +286,7 @@ class _Mapping:
             numbers = whole(modes.values("ModeNum", "Mode"), "uint8")
             mode = list(zip(modes.time_us.tolist(), numbers.tolist(), strict=True))
         return make.heartbeats(
-            int(times.min()),
-            int(times.max()),
+            times,
             vehicle=vehicle,
             autopilot=AUTOPILOT,
             armed=self._armed() or [],

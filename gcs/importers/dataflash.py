@@ -80,6 +80,11 @@ class Table:
     def __contains__(self, field: object) -> bool:
         return field in (self.rows.dtype.names or ())
 
+    @property
+    def is_timed(self) -> bool:
+        """Whether its messages carry the time since boot."""
+        return "TimeUS" in self and self.rows.dtype["TimeUS"].kind in "iu"
+
     @cached_property
     def time_us(self) -> Ints:
         """(N,) time since boot."""
@@ -88,8 +93,9 @@ class Table:
     def values(self, *names: str) -> NDArray[np.float64]:
         """(N,) the first of these fields that there is, its factor applied; NaN where the log has none of them."""
         for name in names:
-            if name in self:
-                return self.rows[name].astype(np.float64) * self.factors[name]
+            if name in self and self.rows.dtype[name].kind != "S":
+                with np.errstate(invalid="ignore"):  # damaged bytes may be a signalling NaN
+                    return self.rows[name].astype(np.float64) * self.factors[name]
         return np.full(len(self), np.nan)
 
     def texts(self, name: str) -> list[str]:

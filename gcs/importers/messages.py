@@ -19,6 +19,7 @@ INFO = 6
 TEXT_LENGTH, NAME_LENGTH = 50, 16
 UNKNOWN_16 = 65535.0
 HEARTBEAT_US = 1_000_000
+_LATEST_US = 1 << 62
 
 # Bits of HIGHRES_IMU.fields_updated.
 ACCELERATION, ROTATION, MAGNETISM = 0b111, 0b111 << 3, 0b111 << 6
@@ -195,20 +196,22 @@ def _at(changes: Sequence[tuple[int, int]], time_us: Ints) -> Ints:
 
 
 def heartbeats(
-    first_us: int,
-    last_us: int,
+    times_us: Ints,
     *,
     vehicle: int,
     autopilot: int,
     armed: Sequence[tuple[int, int]],
     mode: Sequence[tuple[int, int]],
 ) -> Series:
-    """HEARTBEAT once a second, and whenever the vehicle is armed or disarmed.
+    """HEARTBEAT once in every second in which the log holds something, and whenever the vehicle is armed or disarmed.
 
-    armed, mode: (time in us, 0 or 1) and (time in us, custom mode) from then on.
+    times_us: (N,) of the log's other messages. armed, mode: (time in us, 0 or 1) and (time in us, custom mode) from
+    then on.
     """
-    regular = np.arange(first_us, last_us + 1, HEARTBEAT_US, dtype=np.int64)
-    time_us = np.unique(np.concatenate((regular, np.array([time for time, _ in armed], np.int64))))
+    first, last = int(times_us.min()), int(times_us.max())
+    regular = first + np.unique((times_us - first) // HEARTBEAT_US) * HEARTBEAT_US
+    changes = np.array([time for time, _ in armed if first <= time <= last], np.int64)
+    time_us = np.unique(np.concatenate((regular, changes)))
     is_armed = _at(armed, time_us) > 0
     flags = np.where(is_armed, ARMED_FLAG, 0) | (CUSTOM_MODE_FLAG if mode else 0)
     return Series(
@@ -223,6 +226,11 @@ def heartbeats(
             "mavlink_version": np.full(time_us.size, 3, np.uint8),
         },
     )
+
+
+def _stamps(times: Sequence[int]) -> Ints:
+    """Times, of which a damaged one may be beyond what 64 bits hold."""
+    return np.array([min(time, _LATEST_US) for time in times], np.int64)
 
 
 def _letters(texts: Sequence[bytes], length: int) -> NDArray[np.uint8]:
@@ -246,7 +254,7 @@ def status_texts(entries: Sequence[tuple[int, int, str]]) -> Series:
             places.append(place)
     return Series(
         "STATUSTEXT",
-        np.array(times, np.int64),
+        _stamps(times),
         {
             "severity": np.array(severities, np.uint8),
             "text": _letters(pieces, TEXT_LENGTH),
@@ -261,7 +269,7 @@ def parameters(times: Sequence[int], names: Sequence[str], values: NDArray[np.fl
     index = {name: number for number, name in enumerate(dict.fromkeys(names))}
     return Series(
         "PARAM_VALUE",
-        np.array(times, np.int64),
+        _stamps(times),
         {
             "param_value": values,
             "param_count": np.full(len(names), len(index), np.uint16),

@@ -25,6 +25,8 @@ _CHUNK_SECONDS = 4.0
 _BLOCK_FRAMES = 1 << 16
 _STRAY_US = 3_600_000_000
 _USUAL_SHARE = 0.01
+_WEEK_US = 7 * 24 * 3_600_000_000
+_NO_TIME_US = 1 << 53
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -77,17 +79,34 @@ def milliseconds(time_us: Ints) -> NDArray[np.uint32]:
 def without_strays(series: Sequence[Series]) -> tuple[list[Series], int]:
     """The series without messages whose time is no time of the log, and how many those were.
 
-    Times with more than an hour to their neighbours on both sides are damaged ones, unless there are many of them.
+    Times with more than an hour to their neighbours on both sides are damaged ones, unless there are many of them; so
+    are those a week off the middle of the log.
     """
     times = np.concatenate([entry.time_us for entry in series]) if series else np.empty(0, np.int64)
     if times.size == 0:
         return list(series), 0
-    ordered = np.sort(times)
+    ordered = np.sort(_bounded(times))
     starts = np.flatnonzero(np.diff(ordered, prepend=ordered[0] - 2 * _STRAY_US) > _STRAY_US)
     counts = np.diff(starts, append=ordered.size)
+    middle = ordered[ordered.size // 2]
     enough = counts >= min(_USUAL_SHARE * ordered.size, counts.max())
-    kept = [_only(entry, enough[np.searchsorted(ordered[starts], entry.time_us, "right") - 1]) for entry in series]
-    return kept, int(counts[~enough].sum())
+    enough &= (np.abs(ordered[starts] - middle) < _WEEK_US) & (ordered[starts] < _NO_TIME_US)
+    groups = [np.searchsorted(ordered[starts], _bounded(entry.time_us), "right") - 1 for entry in series]
+    kept = [_only(entry, enough[group]) for entry, group in zip(series, groups, strict=True)]
+    return kept, times.size - sum(entry.time_us.size for entry in kept)
+
+
+def _bounded(time_us: Ints) -> Ints:
+    """Times with those that are none put behind all others."""
+    return np.where((time_us < 0) | (time_us > _NO_TIME_US), _NO_TIME_US, time_us)
+
+
+def utc_offset(time_us: Ints, utc_us: Ints) -> int | None:
+    """UTC less the log's clock, from moments at which a GPS receiver knew UTC; None where it never did."""
+    if time_us.size == 0:
+        return None
+    offset = int(np.median(utc_us.astype(np.float64) - time_us.astype(np.float64)))
+    return offset if 0 <= offset < _NO_TIME_US // 2 else None
 
 
 def _only(series: Series, keep: NDArray[np.bool_]) -> Series:
@@ -183,7 +202,7 @@ def write_recording(log: ImportedLog, source: Path, target: Path, progress: Prog
     if total == 0:
         raise ImportFileError(f"{source} holds no message that can be read; check that it is a whole {log.format} log")
     dialect = Dialect.load()
-    offset_us = log.utc_offset_us or 0
+    offset_us = 0 if log.utc_offset_us is None else log.utc_offset_us
     done = 0
     with McapWriter(target, dialect, chunk_seconds=_CHUNK_SECONDS) as writer:
         notes = {"source": source.name, "format": log.format, "note": NOTE, **log.notes}

@@ -17,7 +17,16 @@ from pyulog import ULog
 
 from gcs.errors import ImportFileError
 from gcs.importers import messages as make
-from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, whole, without_strays, write_recording
+from gcs.importers.synthesis import (
+    ImportedLog,
+    Ints,
+    Progress,
+    Series,
+    utc_offset,
+    whole,
+    without_strays,
+    write_recording,
+)
 
 FORMAT = "ulog"
 AUTOPILOT = 12  # MAV_AUTOPILOT_PX4
@@ -37,11 +46,27 @@ def import_ulog(source: Path, target: Path, progress: Progress = lambda share: N
     write_recording(_Mapping(_read(source)).log(), source, target, progress)
 
 
+class _Bounded(io.BytesIO):
+    """A log in memory that may be read a hundred times over, but not for ever, as pyulog would some damaged ones."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._left = 100 * len(data) + (1 << 20)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As a file does; RuntimeError once it has been read too often."""
+        data = super().read(size)
+        self._left -= max(len(data), 1)
+        if self._left < 0:
+            raise RuntimeError("its definitions are damaged")
+        return data
+
+
 def _read(path: Path) -> Any:
     try:
         # pyulog prints what it finds damaged; the notes of the import say so.
-        with open(path, "rb") as file, contextlib.redirect_stdout(io.StringIO()):
-            return ULog(file)
+        with contextlib.redirect_stdout(io.StringIO()):
+            return ULog(_Bounded(path.read_bytes()))
     except OSError as error:
         raise ImportFileError(f"{path} cannot be read: {error.strerror}") from None
     except Exception as error:  # on damaged files pyulog fails with whatever its unpacking meets
@@ -66,7 +91,8 @@ class _Topic:
         """(N,) the first of these fields that there is; NaN where the log has none of them."""
         for name in names:
             if name in self._data:
-                return np.asarray(self._data[name], np.float64)
+                with np.errstate(invalid="ignore"):  # damaged bytes may be a signalling NaN
+                    return np.asarray(self._data[name], np.float64)
         return np.full(len(self), np.nan)
 
     def vector(self, name: str, count: int) -> list[Values]:
@@ -85,6 +111,8 @@ class _Mapping:
         self._file = log
         self._topics: dict[str, dict[int, _Topic]] = {}
         for entry in log.data_list:
+            if "timestamp" not in entry.data:
+                continue  # a damaged definition
             topic = _Topic(entry.data)
             if len(topic):
                 self._topics.setdefault(entry.name, {})[int(entry.multi_id)] = topic
@@ -141,15 +169,17 @@ class _Mapping:
         given = self._file.initial_parameters.get("MAV_SYS_ID")
         if given is None and status is not None and "system_id" in status:
             given = status.values("system_id")[0]
-        return int(given) if given is not None and 1 <= given <= 255 else 1
+        known = isinstance(given, int | float) and 1 <= given <= 255
+        return int(given) if known else 1
 
     def _parameters(self) -> list[Series]:
         start = int(self._file.start_timestamp)
         entries = [(start, name, value) for name, value in self._file.initial_parameters.items()]
         entries += [(int(time), name, value) for time, name, value in self._file.changed_parameters]
+        entries = [entry for entry in entries if isinstance(entry[2], int | float)]
         # PX4 sends the bytes of a whole number in place of the float.
         values = [
-            np.frombuffer(np.int32(value).tobytes(), np.float32)[0] if isinstance(value, int) else np.float32(value)
+            np.array([value]).astype(np.int32).view(np.float32)[0] if isinstance(value, int) else np.float32(value)
             for _, _, value in entries
         ]
         kinds = [INT32 if isinstance(value, int) else REAL32 for _, _, value in entries]
@@ -253,8 +283,7 @@ class _Mapping:
         return topic.time_us[known], utc[known]
 
     def _utc_offset(self) -> int | None:
-        times, utc = self._gps_time()
-        return int(np.median(utc - times)) if times.size else None
+        return utc_offset(*self._gps_time())
 
     def _local_position(self) -> list[Series]:
         names = ("x", "y", "z", "vx", "vy", "vz")
@@ -312,9 +341,8 @@ class _Mapping:
         times = np.concatenate([entry.time_us for entry in series])
         kind = status.values("system_type") if status is not None and "system_type" in status else np.zeros(1)
         return make.heartbeats(
-            int(times.min()),
-            int(times.max()),
-            vehicle=int(kind[-1]),
+            times,
+            vehicle=int(whole(kind[-1:], "uint8")[0]),
             autopilot=AUTOPILOT,
             armed=self._armed() or [],
             mode=[],
