@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from gcs.clockfit import NS_PER_S, ClockFit, Times, fit_clock
 from gcs.errors import SignalMapError
+from gcs.timesync import RoundTrips, own_replies
 
 SMALLEST_EPOCH_NS = 500_000_000 * NS_PER_S  # 1985; no vehicle has been up for 16 years
 SAME_COMPONENT_NS = 2 * NS_PER_S  # a GPS fix may be stamped that much before it is sent
@@ -82,6 +83,7 @@ class VehicleClock:
     """The clock of one flight; times come out in seconds from its first stamp.
 
     fit: reception over the reference component's time since boot. epoch_ns: 1970 minus boot, None where unknown.
+    delay_ns: that part of the fit's offset which round trips show to be the way here; 0 where there are none.
     start_ns: first stamp, time since boot. offsets: (component, message) -> what is added to its stamps, ns.
     window: first and last reception of the flight, the one with most messages between two restarts of the clock.
     """
@@ -93,6 +95,7 @@ class VehicleClock:
     window: tuple[int, int]
     offsets: dict[tuple[int, str], int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    delay_ns: int = 0
 
     @property
     def utc_start_ns(self) -> int:
@@ -100,7 +103,7 @@ class VehicleClock:
         if self.epoch_ns is not None:
             return self.start_ns + self.epoch_ns
         slope = self.fit.drift * (self.start_ns - self.fit.origin_ns)
-        return self.start_ns + self.fit.offset_ns + int(slope)
+        return self.start_ns + self.fit.offset_ns + int(slope) - self.delay_ns
 
     def seconds(self, stamps: Stamps) -> NDArray[np.float64]:
         """Seconds from the flight's first stamp of every message, by reception where it carries no stamp."""
@@ -126,17 +129,22 @@ def boot_stamps(stamps: Stamps, epoch_ns: int | None, fit: ClockFit | None = Non
     return own
 
 
-def build_clock(stamps: Sequence[Stamps], system_time: tuple[Times, Times, Times] | None = None) -> VehicleClock:
+def build_clock(
+    stamps: Sequence[Stamps],
+    system_time: tuple[Times, Times, Times] | None = None,
+    replies: tuple[Times, Times, Times] | None = None,
+) -> VehicleClock:
     """The clock of a flight from the stamps of all its messages.
 
     system_time: SYSTEM_TIME's (reception ns, unix ns, boot ns), each (M,), if the vehicle sends any.
+    replies: TIMESYNC's (reception ns, tc1, ts1), each (K,), of the reference component to this station.
     Raises SignalMapError where no message carries a stamp.
     """
     stamped = [entry for entry in stamps if entry.valid.any()]
     if not stamped:
         raise SignalMapError("no message of the vehicle carries a time stamp; the recording cannot be put on one clock")
     warnings: list[str] = []
-    window = _longest_run(stamped, warnings)
+    window = longest_run(stamped, warnings)
     stamped = [cut for entry in stamped if (cut := _cut(entry, window)).raw_ns.size]
     if system_time is not None:
         inside = (system_time[0] >= window[0]) & (system_time[0] <= window[1])
@@ -147,7 +155,20 @@ def build_clock(stamps: Sequence[Stamps], system_time: tuple[Times, Times, Times
     for component in sorted({entry.component for entry in stamped}):
         _align(clock, [entry for entry in stamped if entry.component == component])
     clock.start_ns = min(_first_stamp(clock, entry) for entry in stamped)
+    if replies is not None:
+        clock.delay_ns = _way(clock, replies)
     return clock
+
+
+def _way(clock: VehicleClock, replies: tuple[Times, Times, Times]) -> int:
+    """How much of the fit's offset is delay, by round trips; 0 where they are of another clock."""
+    log, tc1, ts1 = replies
+    use = own_replies(log, tc1, ts1) & clock.inside(log)
+    if not use.any():
+        return 0
+    trips = RoundTrips(log[use], tc1[use], ts1[use], clock.fit.drift)
+    way = clock.fit.offset_ns - trips.offset_ns(clock.fit.origin_ns)
+    return way if abs(way) <= SAME_COMPONENT_NS + round(trips.median_s * NS_PER_S) else 0
 
 
 def _leader(group: Sequence[Stamps]) -> Stamps:
@@ -214,19 +235,25 @@ def _reference_component(stamped: Sequence[Stamps]) -> int:
     return 1 if 1 in counts else max(counts, key=lambda component: counts[component])
 
 
-def _longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, int]:
-    """Receptions between two restarts of the vehicle's clock that hold the longest flight."""
+def restarts(entry: Stamps) -> Times:
+    """Receptions at which the clock since boot begins anew, ns; none for a stamp that wraps within a day."""
+    boot = entry.valid & (entry.raw_ns < SMALLEST_EPOCH_NS)
+    times, log = entry.raw_ns[boot], entry.log_ns[boot]
+    if entry.is_short or times.size < 4:
+        return np.empty(0, np.int64)
+    # A single stray stamp looks like a restart, so two on either side must agree.
+    before, after = np.minimum(times[:-3], times[1:-2]), np.maximum(times[2:-1], times[3:])
+    return log[np.flatnonzero(after < before - RESET_NS) + 2]
+
+
+def longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, int]:
+    """First and last reception, ns, of the longest flight between two restarts of the vehicle's clock."""
     reference = _reference_component(stamped)
     # Messages without a stamp may come before the first stamp and after the last.
     edges = {0, int(np.iinfo(np.int64).max)}
     for entry in stamped:
-        boot = entry.valid & (entry.raw_ns < SMALLEST_EPOCH_NS)
-        times, log = entry.raw_ns[boot], entry.log_ns[boot]
-        # A 32-bit wrap looks like a restart; a single stray stamp does too, so two on either side must agree.
-        if entry.component != reference or entry.is_short or times.size < 4:
-            continue
-        before, after = np.minimum(times[:-3], times[1:-2]), np.maximum(times[2:-1], times[3:])
-        edges.update(int(log[i + 2]) for i in np.flatnonzero(after < before - RESET_NS))
+        if entry.component == reference:
+            edges.update(restarts(entry).tolist())
     cuts = sorted(edges)
     # Messages of the same restart are told apart by moments only.
     cuts = [cut for i, cut in enumerate(cuts) if i == 0 or cut - cuts[i - 1] > 2 * NS_PER_S or i == len(cuts) - 1]

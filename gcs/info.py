@@ -8,8 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
+from gcs.clockinfo import clock_text, clocks
 from gcs.conversion import check_file, import_file
 from gcs.dialect import DEFAULT_DIALECT
 from gcs.linkinfo import link_counts, radio_text, radios
@@ -57,7 +56,7 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
         "links": [{"link": link, **counts.to_json()} for link, counts in links.items()],
         "radios": radios(recording),
         "raw_bytes": sum(counts.raw_bytes for counts in links.values()),
-        "clock": _clock(recording),
+        "clock": clocks(recording),
         "damage": list(damage.notes),
         "truncated": damage.truncated,
     }
@@ -87,29 +86,6 @@ def _components(recording: Recording, counts: dict[str, int]) -> list[dict[str, 
     ]
 
 
-def _clock(recording: Recording) -> list[dict[str, Any]]:
-    """Per component that sends SYSTEM_TIME: time of reception less time since boot (smallest delay), and drift."""
-    clocks = []
-    for columns in recording.columns("SYSTEM_TIME"):
-        boot_s = columns["time_boot_ms"].astype(np.float64) / 1e3
-        received_s = (columns.log_time - columns.log_time[0]).astype(np.float64) / 1e9
-        offset = received_s - boot_s
-        unix_us = columns["time_unix_usec"]
-        drift = None
-        if boot_s.size >= 3 and boot_s[-1] - boot_s[0] >= 10.0:
-            drift = float(-np.polyfit(received_s, offset, 1)[0] * 1e6)
-        clocks.append(
-            {
-                "system": columns.system,
-                "component": columns.component,
-                "boot_utc": utc_text(int(columns.log_time[0] + offset.min() * 1e9)),
-                "drift_ppm": drift,
-                "knows_utc": bool((unix_us > 0).any()),
-            }
-        )
-    return clocks
-
-
 def info_text(info: dict[str, Any]) -> str:
     """The same as lines for a terminal."""
     lines = [
@@ -126,10 +102,7 @@ def info_text(info: dict[str, Any]) -> str:
         sender = f"{entry['link']}, {entry['system']}, {entry['component']}"
         lines.append(f"{sender:<44} {entry['lost']:>9}")
     lines += ["", *(_link_text(entry) for entry in info["links"]), *map(radio_text, info["radios"])]
-    for clock in info["clock"]:
-        drift = "" if clock["drift_ppm"] is None else f", drift {clock['drift_ppm']:.1f} ppm"
-        known = "" if clock["knows_utc"] else ", it does not know UTC"
-        lines.append(f"clock of system {clock['system']}: started {clock['boot_utc']}{drift}{known}")
+    lines += map(clock_text, info["clock"])
     lines += [f"damage: {note}" for note in info["damage"]]
     return "\n".join(lines)
 

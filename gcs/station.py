@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
+from gcs import timesync
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.forwarding import Forwarder
@@ -103,9 +104,12 @@ class Station:
             self._tick(self._clock())
             if time.monotonic() >= next_heartbeat:
                 next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
-                frame = self.voice.heartbeat()
-                for link in self.links:
-                    link.send(frame)
+                self._say(self.voice.heartbeat())
+                self._say(self.voice.frame(timesync.request(self._clock())))
+
+    def _say(self, frame: bytes) -> None:
+        for link in self.links:
+            link.send(frame)
 
 
 class RecordingStation(Station):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gcs.clock import Stamps, VehicleClock, build_clock
 from gcs.errors import SignalMapError
 from gcs.signalmap import INSTANCE_FIELDS
+from gcs.timesync import own_replies
 
 Array = NDArray[np.float64]
 Records = NDArray[Any]
@@ -164,7 +165,11 @@ def load_streams(recording: ColumnSource, messages: Iterable[str], system: int |
         streams[message] = [once(Stream(message, c.component, c.log_time, c.fields)) for c in columns]
     pairs = _system_time(streams.get("SYSTEM_TIME", []))
     stamped = [stream.stamps for group in streams.values() for stream in group if stream.message != "SYSTEM_TIME"]
-    clock = build_clock(stamped or [stream.stamps for stream in streams.get("SYSTEM_TIME", [])], pairs)
+    replies = [entry for entry in recording.columns("TIMESYNC", system=number) if entry.fields.size]
+    if not any(entry.valid.any() for entry in stamped):
+        others = [*(stream.stamps for stream in streams.get("SYSTEM_TIME", [])), *map(_reply_stamps, replies)]
+        stamped = [*stamped, *others]
+    clock = build_clock(stamped, pairs, _replies(replies))
     for message, group in streams.items():
         inside = [_instance(stream.only(clock.inside(stream.log_ns))) for stream in group]
         streams[message] = [replace(stream, time_s=clock.seconds(stream.stamps)) for stream in inside]
@@ -177,6 +182,20 @@ def _system_time(streams: Sequence[Stream]) -> tuple[NDArray[np.int64], NDArray[
     records = streams[0].records
     unix_us = np.minimum(records["time_unix_usec"], np.uint64(2**62 // 1000)).astype(np.int64)
     return streams[0].log_ns, unix_us * 1_000, records["time_boot_ms"].astype(np.int64) * 1_000_000
+
+
+def _replies(columns: Sequence[Columns]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
+    """TIMESYNC of the autopilot, or of the first component that sends any: reception, tc1, ts1."""
+    if not columns:
+        return None
+    chosen = min(columns, key=lambda entry: (entry.component != AUTOPILOT_COMPONENT, entry.component))
+    return chosen.log_time, chosen.fields["tc1"], chosen.fields["ts1"]
+
+
+def _reply_stamps(columns: Columns) -> Stamps:
+    """The vehicle's time in its replies to this station, for a vehicle whose other messages carry none."""
+    own = own_replies(columns.log_time, columns.fields["tc1"], columns.fields["ts1"])
+    return Stamps("TIMESYNC", columns.component, columns.log_time[own], columns.fields["tc1"][own])
 
 
 def _instance(stream: Stream) -> Stream:
