@@ -25,11 +25,15 @@ def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
         low, high = value - _Z95 * std, value + _Z95 * std
     interval = f"{_number(low)} … {_number(high)}" if low is not None else ""
     error = f"± {_number(std, 3)}" if std is not None else ""
-    return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {unit}".rstrip()
+    moved = entry.get("systematic")
+    systematic = f"± {_number(math.hypot(*moved.values()), 2)}" if moved else ""
+    return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {systematic or unit}".rstrip()
 
 
 def _model_lines(model: dict[str, Any]) -> list[str]:
-    lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26}".rstrip()]
+    entries = model.get("coefficients", {}).values()
+    told = "systematic" if any("systematic" in entry for entry in entries) else ""
+    lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26} {told}".rstrip()]
     for name, entry in model.get("coefficients", {}).items():
         if "refused" in entry:
             lines.append(f"  {name:<24} {'refused':>12} {entry['refused']}")
@@ -39,6 +43,14 @@ def _model_lines(model: dict[str, Any]) -> list[str]:
         lines.append(f"  effect {effect['name']}")
         lines += [_estimate_row(name, entry) for name, entry in effect.get("parameters", {}).items()]
     return lines
+
+
+def _systematic_lines(model: dict[str, Any]) -> list[str]:
+    """What the column `systematic` means."""
+    names = {name for entry in model.get("coefficients", {}).values() for name in entry.get("systematic", {})}
+    if not names:
+        return []
+    return ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names))]
 
 
 def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
@@ -55,7 +67,12 @@ def identification_text(result: dict[str, Any]) -> str:
     for segment in result.get("segments", []):
         if isinstance(segment, dict):
             lines.append("segment: " + ", ".join(f"{key} {_plain(value)}" for key, value in segment.items()))
-    lines += ["", f"model {result['model'].get('name', '')}:", *_model_lines(result["model"])]
+    lines += [
+        "",
+        f"model {result['model'].get('name', '')}:",
+        *_model_lines(result["model"]),
+        *_systematic_lines(result["model"]),
+    ]
     if result.get("sensor_errors"):
         lines += ["", "sensor errors:"]
         lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]

@@ -37,6 +37,7 @@ from sysid.records import SURFACES
 from sysid.residuals import body_of, coefficient_path, known_thrust, moment_noise
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
+from sysid.systematic import systematic_errors
 from sysid.timing import command_shows_at_once
 from sysid.validation import Validation, validate
 
@@ -201,6 +202,8 @@ def identify(
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity)
+        progress(0.85, "systematic errors")
+        model = _with_systematic(model, systematic_errors(problem, start, names, free_effects, result))
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")
@@ -210,6 +213,22 @@ def identify(
         tuple(prepared), compatible, model, errors, (*refused, *compatible.refused), validation,
         tuple(flight.name for flight in validate_on), result, tuple(dict.fromkeys(warnings)),
     )  # fmt: skip
+
+
+def _with_systematic(model: Model, moved: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with what errors of the vehicle file would do beside each estimate."""
+
+    def beside(name: str, entry: Coefficient) -> Coefficient:
+        if entry.value is None or name not in moved:
+            return entry
+        return replace(entry, extra={**entry.extra, "systematic": dict(moved[name])})
+
+    effects = tuple(
+        replace(e, parameters={key: beside(f"{e.name}.{key}", entry) for key, entry in e.parameters.items()})
+        for e in model.effects
+    )
+    entries = {name: beside(name, entry) for name, entry in model.coefficients.items()}
+    return replace(model, coefficients=entries, effects=effects)
 
 
 def _quiet(structure: Sequence[str], names: Sequence[str]) -> list[Refusal]:

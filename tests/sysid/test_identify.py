@@ -14,8 +14,10 @@ from sim_vehicle.manoeuvres import MANOEUVRES
 from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.errors import EstimationError, SegmentError, SignalError, SysidError
+from sysid.estimate import fit
 from sysid.flight import FlightSignals
-from sysid.identify import Identification, identify
+from sysid.identify import Identification, identify, make_problem
+from sysid.prepare import prepare
 from sysid.structure import default_structure, is_longitudinal
 
 Array = NDArray[np.float64]
@@ -228,3 +230,33 @@ def test_progress_rises_to_its_end(six_axes: FlightSignals) -> None:
     identify([six_axes], VEHICLE, method="ee", progress=lambda share, text: seen.append(share))
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
+
+
+def test_errors_of_the_vehicle_file_move_the_estimates_as_physics_says(
+    six_axes: FlightSignals, found: Identification
+) -> None:
+    moved = {name: entry.extra["systematic"] for name, entry in found.model.coefficients.items()}
+    value = found.model.values()
+    # Moments are accelerations times inertia over dynamic pressure; a control derivative is per deflection.
+    for name in ("Cm_alpha", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_dr"):
+        assert moved[name]["inertia_5pct"] == pytest.approx(0.05 * value[name], rel=0.03)
+    for name in ("CL_alpha", "CD_0", "Cm_alpha", "Cm_de", "Cl_p", "Cn_beta"):
+        assert moved[name]["density_2pct"] == pytest.approx(-0.02 * value[name], rel=0.03)
+    for name in ("CL_de", "Cm_de", "Cl_da", "Cn_dr"):
+        assert moved[name]["linkage_5pct"] == pytest.approx(-0.05 * value[name], rel=0.03)
+    # No closed form: what an estimation with the changed vehicle, or with commands half a sample late, says.
+    heavier = replace(VEHICLE, mass=replace(VEHICLE.mass, mass=1.002 * VEHICLE.mass.mass))
+    again = identify([six_axes], heavier).model.values()
+    late = {name: six_axes.signals[name] for name in ("de", "da", "dr")}
+    late = {name: replace(e, values=0.5 * e.values + 0.5 * np.roll(e.values, 1)) for name, e in late.items()}
+    shifted = make_problem(
+        [prepare(replace(six_axes, signals={**six_axes.signals, **late}), VEHICLE)], VEHICLE, found.compatibility
+    )
+    right_timing = make_problem(found.flights, VEHICLE, found.compatibility).command_first
+    after = fit(replace(shifted, command_first=right_timing), found.model, list(value))
+    for name in ("CL_alpha", "CD_0", "Cm_de", "CY_beta", "Cl_p"):
+        std = found.model.coefficients[name].std
+        assert std is not None
+        assert moved[name]["mass_1pct"] == pytest.approx(5.0 * (again[name] - value[name]), rel=0.1, abs=0.5 * std)
+        assert abs(moved[name]["timing_10ms"]) > 3.0 * std
+        assert moved[name]["timing_10ms"] == pytest.approx(after.value(name) - value[name], rel=0.1, abs=std)

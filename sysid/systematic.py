@@ -1,0 +1,116 @@
+"""What errors of the vehicle file would do to the coefficients: the column beside the statistical error.
+
+Each perturbation changes what the estimator was told, not what was measured. Where the changed model fits as well as
+the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a tenth of the change gives where the
+estimate would move, to first order. Late commands do not fit, which moves the weights of the outputs as well: there
+the estimation is repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model import Model
+from sim_vehicle.vehicle import Vehicle
+from sysid.estimate import Problem, build, fit, warmed
+from sysid.output_error import OutputErrorResult
+from sysid.records import SURFACES, Record
+
+DELAY_S = 0.010
+SHARE = 0.1  # of each perturbation, over which the estimate moves linearly
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """A change of what the estimator is told: SHARE of what its name in results says."""
+
+    name: str
+    vehicle: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle
+    record: Callable[[Record], Record] = lambda record: record
+
+
+def _heavier(vehicle: Vehicle) -> Vehicle:
+    return replace(vehicle, mass=replace(vehicle.mass, mass=(1.0 + 0.01 * SHARE) * vehicle.mass.mass))
+
+
+def _slower_to_turn(vehicle: Vehicle) -> Vehicle:
+    mass = vehicle.mass
+    inertia = {name: (1.0 + 0.05 * SHARE) * getattr(mass, name) for name in ("Ixx", "Iyy", "Izz", "Ixz")}
+    return replace(vehicle, mass=replace(mass, **inertia))
+
+
+def _denser(record: Record) -> Record:
+    return replace(record, rho=(1.0 + 0.02 * SHARE) * record.rho)
+
+
+def _more_travel(record: Record) -> Record:
+    commands = record.commands.copy()
+    commands[:, : len(SURFACES)] *= 1.0 + 0.05 * SHARE
+    return replace(record, commands=commands)
+
+
+def _later_commands(record: Record) -> Record:
+    """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
+    whole, part = divmod(DELAY_S / record.interval_s, 1.0)
+    places = np.arange(record.commands.shape[0])
+    older, oldest = np.maximum(places - int(whole), 0), np.maximum(places - int(whole) - 1, 0)
+    return replace(record, commands=(1.0 - part) * record.commands[older] + part * record.commands[oldest])
+
+
+LINEAR = (
+    Perturbation("mass_1pct", vehicle=_heavier),
+    Perturbation("inertia_5pct", vehicle=_slower_to_turn),
+    Perturbation("density_2pct", record=_denser),
+    Perturbation("linkage_5pct", record=_more_travel),
+)
+LATE = "timing_10ms"
+_REPEATED_STEPS = 8
+
+
+def systematic_errors(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> dict[str, dict[str, float]]:
+    """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
+
+    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
+    """
+    values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
+    start = warmed(problem, result)
+    moved: dict[str, dict[str, float]] = {name: {} for name in values}
+    for change in LINEAR:
+        changed = replace(
+            start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
+        )
+        for name, value in _moved(changed, model, coefficients, effects, values, result).items():
+            moved[name][change.name] = value / SHARE
+    late = replace(start, records=tuple(map(_later_commands, start.records)))
+    again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+    for name, value in values.items():
+        moved[name][LATE] = again.value(name) - value
+    return moved
+
+
+def _moved(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    values: Mapping[str, float],
+    result: OutputErrorResult,
+) -> dict[str, float]:
+    estimation = build(problem, model, coefficients, effects, result.sigma)
+    theta = estimation.start(dict(values))
+    predicted = estimation.predict(theta)
+    residuals = estimation.residuals(predicted)
+    S = estimation.sensitivities(theta, predicted)
+    information, downhill = estimation.normal_equations(theta, residuals, S, result.sigma)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
+    step = np.linalg.lstsq(information * np.outer(scale, scale), downhill * scale, rcond=1e-13)[0] * scale
+    return {parameter.name: float(step[i]) for i, parameter in enumerate(result.parameters)}
