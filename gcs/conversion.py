@@ -14,11 +14,14 @@ Progress = Callable[[float], None]
 
 
 def _copy(source: Path, target: Path, progress: Progress, dialect: str) -> None:
-    """A recording is taken as it is, once it has opened."""
-    from gcs.recording.reader import Recording
+    """A recording is taken as it is, once it has opened; one that was cut off is completed."""
+    from gcs.recording.container import Container
+    from gcs.recording.repair import repair
 
-    Recording(source)
-    shutil.copyfile(source, target)
+    if Container(source).damage.truncated:
+        repair([source], target)
+    else:
+        shutil.copyfile(source, target)
 
 
 def _import_tlog(source: Path, target: Path, progress: Progress, dialect: str) -> None:

@@ -123,8 +123,10 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         _listen(settings) as listener,
         closing(Catalogue(settings.database)) as catalogue,
     ):
-        recover(settings, catalogue)
+        recovered = recover(settings, catalogue)
         jobs = JobRunner(settings, catalogue)
+        for flight in recovered:
+            _identify_when_over(settings, jobs)(flight)
         dialect = Dialect.load(settings.link.dialect)
         _warm_up(dialect)
         recorder = FlightRecorder(

@@ -227,7 +227,7 @@ class Container:
             for opcode, at, length in places[np.isin(places[:, 0], (records.SCHEMA, records.CHANNEL))].tolist():
                 self._take_definition(opcode, group.data[at : at + length].tobytes())
 
-    def _uncompressed(self, chunk: ChunkInfo) -> bytes | None:
+    def content_of(self, chunk: ChunkInfo) -> bytes | None:
         """The chunk's content, or None (and a note of the damage) if it is not what was written."""
         head = self.bytes[chunk.offset + 9 : chunk.offset + 9 + min(chunk.length - 9, 4096)].tobytes()
         try:
@@ -264,7 +264,7 @@ class Container:
         size = 0
         single = sum(chunk.uncompressed_size for chunk in self.chunks) <= GROUP_BYTES
         for chunk in self.chunks:
-            data = self._uncompressed(chunk)
+            data = self.content_of(chunk)
             if data is None:
                 continue
             pending.append(data)
@@ -302,7 +302,7 @@ class Container:
         pending: list[bytes] = []
         size = 0
         for chunk in wanted:
-            data = self._uncompressed(chunk)
+            data = self.content_of(chunk)
             if data is None:
                 continue
             pending.append(data)

@@ -19,33 +19,33 @@ class JoinedContainer:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.path = paths[0]
-        self._parts: list[Container] = []
+        self.containers: list[Container] = []
         self._unopened: list[str] = []
         for path in paths:
             try:
-                self._parts.append(Container(path))
+                self.containers.append(Container(path))
             except RecordingError as error:
                 self._unopened.append(str(error))
-        if not self._parts:
+        if not self.containers:
             raise RecordingError(self._unopened[0])
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        for part in self._parts:
+        for part in self.containers:
             for number, channel in part.channels.items():
                 if self.channels.setdefault(number, channel) != channel:
                     raise RecordingError(f"{part.path} is not of the same recording as {self.path}; name it on its own")
             self.schemas.update(part.schemas)
-        self.chunks: list[ChunkInfo] = [chunk for part in self._parts for chunk in part.chunks]
+        self.chunks: list[ChunkInfo] = [chunk for part in self.containers for chunk in part.chunks]
         self.attachments: list[Attachment] = list(
-            {file.name: file for part in self._parts for file in part.attachments}.values()
+            {file.name: file for part in self.containers for file in part.attachments}.values()
         )
-        self.metadata = [entry for part in self._parts for entry in part.metadata]
+        self.metadata = [entry for part in self.containers for entry in part.metadata]
 
     @property
     def message_counts(self) -> dict[int, int] | None:
         """Messages per channel, None if a part has no summary."""
         total: dict[int, int] = {}
-        for part in self._parts:
+        for part in self.containers:
             if part.message_counts is None:
                 return None
             for channel, count in part.message_counts.items():
@@ -55,20 +55,20 @@ class JoinedContainer:
     @property
     def damage(self) -> Damage:
         """What of all parts could not be used."""
-        found = [part.damage for part in self._parts]
+        found = [part.damage for part in self.containers]
         return Damage(
             chunks=sum(one.chunks for one in found),
             bytes=sum(one.bytes for one in found),
             truncated=bool(self._unopened) or any(one.truncated for one in found),
             notes=[
-                *(f"{part.path.name}: {note}" for part in self._parts for note in part.damage.notes),
+                *(f"{part.path.name}: {note}" for part in self.containers for note in part.damage.notes),
                 *self._unopened,
             ],
         )
 
     def groups(self) -> Iterator[Group]:
         """All messages, some chunks at a time, in file order."""
-        for part in self._parts:
+        for part in self.containers:
             yield from part.groups()
 
     def selected_groups(
@@ -79,7 +79,7 @@ class JoinedContainer:
         group_bytes: int | None = None,
     ) -> Iterator[Group]:
         """As `Container.selected_groups`, part after part."""
-        for part in self._parts:
+        for part in self.containers:
             yield from part.selected_groups(channels, start_ns, end_ns, group_bytes)
 
 

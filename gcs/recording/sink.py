@@ -15,7 +15,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import lz4.frame
@@ -136,6 +136,10 @@ class RecordingSink:
         """Have a chunk compressed and written; its buffer is the sink's from now on."""
         self._order(lambda: self._store_chunk(chunk))
 
+    def copy_chunk(self, data: bytes, info: ChunkInfo, index: Ints, channels: int) -> None:
+        """Have the record of another file's chunk written as it is. index, channels: as of `index_of_chunk`."""
+        self._order(lambda: self._store_copy(data, info, index, channels))
+
     def put_attachment(self, attachment: Attachment) -> None:
         """Have a file inside the recording written."""
         self._order(lambda: self._store_attachment(attachment))
@@ -251,26 +255,31 @@ class RecordingSink:
         content = memoryview(chunk.buffer.out.data)[: chunk.size]
         compressed = self._compress(content)
         data = records.chunk_record(chunk.start, chunk.end, content, self._compression, compressed)
-        info = ChunkInfo(
-            self.position, len(data), chunk.start, chunk.end, self._compression, len(compressed), chunk.size
-        )
         index = chunk.buffer.index[: chunk.count]
         if chunk.wire:
             index = np.concatenate((index, np.array(chunk.wire, np.int64)))
-        offsets, index_data = index_of_chunk(index, chunk.channels, self.position + len(data))
+        info = ChunkInfo(
+            self.position, len(data), chunk.start, chunk.end, self._compression, len(compressed), chunk.size
+        )
+        self._put_indexed(data, info, index, chunk.channels)
+
+    def _put_indexed(self, data: bytes, info: ChunkInfo, index: Ints, channels: int) -> None:
+        """Write a chunk's record and behind it the index of its messages."""
+        offsets, index_data = index_of_chunk(index, channels, self.position + len(data))
         self._leave_reserve(len(data) + len(index_data))
         self._put(data + index_data)
         self._chunk_index.append(records.chunk_index_record(info, offsets, len(index_data)))
-        self._count(index, chunk)
-
-    def _count(self, index: Ints, chunk: ClosedChunk) -> None:
-        if chunk.channels >= self._counts.size:
-            self._counts = np.concatenate((self._counts, np.zeros(chunk.channels, np.int64)))
+        if channels >= self._counts.size:
+            self._counts = np.concatenate((self._counts, np.zeros(channels, np.int64)))
         self._counts += np.bincount(index[:, 0], minlength=self._counts.size)
         if len(index):
-            self._last_log = chunk.end
+            self._last_log = max(self._last_log, info.end_ns)
             if self._first_log is None:
-                self._first_log = chunk.start
+                self._first_log = info.start_ns
+
+    def _store_copy(self, data: bytes, info: ChunkInfo, index: Ints, channels: int) -> None:
+        if self._error is None:
+            self._put_indexed(data, replace(info, offset=self.position), index, channels)
 
     def _leave_reserve(self, size: int) -> None:
         """DiskFullError if writing `size` bytes would leave less than the reserve."""

@@ -1,0 +1,109 @@
+"""Making whole, indexed recordings out of files that were cut off or damaged, or out of the parts of one.
+
+Chunks are copied as they are, once their checksum has been found right; only the index is made anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gcs.errors import RecordingError
+from gcs.recording.container import Container, Damage
+from gcs.recording.joined import JoinedContainer
+from gcs.recording.records import ChunkInfo
+from gcs.recording.scan import list_messages
+from gcs.recording.sink import RecordingSink
+from gcs.recording.storage import SyncPolicy
+
+#: Behind the name of a file that is being made out of another.
+UNFINISHED = ".unfinished"
+# Of a message's record in front of its data: opcode, length, channel, sequence and two times.
+_MESSAGE_HEAD = 9 + 22
+_WAITING_BYTES = 64 << 20
+
+
+def repair(sources: Sequence[Path], target: Path) -> Damage:
+    """Write all that is whole in a recording to `target`; what had to be left out.
+
+    sources: its file, or its parts in order. Raises RecordingError if there is nothing in them, or if `target` cannot
+    be written, which is then not there.
+    """
+    container = JoinedContainer(sources)
+    sink = RecordingSink(target, "none", SyncPolicy(at_close=True), 0, 0)
+    try:
+        for name, values in container.metadata:
+            sink.put_metadata(name, values)
+        for file in container.attachments:
+            sink.put_attachment(file)
+        copied = sum(_copy_chunks(part, sink, max(container.channels)) for part in container.containers)
+    finally:
+        sink.finish(list(container.schemas.values()), list(container.channels.values()))
+        sink.wait()
+    try:
+        sink.check()
+        written = Container(target)
+        if written.damage.truncated or sum((written.message_counts or {}).values()) != copied:
+            raise RecordingError(f"{target} was not written as it should have been; look after the disk")
+    except RecordingError:
+        target.unlink(missing_ok=True)
+        raise
+    return container.damage
+
+
+def _copy_chunks(container: Container, sink: RecordingSink, channels: int) -> int:
+    """Copy the chunks whose content is right; the messages in them."""
+    copied = waiting = 0
+    for chunk in container.chunks:
+        content = container.content_of(chunk)
+        if content is None:
+            continue
+        index = _index(np.frombuffer(content, np.uint8))
+        sink.copy_chunk(_record(container, chunk), chunk, index, channels)
+        copied += len(index)
+        waiting += chunk.length
+        if waiting > _WAITING_BYTES:
+            sink.flush()
+            waiting = 0
+    return copied
+
+
+def _record(container: Container, chunk: ChunkInfo) -> bytes:
+    return container.bytes[chunk.offset : chunk.offset + chunk.length].tobytes()
+
+
+def _index(content: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    """(N, 3) channel, log time and place of each message."""
+    rows = np.empty((content.size // _MESSAGE_HEAD + 1, 6), np.int64)
+    count = int(list_messages(content, 0, content.size, rows, 0))
+    index = rows[:count][:, (0, 2, 4)]
+    index[:, 2] -= _MESSAGE_HEAD
+    return index
+
+
+def complete(path: Path) -> str:
+    """Give a recording that was cut off its index and end, in place; why that was not done, empty if all is well.
+
+    The file is replaced by the whole one only when the disk has that. One that is damaged elsewhere than at its end
+    stays as it is: readers leave out the damage, and nothing is taken away that might still be saved.
+    """
+    unfinished = path.with_name(path.name + UNFINISHED)
+    try:
+        container = Container(path)
+        if not container.damage.truncated:
+            return ""
+        for chunk in container.chunks:
+            container.content_of(chunk)
+        if container.damage.chunks:
+            return f"left as it is, damaged inside: {container.damage.notes[-1]}"
+        repair([path], unfinished)
+        os.replace(unfinished, path)
+    except (RecordingError, OSError) as error:
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)
+        return f"left as it is: {error}"
+    return ""
