@@ -1,7 +1,7 @@
 """A bad link: what becomes of frames on their way, the same for the same seed.
 
-The link keeps the order of what it carries: what comes behind a held-up burst is held up as well, as in a radio's
-queue. Only `reorder` lets frames overtake.
+Delay and jitter keep the order: what comes behind a held-up burst is held up as well, as in a radio's queue. Late
+bursts come late alone, and are overtaken, as over several paths; reordered frames are passed by a few others.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ class FaultyLink:
         children = seed.spawn(len(_KINDS))
         self._random = {kind: np.random.default_rng(child) for kind, child in zip(_KINDS, children, strict=True)}
         self._burst_s = -1.0
+        self._queue_s = 0.0  # when the burst before leaves the queue
         self._burst_arrival_s = 0.0
         self._held: list[tuple[int, bytes]] = []
 
     def send(self, frame: bytes, time_s: float) -> list[Arrival]:
-        """Send one frame at flight time `time_s`: what arrives because of it, and when, s, which never falls."""
+        """Send one frame at flight time `time_s`: what arrives because of it, and when, s."""
         arrival = self._arrival(time_s)
         copies = 1 + self._happens("duplicate", self._faults.duplicate)
         lost = self._happens("loss", self._faults.loss)
@@ -61,9 +62,10 @@ class FaultyLink:
             arrival = time_s + faults.delay
             if faults.jitter:
                 arrival += float(self._random["jitter"].exponential(faults.jitter))
+            self._queue_s = max(self._queue_s, arrival)
+            self._burst_arrival_s = self._queue_s
             if self._happens("late", faults.late):
-                arrival += float(self._random["late"].uniform(0.0, faults.late_s))
-            self._burst_arrival_s = max(self._burst_arrival_s, arrival)
+                self._burst_arrival_s += float(self._random["late"].uniform(0.0, faults.late_s))
         return self._burst_arrival_s
 
     def _happens(self, kind: str, share: float) -> bool:

@@ -68,6 +68,9 @@ def test_late_bursts() -> None:
     assert np.mean(late > 0.0) == pytest.approx(0.2, abs=5.0 * (0.2 * 0.8 / COUNT) ** 0.5)
     assert np.mean(late[late > 0.0]) == pytest.approx(0.25, abs=5.0 * 0.5 / (12 * 0.2 * COUNT) ** 0.5)
     assert late.max() <= 0.5
+    overtaken = numbers(sorted(sent("late=0.2:0.5"), key=lambda arrival: arrival[0]))
+    assert overtaken != sorted(overtaken)
+    assert sorted(overtaken) == list(range(COUNT))
 
 
 def test_duplicates() -> None:
