@@ -81,6 +81,10 @@ def test_csv_has_one_row_per_value(flight: Path, tmp_path: Path) -> None:
         (["export", "FLIGHT", "-o", "x.json"], ".json cannot be exported"),
         (["replay", "nowhere.mcap", "--out", "udpout:127.0.0.1:9"], "nowhere.mcap"),
         (["import", "FLIGHT", "-o", "FLIGHT"], "over itself"),
+        (["import", "FLIGHT", "-o", "pyproject.toml"], "exists already"),
+        (["export", "FLIGHT", "-o", "FLIGHT.csv"], "exists already"),
+        (["export", "FLIGHT", "--messages", "csv", "-o", "FOLDER"], "exists already"),
+        (["export", "FLIGHT", "-o", "NEW.ulg"], "holds no .ulg log"),
         (["info", "FOLDER"], "is a folder"),
         (["identify", "FOLDER", "--vehicle", "iitb-mav"], "is a folder"),
         (["info", "NOISE"], "`gcs import` reads .tlog"),
@@ -103,7 +107,17 @@ def test_an_expected_error_is_one_line_and_exit_code_1(
     monkeypatch.delenv("GCS_TOKEN", raising=False)
     noise, new = tmp_path / "noise.mcap", tmp_path / "new.mcap"
     noise.write_bytes(b"no recording")
-    names = {"FLIGHT": flight, "DATA": tmp_path / "data", "FOLDER": tmp_path, "NOISE": noise, "NEW": new}
+    there = tmp_path / "there.csv"
+    there.write_text("a table of someone's own")
+    names = {
+        "FLIGHT.csv": there,
+        "NEW.ulg": tmp_path / "new.ulg",
+        "FLIGHT": flight,
+        "DATA": tmp_path / "data",
+        "FOLDER": tmp_path,
+        "NOISE": noise,
+        "NEW": new,
+    }
     assert main([str(names.get(argument, argument)) for argument in arguments]) == 1
     *progress, last = capsys.readouterr().err.splitlines()
     assert words in last
@@ -117,6 +131,9 @@ def test_an_expected_error_is_one_line_and_exit_code_1(
     [
         (["replay", "x.mcap", "--out", "nonsense"], "nonsense"),
         (["replay", "x.mcap", "--out", "udpout:127.0.0.1:9", "--speed", "-1"], "--speed"),
+        (["replay", "x.mcap", "--out", "udpout:127.0.0.1:9", "--lock-step", "--speed", "2"], "--speed"),
+        (["replay", "x.mcap", "--out", "udpout:127.0.0.1:9", "--step-ms", "10"], "--lock-step"),
+        (["replay", "x.mcap", "--out", "udpout:127.0.0.1:9", "--lock-step", "--step-ms", "-1"], "--step-ms"),
         (["record", "--connect", "foo:bar", "-o", "x.mcap"], "foo:bar"),
         (["record", "--connect", "udpin:127.0.0.1:0", "--duration", "-1", "-o", "x.mcap"], "--duration"),
         (["calibrate", "x.csv", "--form", "foo"], "--form foo"),

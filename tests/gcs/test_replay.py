@@ -1,5 +1,6 @@
 """Replay gives the recorded bytes at the recorded pace."""
 
+import contextlib
 import socket
 import threading
 from pathlib import Path
@@ -8,12 +9,12 @@ import numpy as np
 import pytest
 from traffic import SECOND, Vehicle, batch
 
-from gcs.capture import Capture, record
+from gcs.capture import Capture, CaptureOptions, record
 from gcs.dialect import Dialect
-from gcs.errors import RecordingError
+from gcs.errors import LinkError, RecordingError
 from gcs.links import UdpLink, open_link
 from gcs.recording.reader import Recording
-from gcs.replay import replay, replay_file, timeline
+from gcs.replay import ReplayStepper, replay, replay_file, replay_in_lock_step, steps, timeline
 
 START = 1_800_000_000 * SECOND
 
@@ -121,7 +122,7 @@ def test_a_replay_recorded_again_holds_the_same_messages(recording: Path, tmp_pa
     url = f"udpout:127.0.0.1:{link.port}"
     thread = threading.Thread(target=replay_file, args=(recording, url, 1.0), kwargs={"link": source})
     thread.start()
-    capture = record([link], again, 60.0, progress)
+    capture = record([link], CaptureOptions(again, 60.0), progress)
     thread.join()
     assert done.is_set()
     assert capture.bytes == whole
@@ -137,5 +138,85 @@ def test_a_replay_recorded_again_holds_the_same_messages(recording: Path, tmp_pa
 def test_a_recording_is_not_written_over(recording: Path) -> None:
     before = recording.read_bytes()
     with pytest.raises(RecordingError, match="exists already"):
-        record([], recording, 1.0, lambda passed, capture: None)
+        record([], CaptureOptions(recording, 1.0), lambda passed, capture: None)
     assert recording.read_bytes() == before
+
+
+def test_a_step_is_what_came_at_one_time_or_within_one_span() -> None:
+    pieces = [
+        (START, b"a"),
+        (START, b"b"),
+        (START + 4, b"c"),
+        (START + 10, b"d"),
+        (START + 19, b"e"),
+        (START + 35, b"f"),
+    ]
+    assert [data for _, data in steps(pieces)] == [[b"a", b"b"], [b"c"], [b"d"], [b"e"], [b"f"]]
+    assert list(steps(pieces, 10)) == [
+        (START + 4, [b"a", b"b", b"c"]),
+        (START + 19, [b"d", b"e"]),
+        (START + 35, [b"f"]),
+    ]
+    assert list(steps([])) == []
+
+
+def test_a_stepper_sends_a_step_at_a_time_and_all_in_the_end(recording: Path) -> None:
+    source = Recording(recording)
+    sent: list[bytes] = []
+    stepper = ReplayStepper(source, sent.append, 100_000_000)
+    times = []
+    while (at := stepper.step()) is not None:
+        times.append(at)
+    spans = {(at - START) // 100_000_000 for at, _ in timeline(source)}
+    assert [(at - START) // 100_000_000 for at in times] == sorted(spans)
+    assert sent == [data for _, data in timeline(source)]
+    assert (stepper.pieces, stepper.bytes) == (len(sent), sum(map(len, sent)))
+
+
+@pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
+def test_in_lock_step_nothing_is_sent_before_the_answer(recording: Path, kind: socket.SocketKind) -> None:
+    link = "udpin:0.0.0.0:14550"
+    expected = [b"".join(data) for _, data in steps(timeline(Recording(recording), link), 250_000_000)]
+    received: list[bytes] = []
+    early: list[bytes] = []
+    with socket.socket(socket.AF_INET, kind) as server:
+        server.bind(("127.0.0.1", 0))
+        stream = kind is socket.SOCK_STREAM
+        if stream:
+            server.listen()
+
+        def answer() -> None:
+            peer = server.accept()[0] if stream else server
+            for step in expected:
+                data, address = b"", None
+                peer.settimeout(30)
+                while len(data) < len(step):
+                    part, address = peer.recvfrom(65536)
+                    data += part
+                received.append(data)
+                peer.settimeout(0.02)
+                with contextlib.suppress(TimeoutError):
+                    early.append(peer.recv(65536))
+                if stream:
+                    peer.sendall(b"!")
+                else:
+                    peer.sendto(b"!", address)
+            if stream:
+                peer.close()
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        url = f"{'tcp' if stream else 'udpout'}:127.0.0.1:{server.getsockname()[1]}"
+        sent = replay_in_lock_step(recording, url, 250_000_000, link=link)
+        thread.join(30)
+    assert received == expected
+    assert early == []
+    assert (sent.bytes, sent.unsent_bytes) == (sum(map(len, expected)), 0)
+
+
+def test_without_an_answer_lock_step_ends_in_one_line(recording: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        url = f"udpout:127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(LinkError, match=r"no answer for 0\.2 s to what was received 0\.000 s"):
+            replay_in_lock_step(recording, url, answer_timeout_s=0.2)
