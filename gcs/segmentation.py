@@ -23,6 +23,7 @@ _FLAG_ARMED = 0x80  # MAV_MODE_FLAG_SAFETY_ARMED
 # A datagram that overtakes another makes a stamp go back a little; only a reboot makes it go back this far.
 _CLOCK_RESET_MS = 2000
 _WRAP_MS = 1 << 32
+_LAG_MS = 5000  # how far one link may be behind another
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,12 @@ def _first_reset(
     wanted: int,
     table: NDArray[np.int64],
     last: NDArray[np.int64],
+    elsewhere: NDArray[np.int64],
 ) -> int:
-    """Index of the first frame of `wanted` whose boot clock went back; -1 if none. Updates `last` per message."""
+    """Index of the first frame of `wanted` whose boot clock went back; -1 if none. Updates `last` per message.
+
+    elsewhere: (messages,) what the other links told last. One that lags behind restarts a clock that they know already.
+    """
     for i in range(payload.size):
         row = message[i]
         if row < 0 or sender[i] != wanted:
@@ -85,7 +90,9 @@ def _first_reset(
             if at < length[i]:
                 stamp |= np.int64(buffer[payload[i] + at]) << (8 * k)
         back = last[row] - stamp
-        if back > _CLOCK_RESET_MS and back < _WRAP_MS // 2:
+        other = elsewhere[row]
+        known = other > 0 and abs(other - stamp) < _LAG_MS and last[row] - other > _CLOCK_RESET_MS
+        if back > _CLOCK_RESET_MS and back < _WRAP_MS // 2 and not known:
             return i
         last[row] = stamp
     return -1
@@ -133,6 +140,8 @@ class FlightSegmenter:
         last = self._clocks.get(link)
         if last is None:
             last = self._clocks[link] = np.zeros(self._table.shape[0], np.int64)
+        others = [clock for name, clock in self._clocks.items() if name != link]
+        elsewhere = np.max(others, axis=0) if others else np.zeros_like(last)
         index = _first_reset(
             frames.buffer,
             frames.payload_offset,
@@ -142,6 +151,7 @@ class FlightSegmenter:
             self.system << 8 | self.component,
             self._table,
             last,
+            elsewhere,
         )
         return None if index < 0 else int(index)
 
