@@ -23,10 +23,13 @@ from gcs.stamppass import (
     KEPT,
     REPLY,
     RESETS,
+    SAVE,
+    SAVED,
     SENDER,
     STAMP_MS,
     STAMP_US,
     STATE_WIDTH,
+    TO_SAVE,
     TRIPS,
     take_stamps,
 )
@@ -112,6 +115,7 @@ class ClockTracker:
         self._seconds = np.zeros((2, KEPT, 2), np.int64)
         self._trips = np.zeros((2, KEPT, 3), np.int64)
         self._rows = 0
+        self._former: dict[int, ClockState] = {}
 
     def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
         """Take in one batch. received_ns: (len(frames),) UTC of each frame."""
@@ -131,7 +135,10 @@ class ClockTracker:
                 start,
             )
             self._rows, start = int(rows), int(stopped)
-            if start < len(frames):
+            for row in np.flatnonzero(self._state[:, TO_SAVE] == SAVE).tolist():
+                self._former[row] = self._state_of(row)
+                self._state[row, TO_SAVE] = SAVED
+            if start < len(frames) and self._rows == self._state.shape[0]:
                 self._state = np.concatenate((self._state, np.zeros_like(self._state)))
                 self._seconds = np.concatenate((self._seconds, np.zeros_like(self._seconds)))
                 self._trips = np.concatenate((self._trips, np.zeros_like(self._trips)))
@@ -140,16 +147,23 @@ class ClockTracker:
         """Systems that tell their time."""
         return sorted({int(sender) >> 8 for sender in self._state[: self._rows, SENDER]})
 
-    def state(self, system: int) -> ClockState | None:
-        """The clock of a system's autopilot, or else of the component that told it most; None where none does."""
+    def state(self, system: int, until_ns: int | None = None) -> ClockState | None:
+        """The clock of a system's autopilot, or else of the component that told it most; None where none does.
+
+        until_ns: end of a flight, UTC; where the clock restarted since then, as it was before.
+        """
         rows = [row for row in range(self._rows) if int(self._state[row, SENDER]) >> 8 == system]
         if not rows:
             return None
         row = max(rows, key=lambda r: (self._state[r, SENDER] & 0xFF == _AUTOPILOT_COMPONENT, self._state[r, COUNT]))
-        return self._state_of(row, system)
+        seconds = self._seconds[row, : int(self._state[row, COUNT])]
+        if until_ns is not None and row in self._former and seconds.size and int(seconds[:, 0].min()) > until_ns:
+            return self._former[row]
+        return self._state_of(row)
 
-    def _state_of(self, row: int, system: int) -> ClockState:
+    def _state_of(self, row: int) -> ClockState:
         held = self._state[row]
+        system = int(held[SENDER]) >> 8
         component, resets = int(held[SENDER]) & 0xFF, int(held[RESETS])
         seconds = self._seconds[row, : min(int(held[COUNT]), KEPT)]
         trips = self._trips[row, : min(int(held[TRIPS]), KEPT)]
@@ -219,20 +233,14 @@ def _what_to_read(dialect: Dialect) -> NDArray[np.int64]:
     return wanted
 
 
-def clock_metadata(
-    sources: Iterable[tuple[str, ClockTracker]], systems: Iterable[int] = ()
-) -> dict[str, dict[str, str]]:
-    """What is known of the clocks, as metadata of a recording: `clock/<system>/<source>` -> its figures as text.
+def clock_metadata(source: str, states: Iterable[ClockState]) -> dict[str, dict[str, str]]:
+    """Clocks heard over a source as metadata of a recording: `clock/<system>/<source>` -> its figures as text.
 
-    systems: only these, all where empty. What is not known is left out.
+    What is not known is left out.
     """
-    wanted = set(systems)
     found: dict[str, dict[str, str]] = {}
-    for source, tracker in sources:
-        for system in tracker.systems():
-            state = tracker.state(system) if not wanted or system in wanted else None
-            if state is not None:
-                known = {name: repr(value) for name, value in state.to_json().items() if value is not None}
-                names = {"system": str(system), "component": str(state.component), "source": source}
-                found[f"clock/{system}/{source}"] = {**names, **known}
+    for state in states:
+        known = {name: repr(value) for name, value in state.to_json().items() if value is not None}
+        names = {"system": str(state.system), "component": str(state.component), "source": source}
+        found[f"clock/{state.system}/{source}"] = {**names, **known}
     return found

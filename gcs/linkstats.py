@@ -36,7 +36,7 @@ class LinkStatistics:
         self._signatures = SignatureChecker(key)
         self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
-        self.clocks = ClockTracker(dialect)
+        self._clocks = ClockTracker(dialect)
         self._frames = self._raw = self._bad_crc = self._unknown = 0
 
     def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
@@ -50,7 +50,7 @@ class LinkStatistics:
                 return
             self._frames += len(frames)
             self._unknown += account.unknown
-            self._signatures.add(frames, received_ns)
+            self._signatures.add(frames, received_ns, account.signed)
             second = int(received_ns[-1]) // 1_000_000_000
             if self._per_second and self._per_second[-1][0] == second:
                 _, count, total = self._per_second[-1]
@@ -59,7 +59,7 @@ class LinkStatistics:
                 self._per_second.append((second, len(frames), account.bytes))
             if account.radio >= 0:
                 self._radio = radio_report(frames, account.radio, int(received_ns[account.radio]))
-            self.clocks.add(frames, received_ns)
+            self._clocks.add(frames, received_ns)
 
     def to_json(self, now_ns: int) -> dict[str, Any]:
         """Rates over the last 5 s, totals, and one entry for each system."""
@@ -83,8 +83,14 @@ class LinkStatistics:
                 "systems": list(systems.values()),
             }
 
+    def clocks(self, until_ns: int | None = None) -> list[ClockState]:
+        """The clock of every system that tells its time; until_ns: as it was at the end of a flight."""
+        with self._lock:
+            states = [self._clocks.state(system, until_ns) for system in self._clocks.systems()]
+        return [state for state in states if state is not None]
+
     def _system(self, system: int) -> dict[str, Any]:
-        clock = self.clocks.state(system) or ClockState(system, 0)
+        clock = self._clocks.state(system) or ClockState(system, 0)
         return {"system": system, **clock.to_json(), "components": []}
 
 

@@ -28,9 +28,12 @@ NOTHING, STAMP_MS, STAMP_US, REPLY = range(4)
 
 # Columns of the state of a sender. AT: reception of the first message of the second under way. LAST, LAST_AT: newest
 # stamp and its reception. TRANSIT: reception less stamp of the message before. ODD: messages in a row whose stamp
-# cannot be of this clock, ODD_STAMP the last of them.
-SENDER, COUNT, AT, LAST, LAST_AT, TRANSIT, JITTER, WRAPS, ODD, ODD_STAMP, RESETS, TRIPS, LAST_ASKED = range(13)
-STATE_WIDTH = 13
+# cannot be of this clock, ODD_STAMP the last of them. TO_SAVE: 1 where the record is about to start anew, 2 once it
+# has been saved.
+SENDER, COUNT, AT, LAST, LAST_AT, TRANSIT, JITTER, WRAPS, ODD, ODD_STAMP, RESETS, TRIPS, LAST_ASKED, TO_SAVE = range(14)
+STATE_WIDTH = 14
+
+SAVE, SAVED = 1, 2
 
 Ints = NDArray[np.int64]
 
@@ -62,8 +65,12 @@ def _is_of_this_clock(state: Ints, received: Int, stamp: Int) -> bool:
     state[ODD_STAMP] = stamp
     if state[ODD] < RESET_MESSAGES:
         return False
+    if state[TO_SAVE] != SAVED:
+        state[TO_SAVE] = SAVE
+        state[ODD] -= 1
+        return False
     state[RESETS] += 1
-    state[ODD] = state[COUNT] = state[TRIPS] = state[LAST] = state[WRAPS] = state[JITTER] = 0
+    state[TO_SAVE] = state[ODD] = state[COUNT] = state[TRIPS] = state[LAST] = state[WRAPS] = state[JITTER] = 0
     return True
 
 
@@ -104,7 +111,9 @@ def take_stamps(
     rows: Int,
     start: Int,
 ) -> tuple[Int, Int]:
-    """Take frames from `start` on; (rows in use, the frame there was no row for, or the number of frames).
+    """Take frames from `start` on; (rows in use, the frame to go on with, or the number of frames when all are taken).
+
+    It stops where there is no row left, and where a record is to be saved before it starts anew.
 
     wanted: (messages, 2) what to read of each message and where. row_of: (65536,) row + 1 of a sender. state:
     (R, STATE_WIDTH). seconds: (R, KEPT, 2) reception and stamp. trips: (R, KEPT, 3) reception, tc1 and ts1. All ns.
@@ -154,4 +163,6 @@ def take_stamps(
                 state[row, WRAPS] += 1
                 stamp += WRAP_NS
         _take_stamp(state[row], seconds[row], received[i], stamp)
+        if state[row, TO_SAVE] == SAVE:
+            return rows, i
     return rows, offset.size

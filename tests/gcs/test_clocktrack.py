@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -117,7 +115,12 @@ def test_a_reboot_starts_anew_and_is_counted_once_though_messages_interleave() -
     for tenth in range(600):  # another message, whose last ones before the reboot arrive among the first after it
         air.say(UTC + tenth * 10**8 + 1_530_000_000, attitude((9000 + tenth) * 10**8))
         air.say(UTC + 61 * 10**9 + tenth * 10**8 + 10**7, attitude((20 + tenth) * 10**8))
-    state = state_of(air.heard())
+    tracker = air.heard()
+    before = tracker.state(1, until_ns=UTC + 60 * 10**9)
+    assert before is not None
+    assert before.resets == 0
+    assert before.offset_s == pytest.approx(UTC / 1e9 - 900.0 + 0.005, abs=2e-3)
+    state = state_of(tracker)
     assert state.resets == 1
     assert state.offset_s == pytest.approx(UTC / 1e9 + 61 - 2.0 + 0.005, abs=2e-3)
 
@@ -241,11 +244,9 @@ def test_the_statistics_of_a_link_and_the_metadata_of_a_recording_tell_the_clock
     (system,) = statistics.to_json(UTC)["systems"]
     assert system["clock_drift_ppm"] == pytest.approx(50.0, abs=30.0)
     assert system["clock_resets"] == 0
-    sources: Iterable[tuple[str, ClockTracker]] = [("udpin:0.0.0.0:14550", statistics.clocks)]
-    metadata = clock_metadata(sources)
+    metadata = clock_metadata("udpin:0.0.0.0:14550", statistics.clocks())
     assert list(metadata) == ["clock/1/udpin:0.0.0.0:14550"]
     record = metadata["clock/1/udpin:0.0.0.0:14550"]
     assert record["system"] == "1"
     assert float(record["clock_drift_ppm"]) == system["clock_drift_ppm"]
     assert "round_trip_s" not in record
-    assert clock_metadata(sources, systems=[2]) == {}
