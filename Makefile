@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign-fuzz clean
+.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash clean
 
 setup: $(VENV)/.ready
 
@@ -39,12 +39,19 @@ $(VENV)/.bench: $(VENV)/.ready
 bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/framing.py
 	$(BIN)/python benchmarks/recording.py
+	$(BIN)/python benchmarks/udp.py
 
 paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py
 
 campaign-fuzz: setup
 	$(BIN)/python tests/campaign/fuzz.py
+
+campaign-load: setup
+	$(BIN)/python tests/campaign/load.py
+
+campaign-crash: setup
+	$(BIN)/python tests/campaign/crash.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output

@@ -10,11 +10,8 @@ included. Loss is what was sent less what is in the recording.
 from __future__ import annotations
 
 import argparse
-import shutil
 import signal
-import socket
 import statistics
-import struct
 import subprocess
 import sys
 import tempfile
@@ -24,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from telemetry import telemetry
+from sender import build_sender, cpu_seconds, free_port, send, vehicle_frames, write_frames
 
 from gcs.recording.reader import Recording
 
@@ -41,36 +38,6 @@ class Run:
     received: int
     cpu_us: float
     seconds: float
-
-
-def build_sender(folder: Path) -> Path:
-    """The compiled sender."""
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        sys.exit("udp.py needs a C compiler (cc) for its sender; install one")
-    program = folder / "udp_sender"
-    subprocess.run([compiler, "-O2", "-o", program, HERE / "udp_sender.c"], check=True)
-    return program
-
-
-def datagrams(path: Path) -> None:
-    """Telemetry for the sender: a multiple of 256 frames, so that the counters go on when it starts over."""
-    frames = [frame for _, frame in telemetry(60.0)]
-    frames = frames[: len(frames) // 256 * 256]
-    path.write_bytes(b"".join(struct.pack("<I", len(frame)) + frame for frame in frames))
-
-
-def cpu_seconds(process: int) -> float:
-    """CPU time of a process and all its threads so far, as the scheduler counts it."""
-    tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
-    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
-
-
-def free_port() -> int:
-    """A UDP port of this machine that nobody uses now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager
@@ -110,19 +77,13 @@ def measure(name: str, rate: float, seconds: float, sender: Path, data: Path, fo
     """Send `rate` datagrams per second to a new receiver and count what comes out of it."""
     port, path = free_port(), folder / "udp.mcap"
     path.unlink(missing_ok=True)
-    count = round(rate * seconds / 256) * 256
-
-    def send(how_many: int, how_fast: float) -> float:
-        out = subprocess.run(
-            [sender, str(port), str(how_fast), str(how_many), data], check=True, capture_output=True, text=True
-        )
-        return float(out.stdout.split()[1])
+    count = round(rate * seconds)
 
     with receiver(name, port, path) as process:
-        send(WARM_UP, 2000)
+        send(sender, port, 2000, WARM_UP, 0, data)
         before = settled(process.pid)
         start = time.monotonic()
-        took = send(count, rate)
+        took = send(sender, port, rate, count, WARM_UP, data)
         # What came late is part of the work; waiting for it costs the receiver its idle work, as it did before.
         time.sleep(0.3)
         used = cpu_seconds(process.pid) - before
@@ -181,7 +142,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="udp-") as name:
         folder = Path(name)
         sender, data = build_sender(folder), folder / "datagrams"
-        datagrams(data)
+        write_frames(data, vehicle_frames())
         for rate in filter(None, arguments.rates.split(",")):
             compare_cpu(float(rate), arguments.seconds, arguments.rounds, sender, data, folder)
         for rate in filter(None, arguments.loss_rate.split(",")):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 import socket
 import sys
+import threading
 import time
 
 from mcap.writer import CompressionType, Writer
@@ -16,18 +17,10 @@ from pymavlink import mavutil
 from gcs.udplink import RECEIVE_BUFFER_BYTES
 
 
-class StopError(Exception):
-    """SIGINT came."""
-
-
-def stop(number: int, frame: object) -> None:
-    """Leave the loop below, which blocks in mavutil."""
-    raise StopError
-
-
 def main(port: str, path: str) -> None:
     """Record until SIGINT; print the messages taken."""
-    signal.signal(signal.SIGINT, stop)
+    stopping = threading.Event()
+    signal.signal(signal.SIGINT, lambda number, frame: stopping.set())
     link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     count = 0
@@ -36,23 +29,19 @@ def main(port: str, path: str) -> None:
         writer.start("ros2")
         channels: dict[tuple[int, int, str], int] = {}
         print("ready", flush=True)
-        try:
-            while True:
-                message = link.recv_match(blocking=True, timeout=0.5)
-                if message is None:
-                    continue
-                name = message.get_type()
-                key = (message.get_srcSystem(), message.get_srcComponent(), name)
-                if key not in channels:
-                    schema = writer.register_schema(name, "", b"")
-                    channels[key] = writer.register_channel("/mavlink/{}/{}/{}".format(*key), "cdr", schema)
-                now = time.time_ns()
-                writer.add_message(
-                    channels[key], now, b"\0\1\0\0" + bytes(message.get_payload()), now, message.get_seq()
-                )
-                count += 1
-        except StopError:
-            pass
+        while not stopping.is_set():
+            message = link.recv_match(blocking=True, timeout=0.5)
+            if message is None:
+                continue
+            name = message.get_type()
+            key = (message.get_srcSystem(), message.get_srcComponent(), name)
+            if key not in channels:
+                schema = writer.register_schema(name, "", b"")
+                channels[key] = writer.register_channel("/mavlink/{}/{}/{}".format(*key), "cdr", schema)
+            now = time.time_ns()
+            body = b"\0\1\0\0" + bytes(message.get_payload())
+            writer.add_message(channels[key], now, body, now, message.get_seq())
+            count += 1
         writer.finish()
     print(count, flush=True)
 
