@@ -6,8 +6,11 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mavlink_frames import Sender
 from pymavlink import mavutil
+from pymavlink.generator.mavcrc import x25crc
 
 from gcs import tlog
 from gcs.errors import ImportFileError, RecordingError
@@ -131,3 +134,72 @@ def test_a_megabyte_of_noise_is_refused_at_once(tmp_path: Path, seed: int) -> No
         import_tlog(source, recording)
     assert monotonic() - started < 1.0
     assert not recording.exists()
+
+
+def unknown_frame(chooser: random.Random) -> bytes:
+    """A MAVLink 2 frame of an id that the dialect lacks, its checksum right for some CRC_EXTRA."""
+    payload = chooser.randbytes(chooser.randint(1, 40))
+    head = bytes((len(payload), 0, 0, chooser.randrange(256), 1, 1)) + (50_000).to_bytes(3, "little")
+    crc = x25crc(head + payload + bytes((chooser.randrange(256),))).crc
+    return b"\xfd" + head + payload + struct.pack("<H", crc)
+
+
+@st.composite
+def mixed_logs(draw: st.DrawFn) -> tuple[list[tuple[int, bytes]], bytes, int]:
+    """(time, frame) of several systems, the log's bytes with noise in it, and how many bytes of noise."""
+    chooser = random.Random(draw(st.integers(0, 2**32)))
+    senders = [Sender(system, component, seed=system) for system, component in ((1, 1), (1, 154), (7, 1), (255, 190))]
+    log: list[tuple[int, bytes]] = []
+    data, noise, now = b"", 0, START_US
+    for kind in draw(st.lists(st.sampled_from(("v1", "v2", "signed", "unknown", "noise", "flag")), min_size=1)):
+        now += draw(st.sampled_from((0, 1, 20_000, 5_000_000)))
+        sender = chooser.choice(senders)
+        if kind in ("noise", "flag"):
+            # Zero bytes are in no stamp of these times and in no frame's first byte.
+            junk = b"\x00" * chooser.randint(1, 20) if kind == "noise" else b"\xfe\xfd\x00"
+            noise += len(junk)
+            data += junk
+            continue
+        sender.version = 1 if kind == "v1" else 2
+        sender.mavlink.signing.sign_outgoing = kind == "signed"
+        sender.mavlink.signing.secret_key = bytes(range(32))
+        frame = unknown_frame(chooser) if kind == "unknown" else sender.send(chooser.choice(NAMES)).frame
+        log.append((now, frame))
+        data += struct.pack(">Q", now) + frame
+    # Frames of known id, so that the file is a log; their count fixes the time of what may precede them.
+    for _ in range(10):
+        senders[0].version = 2
+        senders[0].mavlink.signing.sign_outgoing = False
+        log.append((now, senders[0].send("ATTITUDE").frame))
+        data += struct.pack(">Q", now) + log[-1][1]
+    return log, data, noise
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(mixed_logs())
+def test_what_any_mix_of_frames_and_noise_holds_comes_out_frame_for_frame(
+    tmp_path: Path, mixed: tuple[list[tuple[int, bytes]], bytes, int]
+) -> None:
+    log, data, noise = mixed
+    source, recording, out = tmp_path / "a.tlog", tmp_path / "a.mcap", tmp_path / "b.tlog"
+    source.write_bytes(data)
+    counts = import_tlog(source, recording)
+    assert counts.messages + counts.unknown_frames == len(log)
+    assert counts.raw_bytes == noise
+    assert counts.bytes == noise + sum(len(frame) for _, frame in log)
+    assert export_tlog(recording, out) == len(log)
+    assert out.read_bytes() == as_bytes(log)
+
+
+def test_noise_with_a_frame_by_chance_is_refused(tmp_path: Path) -> None:
+    """In 10 MB of noise a frame or two have a right checksum; without a time in front of them they are none."""
+    chooser = random.Random(5)
+    frame = Sender(seed=8).send("ATTITUDE").frame
+    noise = chooser.randbytes(150_000)
+    source, recording = tmp_path / "a.tlog", tmp_path / "a.mcap"
+    source.write_bytes(noise + b"\xff" * 8 + frame + noise)
+    with pytest.raises(ImportFileError, match=r"a\.tlog holds no MAVLink frame"):
+        import_tlog(source, recording)
+    assert not recording.exists()
+    source.write_bytes(noise + struct.pack(">Q", START_US) + frame + noise)
+    assert import_tlog(source, recording).messages == 1
