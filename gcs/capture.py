@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.clocktrack import ClockTracker, clock_metadata
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import RecordingError
@@ -45,6 +46,7 @@ class Capture:
         self._framers: dict[str, Framer] = {}
         self._key = key
         self._checkers: dict[str, SignatureChecker] = {}
+        self._clocks: dict[str, ClockTracker] = {}
         self._lock = threading.Lock()
         self.problem: RecordingError | None = None
 
@@ -81,7 +83,10 @@ class Capture:
             times = frame_times(frames, batch, held) if len(frames) else int(batch.received_ns[-1])
             if self._key is not None and len(frames):
                 checker = self._checkers.setdefault(link, SignatureChecker(self._key))
-                checker.add(frames, np.broadcast_to(times, len(frames)))
+                checker.add(frames, np.broadcast_to(times, len(frames)), int(np.count_nonzero(frames.incompat)))
+            if len(frames):
+                tracker = self._clocks.setdefault(link, ClockTracker(self._dialect))
+                tracker.add(frames, np.asarray(times, np.int64))
             try:
                 self._writer.write(link, buffer, frames, times)
             except RecordingError as error:
@@ -105,7 +110,9 @@ class Capture:
                         self._writer.write(link, buffer, frames, now_ns)
                 counts = self._writer.counts
                 numbers = {"messages": counts.messages, "bytes": counts.bytes, "raw_bytes": counts.raw_bytes}
-                self._writer.close({"statistics": {name: str(value) for name, value in numbers.items()}})
+                statistics = {"statistics": {name: str(value) for name, value in numbers.items()}}
+                clocks = (clock_metadata(link, tracker.states()) for link, tracker in self._clocks.items())
+                self._writer.close({**statistics, **{name: told for part in clocks for name, told in part.items()}})
             except RecordingError as error:
                 self.problem = self.problem or error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.framing import MAGIC_V2, UNKNOWN, Frames
+from gcs.framing import MAGIC_V2, SIGNED, UNKNOWN, Frames
 from sim_vehicle.jit import jit
 
 RADIO_STATUS, RADIO = 109, 166
@@ -14,7 +14,7 @@ RADIO_STATUS, RADIO = 109, 166
 _SENDER, _LAST, _SEEN, RECEIVED, LOST, DUPLICATES = range(6)
 _COLUMNS = 6
 # What one pass adds up.
-_BYTES, _UNKNOWN, _RADIO, _NEXT = range(4)
+_BYTES, _UNKNOWN, _SIGNED, _RADIO, _NEXT = range(5)
 # A frame may come this many places late, or a second time, and is known for that.
 _WINDOW = 63
 
@@ -74,6 +74,8 @@ def _pass(
                 rows[row, LOST] += step - 1
                 rows[row, _LAST] = sequence
         sums[_BYTES] += length[i]
+        if buffer[at] == MAGIC_V2 and buffer[at + 2] == SIGNED:
+            sums[_SIGNED] += 1
         if kind[i] == UNKNOWN:
             sums[_UNKNOWN] += 1
         elif msgid[i] == RADIO_STATUS or msgid[i] == RADIO:
@@ -86,20 +88,22 @@ class SenderAccount:
     """Frames received, missing and doubled of every sender of one source, by the counter in the frames.
 
     A frame that comes a second time is a duplicate; one that comes late fills the gap that was counted for it.
-    bytes, unknown: of the last batch, in frames, and frames of unknown id. radio: index of its last radio report, -1
-    if there is none.
+    Of the last batch, bytes: in frames; unknown, signed: frames of unknown id, frames with a signature; radio: index of
+    the last radio report, -1 if there is none.
     """
 
     def __init__(self) -> None:
         self._row_of = np.zeros(1 << 16, np.int32)
         self._rows = np.zeros((16, _COLUMNS), np.int64)
         self._count = 0
-        self.bytes = self.unknown = 0
+        self._sums = np.zeros(5, np.int64)
+        self.bytes = self.unknown = self.signed = 0
         self.radio = -1
 
     def add(self, frames: Frames) -> None:
         """Take in one batch."""
-        sums = np.zeros(4, np.int64)
+        sums = self._sums
+        sums[:] = 0
         sums[_RADIO] = -1
         while sums[_NEXT] < len(frames):
             self._count = _pass(
@@ -116,7 +120,7 @@ class SenderAccount:
             )
             if self._count == self._rows.shape[0]:
                 self._rows = np.concatenate((self._rows, np.zeros_like(self._rows)))
-        self.bytes, self.unknown, self.radio = sums[:_NEXT].tolist()
+        self.bytes, self.unknown, self.signed, self.radio = sums[:_NEXT].tolist()
 
     def senders(self) -> list[tuple[int, int, dict[str, int]]]:
         """(system, component, counts) of all, sorted."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import SettingsError
-from gcs.framing import SIGNED, UNKNOWN, Frames
+from gcs.framing import SIGNED, Frames
 
 KEY_BYTES = 32
 _EPOCH_NS = 1_420_070_400 * 1_000_000_000
@@ -98,14 +98,15 @@ class SignatureChecker:
         self._streams: dict[bytes, int] = {}
         self.counts = SignatureCounts()
 
-    def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
-        """Count frames. received_ns: (len(frames),) UTC time of each, which new streams are judged by."""
-        signed = frames.kind != 0
-        if signed.any():
-            unknown = frames.kind == UNKNOWN
-            signed &= ~unknown | (frames.incompat == SIGNED)
-        at = np.flatnonzero(signed).tolist()
-        self.counts.unsigned += len(frames) - len(at)
+    def add(self, frames: Frames, received_ns: NDArray[np.int64], signed: int) -> None:
+        """Count frames, of which `signed` have a signature.
+
+        received_ns: (len(frames),) UTC time of each, which new streams are judged by.
+        """
+        self.counts.unsigned += len(frames) - signed
+        if signed == 0:
+            return
+        at = np.flatnonzero(frames.incompat == SIGNED).tolist()
         for i in at:
             self.judge(frames.frame(i), int(received_ns[i]))
 

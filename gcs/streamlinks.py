@@ -105,6 +105,7 @@ class StreamLink(Link):
     def send(self, data: bytes, wait_s: float = 0.0) -> None:
         outbox = self._outbox
         if outbox is None:
+            self._unsent()
             return
         try:
             if not outbox.offer(data, wait_s):

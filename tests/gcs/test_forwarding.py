@@ -193,9 +193,10 @@ def test_pieces_of_two_vehicles_never_mix_on_the_way_to_a_ground_station() -> No
         server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
         port = free_port()
         url = f"tcp:127.0.0.1:{server.getsockname()[1]}"
-        with running([f"udpin:127.0.0.1:{port}"], [url], taken):
+        with running([f"udpin:127.0.0.1:{port}"], [url], taken) as station:
             reader = stack.enter_context(server.accept()[0])
             reader.settimeout(60)
+            wait_until(lambda: station.forward[0].connected)
             vehicles, peers = [Vehicle(1), Vehicle(2)], [Peer(stack, port), Peer(stack, port)]
             sent: list[list[bytes]] = [[], []]
             for i in range(50):

@@ -41,7 +41,7 @@ def judge(*batches: list[bytes], key: bytes | None = KEY) -> SignatureCounts:
     for batch in batches:
         _, frames = framer.feed(b"".join(batch))
         assert len(frames) == len(batch)
-        checker.add(frames, np.full(len(frames), NOW))
+        checker.add(frames, np.full(len(frames), NOW), int(np.count_nonzero(frames.incompat)))
     return checker.counts
 
 
@@ -98,7 +98,7 @@ def test_signatures_of_unknown_messages_are_checked_too() -> None:
     frames = signed(8)
     checker = SignatureChecker(KEY)
     _, found = Framer(small).feed(b"".join(frames), final=True)
-    checker.add(found, np.full(len(found), NOW))
+    checker.add(found, np.full(len(found), NOW), 8)
     assert len(found) == 8
     assert checker.counts == SignatureCounts(good=8)
 
