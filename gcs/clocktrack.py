@@ -135,17 +135,27 @@ class ClockTracker:
                 start,
             )
             self._rows, start = int(rows), int(stopped)
-            for row in np.flatnonzero(self._state[:, TO_SAVE] == SAVE).tolist():
-                self._former[row] = self._state_of(row)
-                self._state[row, TO_SAVE] = SAVED
-            if start < len(frames) and self._rows == self._state.shape[0]:
-                self._state = np.concatenate((self._state, np.zeros_like(self._state)))
-                self._seconds = np.concatenate((self._seconds, np.zeros_like(self._seconds)))
-                self._trips = np.concatenate((self._trips, np.zeros_like(self._trips)))
+            if start < len(frames):
+                self._make_way()
+
+    def _make_way(self) -> None:
+        """Save what is about to start anew; more rows where all are in use."""
+        for row in np.flatnonzero(self._state[:, TO_SAVE] == SAVE).tolist():
+            self._former[row] = self._state_of(row)
+            self._state[row, TO_SAVE] = SAVED
+        if self._rows == self._state.shape[0]:
+            self._state = np.concatenate((self._state, np.zeros_like(self._state)))
+            self._seconds = np.concatenate((self._seconds, np.zeros_like(self._seconds)))
+            self._trips = np.concatenate((self._trips, np.zeros_like(self._trips)))
 
     def systems(self) -> list[int]:
         """Systems that tell their time."""
         return sorted({int(sender) >> 8 for sender in self._state[: self._rows, SENDER]})
+
+    def states(self, until_ns: int | None = None) -> list[ClockState]:
+        """The clock of every system that tells its time, as `state` gives it."""
+        found = (self.state(system, until_ns) for system in self.systems())
+        return [state for state in found if state is not None]
 
     def state(self, system: int, until_ns: int | None = None) -> ClockState | None:
         """The clock of a system's autopilot, or else of the component that told it most; None where none does.

@@ -86,8 +86,7 @@ class LinkStatistics:
     def clocks(self, until_ns: int | None = None) -> list[ClockState]:
         """The clock of every system that tells its time; until_ns: as it was at the end of a flight."""
         with self._lock:
-            states = [self._clocks.state(system, until_ns) for system in self._clocks.systems()]
-        return [state for state in states if state is not None]
+            return self._clocks.states(until_ns)
 
     def _system(self, system: int) -> dict[str, Any]:
         clock = self._clocks.state(system) or ClockState(system, 0)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.catalogue import Catalogue, Flight
+from gcs.clocktrack import clock_metadata
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import CatalogueFileError, DiskFullError, GcsError
@@ -44,13 +45,13 @@ _RETRY_NS = 1_000_000_000
 class _Source:
     """A source (by name) as the recorder sees it.
 
-    begins: whether its bytes begin a flight where there is none; what another ground station says does not.
+    overheard: whether another ground station is behind it.
     flight: where bytes that belong to no vehicle go.
     """
 
     framer: Framer
     statistics: LinkStatistics
-    begins: bool = True
+    overheard: bool
     flight: LiveFlight | None = None
     last_ns: int = 0
 
@@ -69,8 +70,8 @@ class FlightRecorder:
     """Cuts bytes into flights and writes them. Knows no sockets; time comes with the bytes and with `tick`.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
-    storage, provenance: how recordings are kept, and what stands in each. clocks: called with UTC ns at the end of a
-    flight, metadata of what is known of the vehicles' clocks then. key: what signatures are checked with.
+    storage, provenance: how recordings are kept, and what stands in each. key: what signatures are
+    checked with.
     """
 
     def __init__(
@@ -84,7 +85,6 @@ class FlightRecorder:
         on_flight_end: Callable[[Flight], None] = lambda flight: None,
         storage: StorageOptions | None = None,
         provenance: Provenance | None = None,
-        clocks: Callable[[int], Metadata] = lambda now_ns: {},
         key: bytes | None = None,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,7 +96,6 @@ class FlightRecorder:
         self._on_flight_end = on_flight_end
         self._storage = storage or StorageOptions()
         self._provenance = provenance or Provenance()
-        self._clocks = clocks
         self._key = key
         self._heard: set[int] = set()
         self._blocked_until_ns = 0
@@ -110,8 +109,8 @@ class FlightRecorder:
         with self._lock:
             if name not in self._sources:
                 statistics = LinkStatistics(self._dialect, self._key)
-                begins = not name.startswith(FORWARD)
-                self._sources[name] = _Source(Framer(self._dialect), statistics, begins)
+                overheard = name.startswith(FORWARD)
+                self._sources[name] = _Source(Framer(self._dialect), statistics, overheard)
             return self._sources[name]
 
     def feed(self, link: str, batch: Batch) -> None:
@@ -137,10 +136,22 @@ class FlightRecorder:
             return
         with self._lock:
             self._end_due(now_ns)
+            if source.overheard:
+                self._overhear(link, frames, received, now_ns)
+                return
             beats = heartbeats(frames)
             self._learn(frames, beats)
             for start, stop in runs_by_vehicle(frames, self.state.vehicles):
                 self._write_run(link, source, frames, received, (start, stop), beats, now_ns)
+
+    def _overhear(self, link: str, frames: Frames, received: NDArray[np.int64], now_ns: int) -> None:
+        """What another ground station says goes into every flight that is going on; it begins and ends none."""
+        part = slice_frames(frames, 0, len(frames))
+        for live in list(self._live):
+            try:
+                live.writer.write(link, part.buffer, part, received if received.size else now_ns)
+            except (GcsError, OSError) as error:
+                self._stop(live, error, now_ns)
 
     def _learn(self, frames: Frames, beats: Sequence[Heartbeat]) -> None:
         """Who is a vehicle: by its HEARTBEAT, and where one is known already by the first word of an autopilot.
@@ -174,7 +185,7 @@ class FlightRecorder:
         times = received[run[0] : run[1]]
         live = self._flight_for(source, part, int(times[0]) if times.size else now_ns)
         if live is None:
-            self.state.unrecorded_bytes += part.consumed if source.begins else 0
+            self.state.unrecorded_bytes += part.consumed
             return
         own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
         before_reset = live.segmenter.clock_reset(link, part)
@@ -225,7 +236,7 @@ class FlightRecorder:
             if live is not None:
                 source.flight = live
                 return live
-        if now_ns < self._blocked_until_ns or not source.begins:
+        if now_ns < self._blocked_until_ns:
             return None
         try:
             live = self._begin(vehicle, part, now_ns)
@@ -290,13 +301,20 @@ class FlightRecorder:
             if flight.state != "recording":
                 self._on_flight_end(flight)
 
+    def _clocks_of(self, live: LiveFlight) -> Metadata:
+        found: dict[str, dict[str, str]] = {}
+        for name, source in self._sources.items():
+            states = source.statistics.clocks(until_ns=live.end_ns)
+            found |= clock_metadata(name, [state for state in states if state.system == live.segmenter.system])
+        return found
+
     def _end(self, live: LiveFlight, reason: str, now_ns: int) -> None:
         self._live.remove(live)
         for source in self._sources.values():
             if source.flight is live:
                 source.flight = None
         try:
-            live.writer.close({**live.statistics(reason), **self._clocks(now_ns)})
+            live.writer.close({**live.statistics(reason), **self._clocks_of(live)})
         except (GcsError, OSError) as error:
             self._fail(error, now_ns)
             reason = f"{reason}; the end is missing: {error}"

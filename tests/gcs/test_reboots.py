@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from traffic import SECOND, Vehicle, batch
+from traffic import SECOND, Vehicle
 
 from gcs.catalogue import Catalogue, Flight
+from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.recorder import FlightRecorder
 from gcs.recording.reader import Recording
@@ -53,9 +55,8 @@ def fly(folder: Path, arrivals: list[tuple[int, str, bytes]], size: int) -> list
         link, last = arrivals[first][1], first + 1
         while last < len(arrivals) and last - first < size and arrivals[last][1] == link:
             last += 1
-        at = START + arrivals[first][0]
-        recorder.feed(link, batch([frame for _, _, frame in arrivals[first:last]], at, last - first))
-        recorder.tick(at)
+        recorder.feed(link, Batch.of([(frame, START + at) for at, _, frame in arrivals[first:last]]))
+        recorder.tick(START + arrivals[last - 1][0])
         first = last
     recorder.close(START + arrivals[-1][0] + SECOND)
     flights = []
@@ -71,6 +72,12 @@ def test_one_restart_cuts_one_flight_while_messages_interleave(tmp_path: Path, s
     assert (first.end_reason, second.end_reason) == ("clock reset", "service stopped")
     assert before == list(range(UP_MS, UP_MS + 10_000, 100))
     assert after == list(range(1_000, 11_000, 100))
+    for flight, boot_s in ((first, UP_MS / 1e3), (second, 1.0)):
+        with (tmp_path / flight.file).open("rb") as file:
+            clocks = [entry.metadata for entry in make_reader(file).iter_metadata() if entry.name == "clock/1/radio"]
+        (clock,) = clocks  # each flight's own, though the next one's stamps had been read when it ended
+        start = START / 1e9 if flight is first else START / 1e9 + 12.0
+        assert float(clock["clock_offset_s"]) == pytest.approx(start - boot_s, abs=0.1)
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.3, 1.5, 4.0])
