@@ -12,6 +12,7 @@ from gcs.clockinfo import clock_text, clocks
 from gcs.conversion import check_file, import_file
 from gcs.dialect import DEFAULT_DIALECT
 from gcs.linkinfo import link_counts, radio_text, radios
+from gcs.pace import Pace, paces
 from gcs.recording.reader import Recording
 from gcs.signing import SignatureCounts
 from gcs.utctext import utc_text
@@ -44,6 +45,8 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
     damage = recording.damage
     duration_s = (recording.end_ns - recording.start_ns) / 1e9
     links = link_counts(recording, key)
+    topic_paces, link_paces = paces(recording)
+    start_ns = recording.start_ns
     return {
         "file": str(path),
         "size_bytes": path.stat().st_size,
@@ -51,23 +54,51 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
         "end": utc_text(recording.end_ns) if recording.end_ns else None,
         "duration_s": duration_s,
         "messages": sum(counts.values()),
-        "topics": [_topic(recording, topic, count) for topic, count in sorted(counts.items())],
+        "topics": [
+            _topic(recording, topic, count, topic_paces[topic], start_ns) for topic, count in sorted(counts.items())
+        ],
         "components": _components(recording, counts),
-        "links": [{"link": link, **counts.to_json()} for link, counts in links.items()],
+        "links": [
+            {"link": link, **counts.to_json(), **_link_pace(link_paces[link], start_ns)}
+            for link, counts in links.items()
+        ],
         "radios": radios(recording),
         "raw_bytes": sum(counts.raw_bytes for counts in links.values()),
         "clock": clocks(recording),
         "damage": list(damage.notes),
         "truncated": damage.truncated,
+        "metadata": recording.metadata(),
+        "attachments": [
+            {"name": entry.name, "media_type": entry.media_type, "size_bytes": len(entry.data)}
+            for entry in recording.attachments()
+        ],
     }
 
 
-def _topic(recording: Recording, topic: str, count: int) -> dict[str, Any]:
-    _, _, system, component, name = topic.split("/")
-    times = [columns.log_time for columns in recording.columns(name, int(system), int(component))]
-    span = max((float(at[-1] - at[0]) / 1e9 for at in times if at.size > 1), default=0.0)
-    distinct = sum(at.size for at in times)
-    return {"topic": topic, "count": count, "rate_hz": (distinct - 1) / span if span > 0 else None}
+def _topic(recording: Recording, topic: str, count: int, pace: Pace, start_ns: int) -> dict[str, Any]:
+    """Rate and longest gap of one topic; what came over several links counts once."""
+    distinct = count
+    if count and recording.is_repeated(topic):
+        _, _, system, component, name = topic.split("/")
+        distinct = sum(len(part) for part in recording.iter_columns(name, int(system), int(component)))
+    gap_s, gap_at_s = pace.gap(start_ns)
+    return {
+        "topic": topic,
+        "count": count,
+        "rate_hz": (distinct - 1) / pace.duration_s if pace.duration_s > 0 else None,
+        "longest_gap_s": gap_s,
+        "longest_gap_at_s": gap_at_s,
+    }
+
+
+def _link_pace(pace: Pace, start_ns: int) -> dict[str, Any]:
+    gap_s, gap_at_s = pace.gap(start_ns)
+    return {
+        "messages": pace.count,
+        "duration_s": pace.duration_s,
+        "longest_silence_s": gap_s,
+        "longest_silence_at_s": gap_at_s,
+    }
 
 
 def _components(recording: Recording, counts: dict[str, int]) -> list[dict[str, Any]]:
@@ -92,22 +123,41 @@ def info_text(info: dict[str, Any]) -> str:
         f"{info['file']}: {info['size_bytes']} bytes, {info['messages']} messages",
         f"from {info['start']} to {info['end']}, {info['duration_s']:.3f} s",
         "",
-        f"{'topic':<44} {'count':>9} {'Hz':>9}",
+        f"{'topic':<44} {'count':>9} {'Hz':>9} {'longest gap, s':>15}",
     ]
     for topic in info["topics"]:
         rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}"
-        lines.append(f"{topic['topic']:<44} {topic['count']:>9} {rate:>9}")
+        gap = _gap_text(topic["longest_gap_s"], topic["longest_gap_at_s"])
+        lines.append(f"{topic['topic']:<44} {topic['count']:>9} {rate:>9} {gap:>15}".rstrip())
     lines += ["", f"{'link, system, component':<44} {'lost':>9}"]
     for entry in info["components"]:
         sender = f"{entry['link']}, {entry['system']}, {entry['component']}"
         lines.append(f"{sender:<44} {entry['lost']:>9}")
     lines += ["", *(_link_text(entry) for entry in info["links"]), *map(radio_text, info["radios"])]
     lines += map(clock_text, info["clock"])
+    lines += _note_lines(info)
     lines += [f"damage: {note}" for note in info["damage"]]
     return "\n".join(lines)
 
 
+def _gap_text(gap_s: float | None, at_s: float | None) -> str:
+    return "" if gap_s is None or at_s is None else f"{gap_s:.2f} at {at_s:.1f}"
+
+
+def _note_lines(info: dict[str, Any]) -> list[str]:
+    """What was put into the recording besides messages."""
+    lines = [
+        f"attached: {entry['name']}, {entry['size_bytes']} bytes ({entry['media_type']})"
+        for entry in info["attachments"]
+    ]
+    for name, values in info["metadata"].items():
+        lines += [f"{name}: {key} = {value}" for key, value in values.items()]
+    return lines
+
+
 def _link_text(entry: dict[str, Any]) -> str:
-    line = f"{entry['link']}: {entry['raw_bytes']} bytes in no frame"
+    line = f"{entry['link']}: {entry['messages']} messages, {entry['raw_bytes']} bytes in no frame"
+    silence = _gap_text(entry["longest_silence_s"], entry["longest_silence_at_s"])
+    line += f", longest silence {silence} s" if silence else ""
     counts = SignatureCounts.of(entry)
     return f"{line}; {counts.text()}" if counts.good or counts.bad or counts.unverified else line

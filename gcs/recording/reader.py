@@ -91,6 +91,10 @@ class Recording:
         """Topics of all MAVLink messages, in the order of first reception."""
         return tuple(dict.fromkeys(channel.topic for channel in self._channels.values()))
 
+    def is_repeated(self, topic: str) -> bool:
+        """Whether a topic came over several links, so that each of its messages may be there more than once."""
+        return len({channel.link for channel in self._channels.values() if channel.topic == topic}) > 1
+
     def messages(self) -> tuple[str, ...]:
         """Names of all message types, sorted."""
         return tuple(sorted({channel.name for channel in self._channels.values()}))
@@ -186,6 +190,17 @@ class Recording:
                 raise RecordingError(f"{self.path} lacks the definition of a message; it is damaged there")
             self._layouts[schema_id] = parse_ros2msg(schema.text)
         return self._layouts[schema_id]
+
+    def reception_times(self) -> Iterator[dict[tuple[str, str], Ints]]:
+        """(topic, link) -> (N,) log times of its messages, a part of the file after the other."""
+        for group in self._file.groups():
+            part: dict[tuple[str, str], Ints] = {}
+            for channel in self._channels.values():
+                times = group.rows[group.rows_of((channel.id,)), 2]
+                if times.size:
+                    key = (channel.topic, channel.link)
+                    part[key] = np.concatenate((part[key], times)) if key in part else times
+            yield part
 
     def lost(self) -> dict[tuple[str, int, int], int]:
         """Messages that never came, by (link, system, component): gaps in the counter over all their channels.
