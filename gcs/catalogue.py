@@ -196,6 +196,31 @@ class Catalogue:
             )
         return [Flight(**row) for row in rows]
 
+    def kept_flights(self) -> list[Flight]:
+        """Flights whose recordings have not been deleted, oldest first."""
+        rows = self._rows("SELECT * FROM flights WHERE deleted_ns IS NULL ORDER BY start_ns, id")
+        return [Flight(**row) for row in rows]
+
+    def deleted_flights(self) -> list[Flight]:
+        """Flights whose recordings were deleted to make room."""
+        return [Flight(**row) for row in self._rows("SELECT * FROM flights WHERE deleted_ns IS NOT NULL")]
+
+    def identified_flights(self) -> set[str]:
+        """Ids of the flights with an identification that is done, or was skipped for want of anything airborne."""
+        rows = self._rows(
+            "SELECT DISTINCT flight_id FROM jobs WHERE kind = 'identify' AND state IN ('done', 'skipped')"
+        )
+        return {row["flight_id"] for row in rows}
+
+    def mark_deleted(self, flight_id: str) -> bool:
+        """Note that the recording is being deleted; False, and nothing noted, while a job needs it."""
+        with self._transaction() as db:
+            for row in db.execute("SELECT flight_id, request FROM jobs WHERE state IN ('queued', 'running')"):
+                if flight_id == row["flight_id"] or flight_id in json.loads(row["request"]).get("validate", ()):
+                    return False
+            db.execute("UPDATE flights SET deleted_ns = ? WHERE id = ?", (self._clock(), flight_id))
+        return True
+
     def unfinished_flights(self) -> list[Flight]:
         """Flights that were being recorded when the service stopped without ending them."""
         return [Flight(**row) for row in self._rows("SELECT * FROM flights WHERE state = 'recording'")]
@@ -331,7 +356,7 @@ def _named_failures() -> Iterator[None]:
     """A disk that is full or broken is an error with a name, not one of the database's."""
     try:
         yield
-    except sqlite3.OperationalError as error:
+    except (sqlite3.OperationalError, sqlite3.ProgrammingError) as error:
         raise CatalogueFileError(f"the catalogue cannot be read or written ({error}); is the disk full?") from error
 
 

@@ -29,6 +29,7 @@ from gcs.linkstats import LinkStatistics
 from gcs.provenance import provenance
 from gcs.recorder import FlightRecorder
 from gcs.recording.writer import McapWriter
+from gcs.retention import Retention, RetentionRule
 from gcs.segmentation import FlightSegmenter
 from gcs.settings import Settings
 from gcs.station import RecordingStation
@@ -147,8 +148,11 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
             server = uvicorn.Server(config)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
-            announce(f"http://{host}:{listener.getsockname()[1]}")
-            _run(server, listener)
+            rule = RetentionRule(settings.keep_days, settings.keep_bytes)
+            with closing(Retention(settings.flights, catalogue, rule)) as retention:
+                retention.start()
+                announce(f"http://{host}:{listener.getsockname()[1]}")
+                _run(server, listener)
 
 
 def _run(server: uvicorn.Server, listener: socket.socket) -> None:

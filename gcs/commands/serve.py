@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(f"--silence {args.silence}: give a time above 0 s")
     if args.keep_days is not None and not args.keep_days > 0:
         raise SettingsError(f"--keep-days {args.keep_days}: give a number of days above 0")
+    if args.vehicle is None and (args.keep_days is not None or args.keep_size is not None):
+        raise SettingsError("--keep-days and --keep-size delete what was identified, so they need --vehicle FILE")
     for url in (*args.connect, *args.forward):
         parse_url(url)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")

@@ -1,0 +1,96 @@
+"""Crashes of the station under load, files cut off and bits flipped: what they cost. Prints its table.
+
+Run: python tests/campaign/crash.py [--kills 200] [--cuts 1000] [--flips 1000] [--output FOLDER]
+What has been tried stays in the output folder; a further run goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import random
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+
+from crash_trials import Undamaged, damage_trial, flipped, kill_trial  # noqa: E402
+
+from gcs.recording.repair import complete  # noqa: E402
+
+
+def tried(path: Path) -> list[dict[str, object]]:
+    """Trials of earlier runs."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def kills(output: Path, count: int) -> list[dict[str, object]]:
+    """Kills up to `count`, those of earlier runs included."""
+    log = output / "kills.jsonl"
+    done = tried(log)
+    for seed in range(len(done), count):
+        with tempfile.TemporaryDirectory(prefix="crash-") as folder:
+            result = kill_trial(seed, Path(folder)).to_json()
+        done.append(result)
+        with log.open("a") as file:
+            file.write(json.dumps(result) + "\n")
+        if result["wrong"] or seed % 20 == 19:
+            print(f"kill {seed + 1}: {result}", file=sys.stderr, flush=True)
+    return done[:count]
+
+
+def damages(cuts: int, flips: int) -> tuple[list[str], list[str]]:
+    """What was wrong in each cut and each flip, "" where nothing."""
+    chance = random.Random(1)
+    with tempfile.TemporaryDirectory(prefix="crash-") as name:
+        folder = Path(name)
+        whole = Undamaged(folder / "whole.mcap")
+        trial = folder / "trial.mcap"
+        size = len(whole.bytes)
+        cut, flip = [], []
+        for _ in range(cuts):
+            at = chance.randrange(size)
+            cut.append(damage_trial(whole, whole.bytes[:at], whole.expected_after_cut(at), trial, complete))
+        for _ in range(flips):
+            at, bit = chance.randrange(size), chance.randrange(8)
+            damaged = flipped(whole.bytes, at, bit)
+            flip.append(damage_trial(whole, damaged, whole.expected_after_flip(at), trial, complete))
+    return cut, flip
+
+
+def main() -> int:
+    """Run the campaign; exit code 1 if anything was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--cuts", type=int, default=1000)
+    parser.add_argument("--flips", type=int, default=1000)
+    parser.add_argument("--output", type=Path, default=ROOT / "campaign-output" / "crash")
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    logging.getLogger("gcs").setLevel(logging.ERROR)  # that flights are recovered is what is expected here
+    cut, flip = damages(args.cuts, args.flips)
+    killed = kills(args.output, args.kills)
+    print("| trial | number | wrong |")
+    print("|---|---|---|")
+    print(f"| file cut off at a random byte | {len(cut)} | {sum(map(bool, cut))} |")
+    print(f"| random bit flipped | {len(flip)} | {sum(map(bool, flip))} |")
+    for command in ("record", "serve"):
+        of_it = [result for result in killed if result["command"] == command]
+        print(f"| `gcs {command}` killed under load | {len(of_it)} | {sum(bool(one['wrong']) for one in of_it)} |")
+    missing = sorted(float(str(one["missing_s"])) for one in killed if one["messages"])
+    if missing:
+        middle, most = statistics.median(missing), missing[-1]
+        total = sum(int(str(one["messages"])) for one in killed)
+        print(f"\nmissing at the end: median {middle:.2f} s, most {most:.2f} s; {total} messages kept and compared")
+    wrong = [*filter(None, cut), *filter(None, flip), *(str(one["wrong"]) for one in killed if one["wrong"])]
+    for line in wrong[:20]:
+        print(f"wrong: {line}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,37 @@
+"""A few of the crash campaign's trials (`make campaign-crash` runs thousands)."""
+
+import random
+from pathlib import Path
+
+import pytest
+from crash_trials import Undamaged, damage_trial, flipped, kill_trial
+
+from gcs.recording.repair import complete
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Undamaged:
+    return Undamaged(tmp_path_factory.mktemp("whole") / "whole.mcap")
+
+
+@pytest.mark.parametrize("seed", [10, 7])
+def test_a_killed_station_leaves_an_unbroken_beginning(seed: int, tmp_path: Path) -> None:
+    killed = kill_trial(seed, tmp_path, allowed_s=30.0)  # the campaign allows 1 s; here the machine may be busy
+    assert killed.wrong == ""
+
+
+def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole: Undamaged, tmp_path: Path) -> None:
+    chance = random.Random(5)
+    for _ in range(60):
+        at = chance.randrange(len(whole.bytes))
+        wrong = damage_trial(whole, whole.bytes[:at], whole.expected_after_cut(at), tmp_path / "a.mcap", complete)
+        assert wrong == "", at
+
+
+def test_a_flipped_bit_costs_one_chunk_at_most(whole: Undamaged, tmp_path: Path) -> None:
+    chance = random.Random(6)
+    for _ in range(60):
+        at, bit = chance.randrange(len(whole.bytes)), chance.randrange(8)
+        damaged = flipped(whole.bytes, at, bit)
+        wrong = damage_trial(whole, damaged, whole.expected_after_flip(at), tmp_path / "a.mcap", complete)
+        assert wrong == "", (at, bit)

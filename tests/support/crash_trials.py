@@ -1,0 +1,224 @@
+"""What a crash, a cut or a flipped bit may cost a recording: one trial each, judged by what was sent and written."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from bisect import bisect_right
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mavlink_frames import Sender
+from mcap.reader import make_reader
+from processes import free_port, start
+from traffic import wait_until
+
+from gcs.catalogue import Catalogue
+from gcs.dialect import Dialect
+from gcs.errors import RecordingError
+from gcs.framing import Framer
+from gcs.intake import recover
+from gcs.recording.joined import by_recording
+from gcs.recording.reader import Recording
+from gcs.recording.writer import McapWriter
+from gcs.settings import Settings
+
+SENDER = Path(__file__).with_name("numbered_sender.py")
+RATES = (50, 400, 2000, 4000)
+FSYNC = ("never", "chunk", "0.2")
+LONGEST_S = 4.0
+ALLOWED_S = 1.0
+START_NS = 1_760_000_000_000_000_000
+STEP_NS = 10_000_000
+NAMES = ("ATTITUDE", "HIGHRES_IMU", "GPS_RAW_INT", "STATUSTEXT", "SERVO_OUTPUT_RAW")
+
+
+@dataclass(frozen=True)
+class Killed:
+    """One kill: what it was, seconds missing at the end, messages kept, and what is wrong ("" if nothing)."""
+
+    seed: int
+    command: str
+    rate: int
+    fsync: str
+    after_s: float
+    missing_s: float
+    messages: int
+    parts: int
+    wrong: str
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def kill_trial(seed: int, folder: Path, allowed_s: float = ALLOWED_S) -> Killed:
+    """Start a station under load, kill it at a random moment, and look at what it leaves."""
+    chance = random.Random(seed)
+    command = ("record", "serve")[seed % 2]
+    rate, fsync, after_s = chance.choice(RATES), chance.choice(FSYNC), chance.uniform(0.1, LONGEST_S)
+    port, data = free_port(), folder / "data"
+    options = ["--connect", f"udpin:127.0.0.1:{port}", "--fsync", fsync, "--split-size", "1MB"]
+    output = data / "flights" / "flight.mcap"
+    if command == "record":
+        output.parent.mkdir(parents=True)
+        options += ["-o", output]
+    else:
+        options += ["--data", data, "--port", "0"]
+    station = start("gcs", [command, *options])
+    sender = None
+    try:
+        if command == "serve":
+            assert station.stdout is not None
+            assert station.stdout.readline().startswith("serving on ")
+        else:
+            wait_until(lambda: output.exists() or station.poll() is not None)
+        sender = subprocess.Popen([sys.executable, str(SENDER), str(port), str(rate)], stdout=subprocess.PIPE)
+        assert sender.stdout is not None
+        sender.stdout.readline()
+        sending_us = time.time_ns() // 1000
+        wait_until(lambda: list(data.glob("flights/*.mcap")) or station.poll() is not None)
+        time.sleep(after_s)
+        assert station.poll() is None, station.communicate()[1]
+        killed_us = time.time_ns() // 1000
+        station.send_signal(signal.SIGKILL)
+        station.wait()
+    finally:
+        for process in filter(None, (sender, station)):
+            process.kill()
+            process.communicate()
+    missing_s, messages, parts, wrong = judge_kill(data, sending_us, killed_us, allowed_s)
+    return Killed(seed, command, rate, fsync, after_s, missing_s, messages, parts, wrong)
+
+
+def judge_kill(data: Path, sending_us: int, killed_us: int, allowed_s: float) -> tuple[float, int, int, str]:
+    """Seconds missing, messages, parts, and what is wrong, of the files left behind; as they are, and completed."""
+    paths = sorted((data / "flights").glob("*.mcap"))
+    (parts,) = by_recording(paths)
+    found = _numbers(parts)
+    settings = Settings(data=data)
+    with closing(Catalogue(settings.database)) as catalogue:
+        (flight,) = recover(settings, catalogue)
+    completed = _numbers(parts)
+    if completed != found:
+        return 0.0, len(found), len(parts), "completing the files changed their messages"
+    if not found:
+        early = "cut off before its first message" in flight.end_reason and killed_us - sending_us < allowed_s * 1e6
+        return 0.0, 0, len(parts), "" if early else f"nothing could be read: {flight.end_reason}"
+    numbers = [number for number, _, _ in found]
+    if numbers != list(range(numbers[0], numbers[0] + len(numbers))):
+        return 0.0, len(found), len(parts), "messages are missing in the middle, doubled or out of order"
+    if numbers[0] != 0:
+        return 0.0, len(found), len(parts), f"the first {numbers[0]} messages are missing"
+    if any(Recording(path).damage.truncated for path in parts):
+        return 0.0, len(found), len(parts), "a file was not completed"
+    missing_s = (killed_us - found[-1][1] / 1000) / 1e6
+    wrong = "" if missing_s <= allowed_s else f"the last {missing_s:.2f} s are missing"
+    return missing_s, len(found), len(parts), wrong
+
+
+def _numbers(paths: list[Path]) -> list[tuple[int, int, int]]:
+    """(number, time of reception in ns, time of sending in us) of every PING, in the order of the files."""
+    try:
+        columns = Recording(paths).columns("PING")
+    except RecordingError:
+        return []
+    found = [(one["seq"].tolist(), one.log_time.tolist(), one["time_usec"].tolist()) for one in columns]
+    return [row for entry in found for row in zip(*entry, strict=True)]
+
+
+class Undamaged:
+    """A recording with many chunks, and what of it the mcap package says is where."""
+
+    def __init__(self, path: Path, messages: int = 3000) -> None:
+        dialect = Dialect.load()
+        framer, sender = Framer(dialect), Sender(seed=3)
+        with McapWriter(path, dialect, chunk_seconds=0.3) as writer:
+            writer.metadata("recording", {"flight": "x"})
+            writer.attach("vehicle.toml", "application/toml", b"mass = 1\n" * 50)
+            for i in range(messages):
+                frame = sender.send(NAMES[i % len(NAMES)]).frame
+                writer.write("udp", *framer.feed(frame), START_NS + i * STEP_NS)
+        self.bytes = path.read_bytes()
+        with open(path, "rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            summary = reader.get_summary()
+            assert summary is not None
+            self.chunks = sorted(
+                (index.chunk_start_offset, index.chunk_length, index.message_start_time, index.message_end_time)
+                for index in summary.chunk_indexes
+            )
+            self.messages: dict[tuple[str, int], tuple[int, bytes]] = {
+                (channel.topic, message.log_time): (message.sequence, message.data[4:])
+                for _, channel, message in reader.iter_messages()
+                if channel.topic != "/mavlink/wire"
+            }
+        assert len(self.messages) == messages
+
+    def expected_after_cut(self, size: int) -> set[tuple[str, int]]:
+        """Messages of the chunks that are whole in the first `size` bytes."""
+        ends = [end for offset, length, _, end in self.chunks if offset + length <= size]
+        return {key for key in self.messages if ends and key[1] <= ends[-1]}
+
+    def expected_after_flip(self, place: int) -> set[tuple[str, int]]:
+        """Messages of all chunks but the one that the byte is in."""
+        at = bisect_right([chunk[0] for chunk in self.chunks], place) - 1
+        if at < 0 or place >= self.chunks[at][0] + self.chunks[at][1]:
+            return set(self.messages)
+        _, _, start, end = self.chunks[at]
+        return {key for key in self.messages if not start <= key[1] <= end}
+
+
+def read_all(path: Path) -> dict[tuple[str, int], tuple[int, bytes]]:
+    """Everything a recording tells, its messages as (topic, log time) -> (sequence, fields)."""
+    recording = Recording(path)
+    recording.metadata(), recording.attachments(), recording.lost(), recording.counts(), recording.damage
+    for pieces in recording.wire_streams().values():
+        for _ in pieces:
+            pass
+    return {
+        (f"/mavlink/{one.system}/{one.component}/{one.name}", time): (sequence, one.fields[i].tobytes())
+        for name in recording.messages()
+        for one in recording.columns(name)
+        for i, (time, sequence) in enumerate(zip(one.log_time.tolist(), one.sequence.tolist(), strict=True))
+    }
+
+
+def damage_trial(
+    whole: Undamaged, damaged: bytes, expected: set[tuple[str, int]], path: Path, repaired: Callable[[Path], object]
+) -> str:
+    """What is wrong with how a damaged file reads, "" if nothing.
+
+    repaired: called with the path afterwards; it must not raise either.
+    """
+    path.write_bytes(damaged)
+    try:
+        found = read_all(path)
+    except RecordingError as error:
+        if "\n" in str(error):
+            return f"an error of several lines: {error}"
+        return f"refused though it holds {len(expected)} messages: {error}" if expected else ""
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    if not expected <= found.keys():
+        return f"{len(expected - found.keys())} whole messages are not read"
+    wrong = [key for key, value in found.items() if whole.messages.get(key) != value]
+    if wrong:
+        return f"{len(wrong)} messages are not as they were written, first {wrong[0]}"
+    try:
+        repaired(path)
+    except Exception as error:
+        return f"completing it: {type(error).__name__}: {error}"
+    return ""
+
+
+def flipped(data: bytes, place: int, bit: int) -> bytes:
+    """The data with one bit turned over."""
+    changed = bytearray(data)
+    changed[place] ^= 1 << bit
+    return bytes(changed)
