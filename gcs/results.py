@@ -61,6 +61,20 @@ def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
     return lines
 
 
+def _mode_lines(modes: Any) -> list[str]:
+    """The modes of the motion about the flight's mean airspeed."""
+    if not isinstance(modes, list):
+        return ["", f"modes: none: {modes['refused']}"] if modes else []
+    lines = ["", "modes:", f"  {'name':<28} {'frequency, Hz':<22} {'damping ratio':<22} time constant, s"]
+    for mode in modes:
+        cells = []
+        for key in ("frequency_hz", "damping_ratio", "time_constant_s"):
+            entry = mode[key]
+            cells.append("-" if entry is None else f"{_number(entry['value'], 4)} ± {_number(entry['std'], 2)}")
+        lines.append(f"  {mode['name']:<28} {cells[0]:<22} {cells[1]:<22} {cells[2]}")
+    return lines
+
+
 def identification_text(result: dict[str, Any]) -> str:
     """A result of schema identification/1 as lines."""
     lines = [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
@@ -73,6 +87,7 @@ def identification_text(result: dict[str, Any]) -> str:
         *_model_lines(result["model"]),
         *_systematic_lines(result["model"]),
     ]
+    lines += _mode_lines(result.get("modes"))
     if result.get("sensor_errors"):
         lines += ["", "sensor errors:"]
         lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
@@ -30,6 +31,7 @@ from sysid.estimate import (
 )
 from sysid.flight import FlightData, FlightSignals
 from sysid.gap import Fixed
+from sysid.linear import LinearModel, linearise
 from sysid.output_error import OutputErrorResult
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import Prepared, check_compatibility, prepare
@@ -49,7 +51,10 @@ _FROM_COMPATIBILITY = ("airspeed_scale", "airspeed_bias")
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything an identification found. See `result_json` for the file."""
+    """Everything an identification found. See `result_json` for the file.
+
+    linear: the model about the flight's mean airspeed, or why there is none.
+    """
 
     flights: tuple[Prepared, ...]
     compatibility: CompatibilityResult
@@ -59,6 +64,7 @@ class Identification:
     validation: Validation | None
     validation_flights: tuple[str, ...]
     output_error: OutputErrorResult | None
+    linear: LinearModel | str
     warnings: tuple[str, ...]
 
 
@@ -211,8 +217,30 @@ def identify(
     progress(1.0, "done")
     return Identification(
         tuple(prepared), compatible, model, errors, (*refused, *compatible.refused), validation,
-        tuple(flight.name for flight in validate_on), result, tuple(dict.fromkeys(warnings)),
+        tuple(flight.name for flight in validate_on), result, _linear(vehicle, model, prepared, compatible, result),
+        tuple(dict.fromkeys(warnings)),
     )  # fmt: skip
+
+
+def _linear(
+    vehicle: Vehicle,
+    model: Model,
+    prepared: Sequence[Prepared],
+    compatible: CompatibilityResult,
+    result: OutputErrorResult | None,
+) -> LinearModel | str:
+    """The model about the flights' mean airspeed and density, or in words why it cannot be had."""
+    airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
+    stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    density = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
+    covariance = None
+    if result is not None:
+        names = [parameter.name for parameter in result.parameters]
+        covariance = (names, result.covariance[: len(names), : len(names)])
+    try:
+        return linearise(vehicle, model, airspeed, density, covariance)
+    except SimVehicleError as error:
+        return str(error)
 
 
 def _with_systematic(model: Model, moved: Mapping[str, Mapping[str, float]]) -> Model:

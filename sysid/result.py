@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from sysid.identify import Identification
+from sysid.linear import LinearModel
 from sysid.validation import Validation
 
 
@@ -37,6 +38,7 @@ def result_json(found: Identification) -> dict[str, Any]:
             "turbulence": compatible.gust_sigma,
         },
         "model": found.model.to_json(),
+        **_linear(found.linear),
         "validation": _validation(found.validation, found.validation_flights),
         "refused": [vars(refusal) for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
@@ -44,6 +46,13 @@ def result_json(found: Identification) -> dict[str, Any]:
     }
     clean: dict[str, Any] = finite_json(result)
     return clean
+
+
+def _linear(linear: LinearModel | str) -> dict[str, Any]:
+    """Modes and state space about the flight's mean airspeed, or why there are none."""
+    if isinstance(linear, str):
+        return {"modes": {"refused": linear}, "state_space": None}
+    return {"modes": [mode.to_json() for mode in linear.modes()], "state_space": linear.system.to_json()}
 
 
 def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:

@@ -17,6 +17,7 @@ from sysid.errors import EstimationError, SegmentError, SignalError, SysidError
 from sysid.estimate import fit
 from sysid.flight import FlightSignals
 from sysid.identify import Identification, identify, make_problem
+from sysid.linear import LinearModel, linearise
 from sysid.prepare import prepare
 from sysid.structure import default_structure, is_longitudinal
 
@@ -260,3 +261,17 @@ def test_errors_of_the_vehicle_file_move_the_estimates_as_physics_says(
         assert moved[name]["mass_1pct"] == pytest.approx(5.0 * (again[name] - value[name]), rel=0.1, abs=0.5 * std)
         assert abs(moved[name]["timing_10ms"]) > 3.0 * std
         assert moved[name]["timing_10ms"] == pytest.approx(after.value(name) - value[name], rel=0.1, abs=std)
+
+
+def test_the_modes_of_the_identified_model_are_the_aircrafts(found: Identification) -> None:
+    assert isinstance(found.linear, LinearModel)
+    at = found.linear.system
+    true = {mode.name: mode for mode in linearise(VEHICLE, read_model("iitb-mav"), at.airspeed, at.density).modes()}
+    told = found.linear.modes()
+    assert {mode.name for mode in told} == set(true)
+    for mode in told:
+        for key in ("frequency_hz", "damping", "time_constant_s"):
+            pair, expected = getattr(mode, key), getattr(true[mode.name], key)
+            assert (pair is None) == (expected is None)
+            if pair is not None:
+                assert abs(pair[0] - expected[0]) < 4.0 * pair[1], (mode.name, key)
