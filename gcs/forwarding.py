@@ -24,7 +24,7 @@ from gcs.link import Link
 
 _QUEUE_BYTES = 4 * 1024 * 1024
 # An unfinished frame that nothing follows is let go: what noise in front of good frames had hidden is passed on.
-_IDLE_S = 0.5
+_IDLE_S = 1.0
 _MEMORY_S = 2.0
 _MEMORY_FRAMES = 8192
 
