@@ -33,9 +33,9 @@ def runs_by_vehicle(frames: Frames, vehicles: Collection[int]) -> list[tuple[int
     count = len(frames)
     if count == 0:
         return [(0, 0)]
-    systems = frames.sysid
-    if (systems == systems[0]).all():
+    if len(frames.systems) == 1:
         return [(0, count)]
+    systems = frames.sysid
     owner = np.where(np.isin(systems, list(vehicles)), systems.astype(np.int64), -1)
     seen = np.flatnonzero(owner >= 0)
     if seen.size == 0 or (owner[seen] == owner[seen[0]]).all():
@@ -49,6 +49,8 @@ def runs_by_vehicle(frames: Frames, vehicles: Collection[int]) -> list[tuple[int
 
 def slice_frames(frames: Frames, start: int, stop: int) -> Frames:
     """Frames start..stop-1 with the bytes up to the next frame; the first range also takes the bytes in front."""
+    if start == 0 and stop == len(frames):
+        return frames
     begin = 0 if start == 0 else int(frames.offset[start])
     end = frames.consumed if stop == len(frames) else int(frames.offset[stop])
     part = slice(start, stop)

@@ -105,6 +105,11 @@ class Frames:
         return self.buffer[self.offset + np.where(self.is_v2, 5, 3)]
 
     @cached_property
+    def systems(self) -> tuple[int, ...]:
+        """Every system that sent one of the frames, ascending."""
+        return tuple(np.flatnonzero(np.bincount(self.sysid)).tolist())
+
+    @cached_property
     def compid(self) -> Bytes:
         """(N,) component."""
         return self.buffer[self.offset + np.where(self.is_v2, 6, 4)]
