@@ -164,7 +164,7 @@ class FlightRecorder:
                 self.state.vehicles.discard(beat.system)
             else:
                 self.state.vehicles.add(beat.system)
-        new = set(frames.sysid.tolist()) - self._heard
+        new = set(frames.systems) - self._heard
         if new:
             self._heard |= new
             if self.state.vehicles:
@@ -219,12 +219,12 @@ class FlightRecorder:
         for beat in beats:
             live.segmenter.heartbeat(beat, newest)
         # Once the vehicle is known, only it keeps its flight going: a radio or ground station may talk for hours.
-        if live.segmenter.system is None or (part.sysid == live.segmenter.system).any():
+        if live.segmenter.system is None or live.segmenter.system in part.systems:
             live.segmenter.heard(newest)
 
     def _flight_for(self, source: _Source, part: Frames, now_ns: int) -> LiveFlight | None:
         """The flight that these frames belong to; a new one if there is none, None where the disk takes none."""
-        vehicle = next((s for s in part.sysid.tolist() if s in self.state.vehicles), None)
+        vehicle = next((system for system in part.systems if system in self.state.vehicles), None)
         if vehicle is None:
             live = source.flight if source.flight in self._live else (self._live[-1] if self._live else None)
             if live is not None:
