@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash clean
+.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash campaign-clock clean
 
 setup: $(VENV)/.ready
 
@@ -52,6 +52,9 @@ campaign-load: setup
 
 campaign-crash: setup
 	$(BIN)/python tests/campaign/crash.py
+
+campaign-clock: setup
+	$(BIN)/python tests/campaign/clock.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output
