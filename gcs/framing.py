@@ -107,7 +107,7 @@ class Frames:
     @cached_property
     def systems(self) -> tuple[int, ...]:
         """Every system that sent one of the frames, ascending."""
-        return tuple(np.flatnonzero(np.bincount(self.sysid)).tolist())
+        return tuple(sorted(set(self.sysid.tobytes())))
 
     @cached_property
     def compid(self) -> Bytes:
