@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ from typing import Any
 
 from mavlink_frames import Sender
 from mcap.reader import make_reader
-from processes import free_port, start
+from processes import free_port
 from traffic import wait_until
 
 from gcs.catalogue import Catalogue
@@ -29,6 +28,7 @@ from gcs.recording.reader import Recording
 from gcs.recording.writer import McapWriter
 from gcs.settings import Settings
 
+GCS = (sys.executable, "-m", "gcs")
 SENDER = Path(__file__).with_name("numbered_sender.py")
 RATES = (50, 400, 2000, 4000)
 FSYNC = ("never", "chunk", "0.2")
@@ -57,41 +57,64 @@ class Killed:
         return asdict(self)
 
 
-def kill_trial(seed: int, folder: Path, allowed_s: float = ALLOWED_S) -> Killed:
-    """Start a station under load, kill it at a random moment, and look at what it leaves."""
+class Fresh:
+    """A command in a new interpreter, as a user starts it."""
+
+    def __init__(self, arguments: list[object]) -> None:
+        program, *rest = arguments
+        self._process = subprocess.Popen(
+            [sys.executable, *map(str, rest)] if program == "sender" else [*GCS, *map(str, rest)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def first_line(self) -> str:
+        """What it says first."""
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()
+
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def kill(self) -> None:
+        """SIGKILL, and wait until it is gone."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def kill_trial(
+    seed: int, folder: Path, allowed_s: float = ALLOWED_S, begin: Callable[[list[object]], Fresh] = Fresh
+) -> Killed:
+    """Start a station under load, kill it at a random moment, and look at what it leaves. begin: how to start both."""
     chance = random.Random(seed)
     command = ("record", "serve")[seed % 2]
     rate, fsync, after_s = chance.choice(RATES), chance.choice(FSYNC), chance.uniform(0.1, LONGEST_S)
     port, data = free_port(), folder / "data"
-    options = ["--connect", f"udpin:127.0.0.1:{port}", "--fsync", fsync, "--split-size", "1MB"]
+    options: list[object] = ["--connect", f"udpin:127.0.0.1:{port}", "--fsync", fsync, "--split-size", "1MB"]
     output = data / "flights" / "flight.mcap"
     if command == "record":
         output.parent.mkdir(parents=True)
         options += ["-o", output]
     else:
         options += ["--data", data, "--port", "0"]
-    station = start("gcs", [command, *options])
-    sender = None
+    running = [begin(["gcs", command, *options])]
     try:
+        station = running[0]
         if command == "serve":
-            assert station.stdout is not None
-            assert station.stdout.readline().startswith("serving on ")
+            assert station.first_line().startswith("serving on ")
         else:
-            wait_until(lambda: output.exists() or station.poll() is not None)
-        sender = subprocess.Popen([sys.executable, str(SENDER), str(port), str(rate)], stdout=subprocess.PIPE)
-        assert sender.stdout is not None
-        sender.stdout.readline()
+            wait_until(lambda: output.exists() or not station.alive())
+        running.append(begin(["sender", SENDER, port, rate]))
+        running[1].first_line()
         sending_us = time.time_ns() // 1000
-        wait_until(lambda: list(data.glob("flights/*.mcap")) or station.poll() is not None)
+        wait_until(lambda: list(data.glob("flights/*.mcap")) or not station.alive())
         time.sleep(after_s)
-        assert station.poll() is None, station.communicate()[1]
+        assert station.alive(), "the station ended by itself"
         killed_us = time.time_ns() // 1000
-        station.send_signal(signal.SIGKILL)
-        station.wait()
     finally:
-        for process in filter(None, (sender, station)):
+        for process in running:
             process.kill()
-            process.communicate()
     missing_s, messages, parts, wrong = judge_kill(data, sending_us, killed_us, allowed_s)
     return Killed(seed, command, rate, fsync, after_s, missing_s, messages, parts, wrong)
 
