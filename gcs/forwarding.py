@@ -5,8 +5,8 @@ one ground station to another, and never back to where it came from. Frames are 
 they came, those with a foreign signature or of an unknown id too; nothing is decoded, encoded or signed. Bytes that are
 no frame stay here.
 
-All this happens in a thread of its own behind a queue of bounded size. When it cannot keep up, frames are
-not passed on, and counted; reception and recording never wait for it.
+All this happens in a thread of its own behind a queue of bounded size. When it cannot keep up, bytes are
+not passed on, nor after 5 s, and counted; reception and recording never wait for it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from gcs.link import Link
 _QUEUE_BYTES = 4 * 1024 * 1024
 # An unfinished frame that nothing follows is let go: what noise in front of good frames had hidden is passed on.
 _IDLE_S = 1.0
-_MEMORY_S = 2.0
-_MEMORY_FRAMES = 8192
+# Old telemetry helps nobody, and a command that comes late is a danger.
+_STALE_S = 5.0
+# Well above what a frame may take round a ring of stations, each of which passes nothing on that is stale.
+_MEMORY_S = 30.0
+_MEMORY_FRAMES = 32768
 
 
 @dataclass(frozen=True)
@@ -46,14 +49,15 @@ class _Memory:
     """
 
     def __init__(self) -> None:
-        self._first: OrderedDict[bytes, tuple[str, float]] = OrderedDict()
+        self._first: OrderedDict[int, tuple[str, float]] = OrderedDict()
 
     def is_copy(self, frame: bytes, source: str, now: float) -> bool:
-        first = self._first.get(frame)
+        key = hash(frame)
+        first = self._first.get(key)
         if first is not None and first[0] != source and now - first[1] < _MEMORY_S:
             return True
-        self._first[frame] = (source, now)
-        self._first.move_to_end(frame)
+        self._first[key] = (source, now)
+        self._first.move_to_end(key)
         if len(self._first) > _MEMORY_FRAMES:
             self._first.popitem(last=False)
         return False
@@ -77,7 +81,7 @@ class Forwarder:
         self._dialect = dialect
         self._sources: dict[str, _Source] = {}
         self._memory = _Memory()
-        self._queue: deque[tuple[str, bool, bytes]] = deque()
+        self._queue: deque[tuple[str, bool, bytes, float]] = deque()
         self._queued_bytes = 0
         self._changed = threading.Condition()
         self._stopping = False
@@ -91,6 +95,7 @@ class Forwarder:
 
     def start(self) -> None:
         """Begin."""
+        Framer(self._dialect).flush()  # loads compiled code, for which nothing shall wait later
         self._thread.start()
 
     def stop(self, timeout_s: float) -> None:
@@ -107,7 +112,7 @@ class Forwarder:
             if self._queued_bytes + len(batch.data) > _QUEUE_BYTES:
                 self._dropped += len(batch.data)
                 return
-            self._queue.append((source, from_vehicle, batch.data))
+            self._queue.append((source, from_vehicle, batch.data, time.monotonic()))
             self._queued_bytes += len(batch.data)
             self._changed.notify()
 
@@ -126,7 +131,10 @@ class Forwarder:
                 self._pass_on(*taken, now)
             self._let_go(now)
 
-    def _pass_on(self, name: str, from_vehicle: bool, data: bytes, now: float) -> None:
+    def _pass_on(self, name: str, from_vehicle: bool, data: bytes, offered: float, now: float) -> None:
+        if now - offered > _STALE_S:
+            self._dropped += len(data)
+            return
         source = self._sources.get(name)
         if source is None:
             targets = self._stations if from_vehicle else self._vehicles

@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator import mavgen
 from traffic import Vehicle, wait_until
 
+from gcs.conversion import export_file, import_file
 from gcs.recording.reader import Recording
 
 DEFINITION = """<?xml version="1.0"?><mavlink><include>minimal.xml</include><messages>
@@ -76,8 +77,8 @@ def test_a_message_of_ones_own_is_recorded_over_udp_and_read_by_ros_tools(tmp_pa
     assert bytes(read[0].label).rstrip(b"\0") == b"boom"
     # The frames go to a .tlog and come back by the same definition; without it they are frames of an unknown id.
     log, again, other = tmp_path / "flight.tlog", tmp_path / "again.mcap", tmp_path / "other.mcap"
-    assert run("gcs", "export", path, "-o", log).returncode == 0
-    assert run("gcs", "import", log, "-o", again, "--dialect", definition).returncode == 0
+    export_file(path, log)
+    import_file(log, again, dialect=str(definition))
     assert Recording(again).counts() == {"/mavlink/3/1/VANE_RAW": 50}
     refused = run("gcs", "import", log, "-o", other, "--dialect", tmp_path / "missing.xml")
     assert refused.returncode == 1
