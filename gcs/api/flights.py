@@ -77,7 +77,7 @@ async def upload(
     service: Serving,
     name: Annotated[str, Query(description="File name of a body that is not multipart")] = "",
 ) -> FlightItem:
-    """Upload a recording (.mcap or .tlog): a form with the part `file`, or the file itself with `?name=`."""
+    """Upload a .mcap, .tlog, .bin or .ulg: a form with the part `file`, or the file itself with `?name=`."""
     async with receive_upload(request, service.settings, name) as (path, original):
         flight = await run_in_threadpool(take_in, path, original, service.settings, service.catalogue)
     return _item(flight)

@@ -9,22 +9,25 @@ import zstandard
 from gcs.errors import RecordingError
 from gcs.recording.reader import Recording
 
-_ENDING = ".zst"
+_ENDINGS = {"dataflash": ".bin", "ulog": ".ulg"}
 
 
 def export_original(recording: Path, target: Path) -> None:
-    """Write the attached log that has the ending of `target`. RecordingError where there is none, or no writing."""
+    """Write the log that is attached, if it is of the ending of `target`. RecordingError where there is none."""
+    opened = Recording(recording)
+    notes = opened.metadata().get("import", {})
     wanted = target.suffix.lower()
-    for attachment in Recording(recording).attachments():
-        if attachment.name.lower().endswith(wanted + _ENDING):
-            try:
-                data = zstandard.decompress(attachment.data)
-                target.write_bytes(data)
-            except zstandard.ZstdError as error:
-                raise RecordingError(f"{recording}: {attachment.name} in it is damaged ({error})") from None
-            except OSError as error:
-                raise RecordingError(f"{target} cannot be written: {error.strerror}") from None
-            return
-    raise RecordingError(
-        f"{recording} holds no {wanted} log; only a recording imported from one can be exported as {wanted}"
-    )
+    if _ENDINGS.get(notes.get("format", "")) != wanted:
+        raise RecordingError(
+            f"{recording} holds no {wanted} log; only a recording imported from one can be exported as {wanted}"
+        )
+    name = f"{notes.get('source', '')}.zst"
+    attached = next((entry for entry in opened.attachments() if entry.name == name), None)
+    if attached is None:
+        raise RecordingError(f"{recording} lacks {name}, the log that it was imported from; it is damaged there")
+    try:
+        target.write_bytes(zstandard.decompress(attached.data))
+    except zstandard.ZstdError as error:
+        raise RecordingError(f"{recording}: {name} in it is damaged ({error})") from None
+    except OSError as error:
+        raise RecordingError(f"{target} cannot be written: {error.strerror}") from None

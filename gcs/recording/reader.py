@@ -332,7 +332,9 @@ def _gaps(counters: Ints) -> int:
         return 0
     steps = np.diff(counters.astype(np.uint32).view(np.int32)).astype(np.int32)
     unwrapped = np.concatenate(([0], np.cumsum(steps, dtype=np.int64)))
-    return int(unwrapped.max() - unwrapped.min() + 1 - np.unique(unwrapped).size)
+    unwrapped.sort()
+    distinct = 1 + int(np.count_nonzero(np.diff(unwrapped)))
+    return int(unwrapped[-1] - unwrapped[0]) + 1 - distinct
 
 
 __all__ = ["RUN_NOISE", "RUN_UNKNOWN", "MessageColumns", "Recording", "WirePieces"]
