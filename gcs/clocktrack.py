@@ -7,6 +7,7 @@ SYSTEM_TIME and their like) as time since boot.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -147,6 +148,13 @@ class ClockTracker:
             self._state = np.concatenate((self._state, np.zeros_like(self._state)))
             self._seconds = np.concatenate((self._seconds, np.zeros_like(self._seconds)))
             self._trips = np.concatenate((self._trips, np.zeros_like(self._trips)))
+
+    def snapshot(self) -> ClockTracker:
+        """What it holds now, to be asked while this one goes on."""
+        taken = copy.copy(self)
+        taken._state, taken._seconds, taken._trips = self._state.copy(), self._seconds.copy(), self._trips.copy()
+        taken._former = dict(self._former)
+        return taken
 
     def systems(self) -> list[int]:
         """Systems that tell their time."""

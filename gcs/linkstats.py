@@ -63,12 +63,13 @@ class LinkStatistics:
 
     def to_json(self, now_ns: int) -> dict[str, Any]:
         """Rates over the last 5 s, totals, and one entry for each system."""
+        clocks = {state.system: state for state in self.clocks()}
         with self._lock:
             newest = now_ns // 1_000_000_000
             recent = [entry for entry in self._per_second if newest - _RATE_WINDOW_S <= entry[0] < newest]
             systems: dict[int, dict[str, Any]] = {}
             for system, component, counts in self._account.senders():
-                entry = systems.get(system) or systems.setdefault(system, self._system(system))
+                entry = systems.get(system) or systems.setdefault(system, _system(system, clocks.get(system)))
                 sent = counts["received"] + counts["lost"]
                 entry["components"].append({"component": component, **counts, "loss": counts["lost"] / sent})
             return {
@@ -86,11 +87,12 @@ class LinkStatistics:
     def clocks(self, until_ns: int | None = None) -> list[ClockState]:
         """The clock of every system that tells its time; until_ns: as it was at the end of a flight."""
         with self._lock:
-            return self._clocks.states(until_ns)
+            clocks = self._clocks.snapshot()
+        return clocks.states(until_ns)  # takes a while, for which reception need not wait
 
-    def _system(self, system: int) -> dict[str, Any]:
-        clock = self._clocks.state(system) or ClockState(system, 0)
-        return {"system": system, **clock.to_json(), "components": []}
+
+def _system(system: int, clock: ClockState | None) -> dict[str, Any]:
+    return {"system": system, **(clock or ClockState(system, 0)).to_json(), "components": []}
 
 
 def radio_report(frames: Frames, i: int, received_ns: int) -> dict[str, object]:

@@ -12,11 +12,13 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
+import numpy as np
 import uvicorn
 from pymavlink.dialects.v20 import common
 
 from gcs.api import create_app
 from gcs.catalogue import Catalogue, Flight
+from gcs.clockfit import fit_clock
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import GcsError, ServiceError
@@ -104,6 +106,8 @@ def _warm_up(dialect: Dialect) -> None:
     buffer, frames = Framer(dialect).feed(batch.data)
     received = frame_times(frames, batch, 0)
     LinkStatistics(dialect).add(frames, received)
+    seconds = np.arange(40) * 1_000_000_000
+    fit_clock(seconds, seconds)
     segmenter = FlightSegmenter(dialect, 1, 1)
     segmenter.system = 1
     segmenter.clock_reset("", frames)
