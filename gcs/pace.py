@@ -33,7 +33,7 @@ class Pace:
         if self.count:
             ordered = np.concatenate((np.array([self.last_ns]), ordered))
         else:
-            self.first_ns = int(ordered[0])
+            self.first_ns = self.gap_start_ns = int(ordered[0])
         steps = np.diff(ordered)
         if steps.size and int(steps.max()) > self.gap_ns:
             at = int(steps.argmax())

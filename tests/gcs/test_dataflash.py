@@ -9,10 +9,13 @@ import pytest
 from dataflash import DataflashWriter
 from pymavlink.DFReader import DFReader_binary
 
+from gcs.catalogue import Catalogue
 from gcs.conversion import export_file, import_file
 from gcs.errors import ImportFileError
 from gcs.importers.dataflash import read_dataflash
+from gcs.intake import take_in
 from gcs.recording.reader import Recording
+from gcs.settings import Settings
 from gcs.signals import extract
 from sim_vehicle.vehicle import load_vehicle
 
@@ -243,3 +246,14 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -
         import_file(path, tmp_path / "a.mcap")
     assert "\n" not in str(error.value)
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_an_uploaded_log_is_a_flight(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path / "data")
+    settings.flights.mkdir(parents=True)
+    upload = tmp_path / "upload"
+    upload.write_bytes(a_log().data)
+    flight = take_in(upload, "C:\\logs\\00000042.BIN", settings, Catalogue(tmp_path / "catalogue.sqlite"))
+    assert (flight.name, flight.system, flight.start_ns) == ("00000042.BIN", 7, UTC_US * 1000)
+    export_file(settings.flights / flight.file, tmp_path / "again.bin")
+    assert (tmp_path / "again.bin").read_bytes() == a_log().data

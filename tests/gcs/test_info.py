@@ -69,3 +69,6 @@ def test_a_gap_between_two_parts_of_a_file_counts() -> None:
     assert (pace.count, pace.duration_s) == (5, 33.0)
     assert pace.gap(-SECOND) == (25.0, 6.0)
     assert Pace().gap(0) == (None, None)
+    together = Pace()
+    together.add(np.full(3, 7 * SECOND))
+    assert together.gap(SECOND) == (0.0, 6.0)
