@@ -4,6 +4,7 @@ SimVehicleError                every error a user can cause; its text is one lin
 ├── VehicleFileError           a vehicle file that cannot be read, or says something impossible
 ├── ModelFileError             a model file that cannot be read, or an unknown coefficient or effect
 ├── PlanError                  a manoeuvre plan that cannot be flown
+├── FlightError                a flight that cannot go on, because the aircraft is out of all bounds
 ├── TrimError                  no steady flight exists at the speed asked for
 └── SinkError                  the place telemetry is to go to cannot be opened or written
 """
@@ -27,6 +28,10 @@ class PlanError(SimVehicleError):
 
 class TrimError(SimVehicleError):
     """No steady flight was found for the speed and model given."""
+
+
+class FlightError(SimVehicleError):
+    """The aircraft's motion has left every bound, and the flight cannot go on."""
 
 
 class SinkError(SimVehicleError):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.arming import Arming
 from sim_vehicle.autopilot import Autopilot, Targets
-from sim_vehicle.errors import PlanError
+from sim_vehicle.errors import FlightError, PlanError
 from sim_vehicle.flown import FlownFlight, FlownSegment
 from sim_vehicle.ground import ROLL_ACCELERATION, Roll, ideal_readings
 from sim_vehicle.plan import Plan
@@ -31,6 +31,8 @@ _STANDING_S, _ARMED_S = 2.0, 3.0  # s: after the flight; armed before it
 _LONGEST_LEG_S = 300.0
 _SINK_RATE, _FLARE_RATE, _FLARE_HEIGHT, _TOUCHDOWN_HEIGHT = 2.0, 0.7, 4.0, 0.3
 _CALM = np.zeros(3)
+_BOUNDED = [OUTPUTS.index(name) for name in ("V", "p", "q", "r", "north", "east", "down")]
+_BOUNDS = np.array([1e3, 1e3, 1e3, 1e3, 1e6, 1e6, 1e5])  # m/s, rad/s, m
 
 
 def fly(
@@ -51,7 +53,7 @@ def fly(
     suite: the sensors. generator: source of gusts. wind: the moving air; without it what the model's
     environment effects say. duration: s, repeats or cuts the plan. taxi: begin and end standing on the
     ground. on_tick: called once in each tick. arming: when a vehicle that stands is to arm. The flight in the
-    air starts in trim and has round(duration / dt) + 1 ticks. Raises TrimError, PlanError.
+    air starts in trim and has round(duration / dt) + 1 ticks. Raises TrimError, PlanError, FlightError.
     """
     if duration is not None:
         plan = plan.fitted(duration)
@@ -134,6 +136,7 @@ class _Flight:
     ) -> None:
         """Read, command, tell; then fly to the next tick unless this is the `last`."""
         truth = self.plant.outputs(self._state)
+        self._check(truth)
         ideal = dict(zip(CHANNELS, self.plant.read(self._state).tolist(), strict=True))
         ideal["rpm"], ideal["rho"] = float(truth[OUTPUTS.index("rpm")]), float(truth[OUTPUTS.index("rho")])
         reading = self.suite.sample(self._count * self.dt, ideal)
@@ -148,6 +151,13 @@ class _Flight:
         self._air_ticks += 1
         self._air = (wind, gust)
         self.plant.step(self._state, command, self.dt, wind, gust)
+
+    def _check(self, truth: Array) -> None:
+        """Stop an aircraft that flies apart: its numbers would mean nothing, and some fit into no message."""
+        bounded = np.abs(truth[_BOUNDED]) < _BOUNDS
+        if not (bounded.all() and np.isfinite(self._state.x).all()):
+            when = f"after {self._count * self.dt:.2f} s of flight"
+            raise FlightError(f"the aircraft went out of control {when}; fly a steadier model, or smaller inputs")
 
     def manoeuvres(self, *, last_tick: bool) -> None:
         """Fly the plan; `last_tick` adds the sample at its very end."""

@@ -186,6 +186,9 @@ def shape_of(manoeuvre: str) -> str:
 
 MANOEUVRES = _defaults()
 SETTINGS = ("duration", "start", "amplitude", "width", "length", "low", "high")
+# s, s, rad (or m/s), s, s, Hz, Hz. What is larger is a slip of the pen, or a unit mistaken.
+_LARGEST = dict(zip(SETTINGS, (14_400.0, 14_400.0, 100.0, 14_400.0, 14_400.0, 100.0, 100.0), strict=True))
+_MOST_HARMONICS = 2000
 
 
 def manoeuvre(name: str, **settings: float) -> Segment:
@@ -209,6 +212,8 @@ def check(segment: Segment) -> None:
             raise PlanError(f"{name}: {key} is {value}; give a finite number")
         if key not in ("amplitude", "start") and value <= 0.0:
             raise PlanError(f"{name}: {key} is {value:g}; it must be above 0")
+        if abs(value) > _LARGEST[key]:
+            raise PlanError(f"{name}: {key} is {value:g}; it may be {_LARGEST[key]:g} at most")
     if segment.start < 0.0:
         raise PlanError(f"{name}: start is {segment.start:g} s; it must not be negative")
     unknown = [axis for axis in segment.axes if axis not in CONTROLS]
@@ -222,6 +227,9 @@ def check(segment: Segment) -> None:
 
 def _check_harmonics(segment: Segment) -> None:
     name, seen = segment.manoeuvre, set[int]()
+    if segment.high * segment.length > _MOST_HARMONICS:
+        most = f"length times high may be {_MOST_HARMONICS} at most"
+        raise PlanError(f"{name}: {segment.high * segment.length:.0f} harmonics are too many; {most}")
     for axis in segment.axes:
         numbers = segment.harmonic_set(axis)
         if not numbers or min(numbers) < 1:

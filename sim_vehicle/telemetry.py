@@ -20,6 +20,7 @@ from sim_vehicle.voice import Voice
 _STANDBY_S = 1.0  # after a restart in flight, before the vehicle says that it is armed
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 _MODE = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+_INT16, _INT32 = 2**15 - 1, 2**31 - 1
 _ADC_SLOTS = 58  # length of DEBUG_FLOAT_ARRAY.data
 _IMU_FIELDS = 0x1E3F  # accelerometer, gyro, pressures, altitude and temperature are filled; magnetometer is not
 
@@ -124,7 +125,7 @@ class Telemetry:
             degrees = 57.29577951308232
             say(link.aoa_ssa_encode(usec, v["alpha"] * degrees, v["beta"] * degrees))
         if "air" in reading.due:
-            centi_celsius = round((v["temperature"] - 273.15) * 100.0)
+            centi_celsius = _whole((v["temperature"] - 273.15) * 100.0, _INT16)
             say(link.airspeed_encode(0, v["airspeed"], centi_celsius, v["differential_pressure"] / 100.0, 0))
         if "engine" in reading.due:
             say(link.named_value_float_encode(ms, b"thrust", v["thrust"]))
@@ -141,13 +142,18 @@ class Telemetry:
         self._say(self._link.vfr_hud_encode(v["airspeed"], ground_speed, heading, percent, v["altitude"], -v["vd"]))
 
     def _gps(self, v: Mapping[str, float], usec: int, ms: int) -> None:
-        lat, lon = round(v["lat"] * 1e7), round(v["lon"] * 1e7)
-        altitude_mm = round(v["gps_altitude"] * 1000.0)
-        cm_s = tuple(round(v[name] * 100.0) for name in ("vn", "ve", "vd"))
-        speed = round((v["vn"] ** 2 + v["ve"] ** 2) ** 0.5 * 100.0)
+        lat, lon = _whole(v["lat"] * 1e7, _INT32), _whole(v["lon"] * 1e7, _INT32)
+        altitude_mm = _whole(v["gps_altitude"] * 1000.0, _INT32)
+        cm_s = tuple(_whole(v[name] * 100.0, _INT16) for name in ("vn", "ve", "vd"))
+        speed = _whole((v["vn"] ** 2 + v["ve"] ** 2) ** 0.5 * 100.0, 0xFFFE)
         course = round(math.degrees(math.atan2(v["ve"], v["vn"])) * 100.0) % 36000
         self._say(self._link.gps_raw_int_encode(usec, 3, lat, lon, altitude_mm, 90, 150, speed, course, 12))
         heading = round(v["psi"] * 5729.577951308232) % 36000
         self._say(self._link.global_position_int_encode(ms, lat, lon, altitude_mm, altitude_mm, *cm_s, heading))
         place = (v["gps_north"], v["gps_east"], -v["gps_altitude"])
         self._say(self._link.local_position_ned_encode(ms, *place, v["vn"], v["ve"], v["vd"]))
+
+
+def _whole(value: float, largest: int) -> int:
+    """The nearest whole number that a field can carry, which stands at its end where a sensor reads beyond."""
+    return min(max(round(value), -largest), largest)

@@ -165,6 +165,9 @@ WRONG_USE = [
     (["--record", "f.tlog", "--set", "sensors.accel_bias_x=1e9"], "from -100000 to 100000"),
     (["--record", "f.tlog", "--set", "sensors.airspeed.noise=-1"], "from 0 to"),
     (["--record", "f.tlog", "--seed", "-1"], "from 0"),
+    (["--record", "f.tlog", "--set", "manoeuvre.duration=1e12"], "it may be 14400 at most"),
+    (["--record", "f.tlog", "--manoeuvre", "multisine", "--set", "manoeuvre.high=1e9"], "it may be 100 at most"),
+    (["--record", "f.tlog", "--manoeuvre", "multisine", "--set", "manoeuvre.length=3600"], "harmonics are too many"),
 ]
 
 
@@ -207,3 +210,20 @@ def test_a_failing_input_is_one_line_and_code_1(
     assert words in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_an_aircraft_that_flies_apart_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "--set", "Cm_q=900", "--record", str(tmp_path / "f.tlog")]) == 1
+    error = capsys.readouterr().err
+    assert "out of control after 0.02 s" in error
+    assert error.count("\n") == 1
+
+
+def test_a_sensor_that_reads_beyond_its_field_stands_at_the_fields_end(tmp_path: Path) -> None:
+    path = tmp_path / "f.tlog"
+    changes = ["--set", "sensors.vn.bias=1e5", "--set", "sensors.temperature.bias=-1e5"]
+    assert main(["fly", "--duration", "1", *changes, "--record", str(path)]) == 0
+    found = {message.get_type(): message for message in messages(path)}
+    assert found["GLOBAL_POSITION_INT"].vx == 2**15 - 1
+    assert found["GPS_RAW_INT"].vel == 2**16 - 2
+    assert found["AIRSPEED"].temperature == -(2**15 - 1)
