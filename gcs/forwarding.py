@@ -30,6 +30,7 @@ _STALE_S = 5.0
 # Well above what a frame may take round a ring of stations, each of which passes nothing on that is stale.
 _MEMORY_S = 30.0
 _MEMORY_FRAMES = 32768
+_OWN = "own"
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,13 @@ class Forwarder:
             self._queued_bytes += len(batch.data)
             self._changed.notify()
 
+    def note_own(self, frame: bytes) -> None:
+        """A frame that the station says itself to the vehicles: where it comes back, it is not passed on."""
+        with self._changed:
+            self._queue.append((_OWN, True, frame, time.monotonic()))
+            self._queued_bytes += len(frame)
+            self._changed.notify()
+
     def _run(self) -> None:
         while True:
             with self._changed:
@@ -132,6 +140,9 @@ class Forwarder:
             self._let_go(now)
 
     def _pass_on(self, name: str, from_vehicle: bool, data: bytes, offered: float, now: float) -> None:
+        if name == _OWN:
+            self._memory.is_copy(data, name, now)
+            return
         if now - offered > _STALE_S:
             self._dropped += len(data)
             return

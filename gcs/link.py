@@ -40,7 +40,10 @@ class LinkCounters:
 
 
 class Link(ABC):
-    """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words."""
+    """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words.
+
+    prompt: set where what arrives is passed on at once, so that it is not left to gather.
+    """
 
     def __init__(self, url: LinkUrl) -> None:
         self.url = url
@@ -48,6 +51,7 @@ class Link(ABC):
         self.counters = LinkCounters()
         self.sources = Sources(url.text)
         self.connected = False
+        self.prompt = False
         self.problem = ""
         self._waiting: deque[Batch] = deque()
         self._counting = threading.Lock()

@@ -45,6 +45,8 @@ class Station:
     ) -> None:
         self.links = tuple(links)
         self.forward = tuple(forward)
+        for link in (*links, *forward):
+            link.prompt = bool(forward)
         self.voice = voice or StationVoice()
         self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
         self._take = take
@@ -108,6 +110,8 @@ class Station:
                 self._say(self.voice.frame(timesync.request(self._clock())))
 
     def _say(self, frame: bytes) -> None:
+        if self._forwarder is not None:
+            self._forwarder.note_own(frame)
         for link in self.links:
             link.send(frame)
 

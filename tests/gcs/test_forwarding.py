@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
@@ -256,6 +257,37 @@ def test_links_of_both_kinds_are_given_back() -> None:
     for port, kind in zip(ports, (socket.SOCK_DGRAM, socket.SOCK_STREAM), strict=True):
         with socket.socket(socket.AF_INET, kind) as again:
             again.bind(("127.0.0.1", port))
+
+
+def test_two_stations_that_forward_to_each_other_pass_everything_on_once() -> None:
+    taken = [Taken(), Taken()]
+    with ExitStack() as stack:
+        ports = [free_port(), free_port()]
+        vehicle = Peer(stack, ports[0])
+        stations = [
+            stack.enter_context(
+                running([f"udpin:127.0.0.1:{ports[k]}"], [f"udpout:127.0.0.1:{ports[1 - k]}"], taken[k])
+            )
+            for k in (0, 1)
+        ]
+        craft = Vehicle()
+        sent = [craft.attitude(0.01 * i) for i in range(100)]
+        for frame in sent:
+            vehicle.socket.send(frame)
+
+        def own_frames(k: int) -> list[bytes]:
+            """What station k heard of itself, round the ring."""
+            messages = decode(taken[k].streams.get(f"forward:udpout:127.0.0.1:{ports[1 - k]}", b""))
+            return [bytes(message.get_msgbuf()) for message in messages]
+
+        first = stations[0]._forwarder
+        assert first is not None
+        wait_until(lambda: first.counts.copies >= 100 and all(len(own_frames(k)) >= 6 for k in (0, 1)))
+        for k in (0, 1):
+            # Both stations are system 255, so their first frames are alike: each may come from either.
+            assert max(Counter(own_frames(k)).values()) <= 2
+        assert taken[1].streams[f"udpin:127.0.0.1:{ports[1]}"] == b"".join(sent)
+        assert taken[0].streams[f"udpin:127.0.0.1:{ports[0]}#2"] == b"".join(sent)
 
 
 def test_what_waited_too_long_is_not_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
