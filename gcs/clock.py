@@ -28,6 +28,7 @@ SMALLEST_EPOCH_NS = 500_000_000 * NS_PER_S  # 1985; no vehicle has been up for 1
 SAME_COMPONENT_NS = 2 * NS_PER_S  # a GPS fix may be stamped that much before it is sent
 OTHER_COMPONENT_NS = NS_PER_S // 10  # a second board's clock is as good as its time synchronisation
 RESET_NS = NS_PER_S
+AT_ONCE_NS = 3 * NS_PER_S // 10
 STRAY_NS = 10 * NS_PER_S
 NEIGHBOURS = 7  # stamps among which up to three strays are told
 
@@ -243,7 +244,11 @@ def restarts(entry: Stamps) -> Times:
         return np.empty(0, np.int64)
     # A single stray stamp looks like a restart, so two on either side must agree.
     before, after = np.minimum(times[:-3], times[1:-2]), np.maximum(times[2:-1], times[3:])
-    return log[np.flatnonzero(after < before - RESET_NS) + 2]
+    places = np.flatnonzero(after < before - RESET_NS) + 2
+    # Of messages that a held-up link brings out of order all at once, some are as new as those before.
+    ends = np.searchsorted(log, log[places] + AT_ONCE_NS, side="right")
+    newest = np.array([times[place:end].max() for place, end in zip(places, ends, strict=True)], np.int64)
+    return log[places[newest < before[places - 2] - RESET_NS]]
 
 
 def longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, int]:

@@ -18,20 +18,20 @@ Sender = tuple[int, int]
 
 
 def clocks(recording: ColumnSource) -> list[dict[str, Any]]:
-    """One entry, ready for JSON, per component that sends SYSTEM_TIME or else ATTITUDE.
+    """One entry, ready for JSON, per component that sends ATTITUDE, which comes often, or else SYSTEM_TIME.
 
     It describes the longest run between two restarts of the clock. `offset_s`: this computer's UTC less the time since
     boot, in the middle of that run; `delays`: s beyond the smallest, or typical, one that the offset contains.
     """
-    told = {**_by_sender(recording, "ATTITUDE"), **_by_sender(recording, "SYSTEM_TIME")}
+    utc = _by_sender(recording, "SYSTEM_TIME")
+    told = {**utc, **_by_sender(recording, "ATTITUDE")}
     replies = _by_sender(recording, "TIMESYNC")
     found = []
     for sender, columns in sorted(told.items()):
         stamps = Stream(columns.name, columns.component, columns.log_time, columns.fields).stamps
         if not stamps.valid.any():
             continue
-        names = columns.fields.dtype.names or ()
-        knows_utc = "time_unix_usec" in names and bool(np.any(columns.fields["time_unix_usec"] > 0))
+        knows_utc = sender in utc and bool(np.any(utc[sender].fields["time_unix_usec"] > 0))
         identity = {"system": columns.system, "component": columns.component}
         found.append({**identity, **_describe(_since_boot(stamps), replies.get(sender)), "knows_utc": knows_utc})
     return found
@@ -80,7 +80,7 @@ def _round_trips(replies: Columns, first: int, last: int, drift: float) -> Round
 
 
 def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return float(value) if np.isfinite(value) else None
 
 
 def clock_text(clock: dict[str, Any]) -> str:

@@ -230,7 +230,7 @@ class ClockTracker:
 
 
 def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return float(value) if np.isfinite(value) else None
 
 
 def _what_to_read(dialect: Dialect) -> NDArray[np.int64]:

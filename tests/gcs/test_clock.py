@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.clock import Stamps, build_clock, unwrap
+from gcs.clock import Stamps, build_clock, restarts, unwrap
 from gcs.clockfit import NS_PER_S, Times, fit_clock
 from gcs.errors import SignalMapError
 
@@ -121,6 +121,19 @@ def test_the_longest_flight_between_restarts_is_taken() -> None:
     np.testing.assert_array_equal(entry.raw_ns[inside], second)
     np.testing.assert_allclose(clock.seconds(entry)[inside][0], 0.0, atol=1e-9)
     assert any("restarted" in line for line in clock.warnings)
+
+
+def test_a_held_up_link_that_brings_messages_out_of_order_is_no_restart() -> None:
+    boot = regular(900.0, 20, 60)
+    log = UTC + boot
+    held = (boot >= 920 * NS_PER_S) & (boot < 923 * NS_PER_S)
+    log[held] = UTC + 923 * NS_PER_S + np.random.default_rng(4).permutation(np.count_nonzero(held)) * MS
+    order = np.argsort(log, kind="stable")
+    entry = Stamps("ATTITUDE", 1, log[order], boot[order], U32_MS)
+    steps = entry.raw_ns[2:] - entry.raw_ns[:-2]
+    assert (steps < -NS_PER_S).any()
+    assert restarts(entry).size == 0
+    assert build_clock([entry]).warnings == []
 
 
 @pytest.mark.parametrize("stray", [3, 5_000 * NS_PER_S])

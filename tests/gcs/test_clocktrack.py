@@ -249,4 +249,5 @@ def test_the_statistics_of_a_link_and_the_metadata_of_a_recording_tell_the_clock
     record = metadata["clock/1/udpin:0.0.0.0:14550"]
     assert record["system"] == "1"
     assert float(record["clock_drift_ppm"]) == system["clock_drift_ppm"]
+    assert float(record["clock_drift_std_ppm"]) == system["clock_drift_std_ppm"]
     assert "round_trip_s" not in record
