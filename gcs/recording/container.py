@@ -111,8 +111,12 @@ class Container:
             raise RecordingError(f"{self.path} cannot be read: {error.strerror}") from None
 
     def _check_head(self) -> None:
-        magic = self.bytes[: len(records.MAGIC)].tobytes()
-        if magic != records.MAGIC[: len(magic)]:
+        magic, end = (
+            self.bytes[part].tobytes() for part in (slice(len(records.MAGIC)), slice(-len(records.MAGIC), None))
+        )
+        if magic != records.MAGIC[: len(magic)] and end == records.MAGIC:
+            self.damage.notes.append("the first bytes are not those of an MCAP file; its end was believed")
+        elif magic != records.MAGIC[: len(magic)]:
             others = " and ".join(ending for ending in IMPORTS if ending != ".mcap")
             raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {others}")
         if self.bytes.size < len(records.MAGIC) + 9:
@@ -137,15 +141,20 @@ class Container:
         places, end = self._walk(start, stop)
         self._take(places)
         ended = places.size > 0 and places[-1, 0] == records.FOOTER
+        astray = not ended
         while not ended and summary:
-            # A record's length was damaged; the summary says where the chunks behind it begin.
             later = [chunk.offset for chunk in summary if chunk.offset > end]
             if not later:
                 break
-            self._lose(end, later[0] - end, "a record's length is damaged")
             places, end = self._walk(later[0], stop)
             self._take(places)
             ended = places.size > 0 and places[-1, 0] == records.FOOTER
+        if summary:
+            # A damaged length leads the walk astray, even past good chunks; the summary has a checksum.
+            if astray or [chunk.offset for chunk in self.chunks] != [chunk.offset for chunk in summary]:
+                self.damage.notes.append("a record's length is damaged; the chunks were found by the summary")
+            self.chunks = summary
+            ended = True
         if not ended:
             self.damage.truncated = True
             self._lose(end, stop - end, "the file was cut off")

@@ -30,8 +30,9 @@ def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole: Undamaged, tmp_path:
 
 def test_a_flipped_bit_costs_one_chunk_at_most(whole: Undamaged, tmp_path: Path) -> None:
     chance = random.Random(6)
-    for _ in range(60):
-        at, bit = chance.randrange(len(whole.bytes)), chance.randrange(8)
+    heads = list(range(12)) + [whole.chunks[3][0] + place for place in range(9 + 28)]
+    for place in [*heads[::2], *(chance.randrange(len(whole.bytes)) for _ in range(40))]:
+        at, bit = place, chance.randrange(8)
         damaged = flipped(whole.bytes, at, bit)
         wrong = damage_trial(whole, damaged, whole.expected_after_flip(at), tmp_path / "a.mcap", complete)
         assert wrong == "", (at, bit)
