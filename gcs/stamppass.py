@@ -17,7 +17,9 @@ LEAP_NS, FASTEST = (
     10 * SECOND_NS,
     100,
 )  # a stamp is not ahead of one before by more than this and so many times the pace
-RESET_MESSAGES = 3  # that many in a row must agree that the clock was set or restarted
+# That many in a row, for that long, must agree that the clock was set or restarted: a held-up link may bring messages
+# out of order all at once.
+RESET_MESSAGES, RESET_LASTS_NS = 3, SECOND_NS // 5
 SMALLEST_EPOCH_NS = 500_000_000 * SECOND_NS  # stamps beyond count from 1970
 WRAP_NS = (1 << 32) * 1_000_000
 # A request of this station has these last digits in ts1: whole microseconds, and the station's system number.
@@ -28,11 +30,12 @@ NOTHING, STAMP_MS, STAMP_US, REPLY = range(4)
 
 # Columns of the state of a sender. AT: reception of the first message of the second under way. LAST, LAST_AT: newest
 # stamp and its reception. TRANSIT: reception less stamp of the message before. ODD: messages in a row whose stamp
-# cannot be of this clock, ODD_STAMP the last of them. TO_SAVE: 1 where the record is about to start anew, 2 once it
-# has been saved.
-SENDER, COUNT, AT, LAST, LAST_AT, TRANSIT, JITTER, WRAPS, ODD, ODD_STAMP, RESETS, TRIPS, LAST_ASKED, TO_SAVE = range(14)
-STATE_WIDTH = 14
-
+# cannot be of this clock, ODD_AT reception of the first and ODD_STAMP the last of them. TO_SAVE: 1 where the record is
+# about to start anew, 2 once it has been saved.
+SENDER, COUNT, AT, LAST, LAST_AT, TRANSIT, JITTER, WRAPS, ODD, ODD_AT, ODD_STAMP, RESETS, TRIPS, LAST_ASKED, TO_SAVE = (
+    range(15)
+)
+STATE_WIDTH = 15
 SAVE, SAVED = 1, 2
 
 Ints = NDArray[np.int64]
@@ -63,7 +66,9 @@ def _is_of_this_clock(state: Ints, received: Int, stamp: Int) -> bool:
     agrees = state[ODD] > 0 and _follows(stamp, state[ODD_STAMP], 0)
     state[ODD] = state[ODD] + 1 if agrees else 1
     state[ODD_STAMP] = stamp
-    if state[ODD] < RESET_MESSAGES:
+    if state[ODD] == 1:
+        state[ODD_AT] = received
+    if state[ODD] < RESET_MESSAGES or received - state[ODD_AT] < RESET_LASTS_NS:
         return False
     if state[TO_SAVE] != SAVED:
         state[TO_SAVE] = SAVE

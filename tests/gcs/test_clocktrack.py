@@ -138,6 +138,19 @@ def test_single_stray_or_missing_stamps_restart_nothing(stray_s: float) -> None:
     assert state.offset_s == pytest.approx(UTC / 1e9 - 900.0 + 0.005, abs=2e-3)
 
 
+def test_a_held_up_link_that_brings_messages_out_of_order_restarts_nothing() -> None:
+    air = Air()
+    order = np.random.default_rng(4).permutation(120)
+    for i in range(1200):
+        held = 400 <= i < 520
+        air.say(
+            UTC + (26 * 10**9 + int(order[i - 400]) * 10**6 if held else i * 50_000_000), highres(i * 50_000_000 + 1)
+        )
+    state = state_of(air.heard())
+    assert state.resets == 0
+    assert state.offset_s == pytest.approx(UTC / 1e9, abs=1e-3)
+
+
 def test_stamps_of_32_bits_go_on_over_their_turn() -> None:
     air = Air()
     boot = 2**32 * 10**6 - 30 * 10**9
