@@ -215,7 +215,7 @@ class Recording:
             for key, channels in members.items():
                 counters[key].append(group.rows[group.rows_of(channels), 1])
         lost = {key: _gaps(np.concatenate(parts)) if parts else 0 for key, parts in counters.items()}
-        for link, system, component in self._unknown_frames():
+        for link, system, component in self._unknown_frames() if any(lost.values()) else ():
             key = (link, system, component)
             if lost.get(key, 0) > 0:
                 lost[key] -= 1
