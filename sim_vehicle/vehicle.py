@@ -19,6 +19,7 @@ Vector = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
 SEA_LEVEL_DENSITY = 1.225  # kg/m^3, ICAO standard atmosphere
+_SWING_TEST_ERROR = 0.02  # of the moments of inertia: the sum of two may fall short of the third by that much
 VEHICLES = Path(__file__).resolve().parent / "vehicles"
 
 
@@ -241,7 +242,7 @@ def _read_mass(table: Table) -> MassProperties:
     if Ixz * Ixz >= Ixx * Izz:
         raise table.error("Ixz", f"is {Ixz:g}; its square must be below Ixx Izz = {Ixx * Izz:g}")
     smallest, middle, largest = np.linalg.eigvalsh(np.array([[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]))
-    if largest > (smallest + middle) * (1.0 + 1e-9):
+    if largest > (smallest + middle) * (1.0 + _SWING_TEST_ERROR):
         key = ("Ixx", "Iyy", "Izz")[int(np.argmax([Ixx, Iyy, Izz]))]
         raise table.error(
             key,
