@@ -19,9 +19,9 @@ from gcs.recording.writer import Counts, Lost, McapWriter
 #: Metadata of a recording by name; each is pairs of text.
 Metadata = Mapping[str, Mapping[str, str]]
 
-# Half of what a crash may cost: the rest goes to the tick that closes the chunk and to writing it.
-_CHUNK_SECONDS = 0.5
-# At ordinary rates a chunk holds half a second, so this many are the time a disk may stand still.
+# A crash may cost one second: the rest goes to the tick that closes the chunk, to writing it, and to a busy machine.
+_CHUNK_SECONDS = 0.3
+# At ordinary rates these are the ten seconds that a disk may stand still.
 _WAITING_CHUNKS = 32
 _PART = re.compile(r"(?P<stem>.+)\.part(?P<number>\d+)")
 
