@@ -11,7 +11,7 @@ import sys
 import time
 from dataclasses import replace
 
-from gcs.datagrams import DatagramReceiver, Peer
+from gcs.datagrams import Batch, DatagramReceiver, Peer
 from gcs.errors import LinkError
 from gcs.link import Backoff, Link, address_text, resolve
 from gcs.linkurl import LinkKind, LinkUrl
@@ -21,8 +21,9 @@ from gcs.linkurl import LinkKind, LinkUrl
 RECEIVE_BUFFER_BYTES = 16 * 1024 * 1024
 _SO_RCVBUFFORCE = 33
 # Waking up is what costs. The kernel stamps the arrival of datagrams, so they may wait together: until there are many,
-# but no longer than a person or a program behind a forwarding link would notice.
+# but no longer than a person would notice, and less where somebody waits for them to be passed on.
 _LONGEST_WAIT_S = 0.05
+_LONGEST_PROMPT_WAIT_S = 0.002
 _SHORTEST_WAIT_S = 0.0005
 _MANY_DATAGRAMS = 512  # a twentieth of what 4 MB of buffer hold
 
@@ -118,19 +119,15 @@ class UdpLink(Link):
             return
         assert self._socket is not None
         assert self._receiver is not None
+        arrived: list[tuple[Peer, Batch]] = []
         if self._flowing:
-            time.sleep(self._wait_s)
-        elif not select.select([self._socket], [], [], timeout_s)[0]:
-            return
-        self._flowing = False
-        try:
-            arrived = self._receiver.drain()
-        except OSError as error:  # a connected socket hears of a port that nobody listens on
-            self.problem = error.strerror or str(error)
-            return
+            time.sleep(min(self._wait_s, timeout_s))
+            arrived = self._drain()
+        if not arrived and select.select([self._socket], [], [], timeout_s)[0]:
+            arrived = self._drain()
+        self._flowing = bool(arrived)
         if not arrived:
             return
-        self._flowing = True
         self._adapt_wait(sum(batch.ends.size for _, batch in arrived), self._receiver.slots)
         self.problem = ""
         self.counters.dropped = self._receiver.dropped
@@ -141,13 +138,23 @@ class UdpLink(Link):
             source.count(batch)
             self._waiting.append(batch if source.name == self.name else replace(batch, source=source.name))
 
+    def _drain(self) -> list[tuple[Peer, Batch]]:
+        """What waits in the socket."""
+        assert self._receiver is not None
+        try:
+            return self._receiver.drain()
+        except OSError as error:  # a connected socket hears of a port that nobody listens on
+            self.problem = error.strerror or str(error)
+            return []
+
     def _adapt_wait(self, datagrams: int, slots: int) -> None:
         """How long to let datagrams gather before the next fetch; not at all while more are waiting."""
         if datagrams >= slots:
             self._wait_s = 0.0
             return
         wait = max(self._wait_s, _SHORTEST_WAIT_S) * min(_MANY_DATAGRAMS / datagrams, 2.0)
-        self._wait_s = min(max(wait, _SHORTEST_WAIT_S), _LONGEST_WAIT_S)
+        longest = _LONGEST_PROMPT_WAIT_S if self.prompt else _LONGEST_WAIT_S
+        self._wait_s = min(max(wait, _SHORTEST_WAIT_S), longest)
 
     def _reopen(self, timeout_s: float) -> bool:
         if not self._retry.due(timeout_s):
