@@ -21,13 +21,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from mcap.reader import make_reader
 from sender import build_sender, cpu_seconds, free_port, send, vehicle_frames, write_frames
 
 from gcs.recording.reader import Recording
 
 HERE = Path(__file__).parent
 WARM_UP = 2048
-OWN, PEER = "gcs record", "mavutil + mcap-python"
+RECORD, SERVE, PEER = "gcs record", "gcs serve", "mavutil + mcap-python"
 
 
 @dataclass(frozen=True)
@@ -43,17 +44,19 @@ class Run:
 @contextmanager
 def receiver(name: str, port: int, path: Path) -> Iterator[subprocess.Popen[str]]:
     """The process that receives, ready to."""
-    if name == OWN:
-        command = [str(Path(sys.executable).with_name("gcs")), "record", "--connect", f"udpin:127.0.0.1:{port}", "-o"]
-    else:
-        command = [sys.executable, str(HERE / "udp_peer.py"), str(port)]
-    process = subprocess.Popen([*command, str(path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    gcs, url = str(Path(sys.executable).with_name("gcs")), f"udpin:127.0.0.1:{port}"
+    command = {
+        RECORD: [gcs, "record", "--connect", url, "-o", str(path)],
+        SERVE: [gcs, "serve", "--connect", url, "--data", str(path), "--port", "0"],
+        PEER: [sys.executable, str(HERE / "udp_peer.py"), str(port), str(path)],
+    }[name]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        if name == OWN:
+        assert process.stdout is not None
+        if name == RECORD:
             while not path.exists() and process.poll() is None:
                 time.sleep(0.05)
         else:
-            assert process.stdout is not None
             process.stdout.readline()
         yield process
     finally:
@@ -75,32 +78,24 @@ def settled(process: int) -> float:
 
 def measure(name: str, rate: float, seconds: float, sender: Path, data: Path, folder: Path) -> Run:
     """Send `rate` datagrams per second to a new receiver and count what comes out of it."""
-    port, path = free_port(), folder / "udp.mcap"
-    path.unlink(missing_ok=True)
-    count = round(rate * seconds)
-
-    with receiver(name, port, path) as process:
+    port, count = free_port(), round(rate * seconds)
+    with tempfile.TemporaryDirectory(dir=folder) as own, receiver(name, port, Path(own) / "udp.mcap") as process:
         send(sender, port, 2000, WARM_UP, 0, data)
         before = settled(process.pid)
-        start = time.monotonic()
         took = send(sender, port, rate, count, WARM_UP, data)
-        # What came late is part of the work; waiting for it costs the receiver its idle work, as it did before.
-        time.sleep(0.3)
-        used = cpu_seconds(process.pid) - before
-        span = time.monotonic() - start
+        used = settled(process.pid) - before
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=120)
-    received = recorded(name, path) - WARM_UP
-    return Run(count, received, 1e6 * used * (took / span if rate < 1000 else 1.0) / max(received, 1), took)
+        received = recorded(name, Path(own)) - WARM_UP
+    return Run(count, received, 1e6 * used / max(received, 1), took)
 
 
-def recorded(name: str, path: Path) -> int:
-    """Messages in the file that a receiver left."""
-    if name == OWN:
-        return sum(Recording(path).counts().values())
-    from mcap.reader import make_reader
-
-    with path.open("rb") as file:
+def recorded(name: str, folder: Path) -> int:
+    """Messages in the files that a receiver left."""
+    files = list(folder.rglob("*.mcap"))
+    if name != PEER:
+        return sum(sum(Recording(path).counts().values()) for path in files if path.is_file())
+    with files[0].open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert summary.statistics is not None
@@ -108,8 +103,8 @@ def recorded(name: str, path: Path) -> int:
 
 
 def compare_cpu(rate: float, seconds: float, rounds: int, sender: Path, data: Path, folder: Path) -> None:
-    """CPU per datagram of both, forward and backward in turn, and the median of the rounds' ratios."""
-    runs: dict[str, list[Run]] = {PEER: [], OWN: []}
+    """CPU per datagram of each, forward and backward in turn, and the median of the rounds' ratios."""
+    runs: dict[str, list[Run]] = {PEER: [], RECORD: [], SERVE: []}
     for turn in range(rounds):
         for name in list(runs)[:: 1 if turn % 2 == 0 else -1]:
             runs[name].append(measure(name, rate, seconds, sender, data, folder))
@@ -123,7 +118,7 @@ def compare_cpu(rate: float, seconds: float, rounds: int, sender: Path, data: Pa
 
 def loss(rate: float, seconds: float, sender: Path, data: Path, folder: Path) -> None:
     """What is lost at a rate."""
-    run = measure(OWN, rate, seconds, sender, data, folder)
+    run = measure(RECORD, rate, seconds, sender, data, folder)
     print(
         f"{rate:,.0f} datagrams/s for {seconds:g} s: sent {run.sent:,d} at {run.sent / run.seconds:,.0f}/s,"
         f" lost {run.sent - run.received:,d}, {run.cpu_us:.2f} us/datagram"
