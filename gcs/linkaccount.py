@@ -6,17 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.framing import MAGIC_V2, SIGNED, UNKNOWN, Frames
+from gcs.sequence import DUPLICATE, LATE, NEW, NEWEST, number_of, sequence_states
 from sim_vehicle.jit import jit
 
 RADIO_STATUS, RADIO = 109, 166
 
 # Columns of the table of senders.
-_SENDER, _LAST, _SEEN, RECEIVED, LOST, DUPLICATES = range(6)
-_COLUMNS = 6
+_SENDER, RECEIVED, LOST, DUPLICATES = range(4)
+_COLUMNS = 4
 # What one pass adds up.
 _BYTES, _UNKNOWN, _SIGNED, _RADIO, _NEXT = range(5)
-# A frame may come this many places late, or a second time, and is known for that.
-_WINDOW = 63
 
 Ints = NDArray[np.int64]
 
@@ -30,14 +29,15 @@ def _pass(
     kind: NDArray[np.uint8],
     row_of: NDArray[np.int32],
     rows: Ints,
+    states: Ints,
     count: int,
     start: int,
     sums: Ints,
 ) -> int:
     """Take frames from `start` on into `rows`; the number of rows in use.
 
-    row_of: (65536,) row + 1 of a sender (system << 8 | component), 0 where there is none yet. sums[_NEXT]: the frame
-    that there was no row for, or the number of frames.
+    row_of: (65536,) row + 1 of a sender (system << 8 | component), 0 where there is none yet. states: of the senders'
+    counters, one for each row. sums[_NEXT]: the frame that there was no row for, or the number of frames.
     """
     for i in range(start, offset.size):
         at = offset[i]
@@ -53,26 +53,16 @@ def _pass(
             count += 1
             row_of[sender] = row + 1
             rows[row, _SENDER] = sender
-            rows[row, _LAST] = sequence
-            rows[row, _SEEN] = -1
-            rows[row, RECEIVED] = 1
+        before = states[row, NEWEST]
+        number, found = number_of(states[row], sequence)
+        if found == DUPLICATE:
+            rows[row, DUPLICATES] += 1
         else:
-            step = (sequence - rows[row, _LAST]) & 0xFF
-            late = 256 - step
-            if step == 0:
-                rows[row, DUPLICATES] += 1
-            elif late <= _WINDOW:
-                if (rows[row, _SEEN] >> late) & 1:
-                    rows[row, DUPLICATES] += 1
-                else:
-                    rows[row, _SEEN] |= np.int64(1) << late
-                    rows[row, RECEIVED] += 1
-                    rows[row, LOST] -= 1
-            else:
-                rows[row, _SEEN] = (rows[row, _SEEN] << step | 1) if step <= _WINDOW else 1
-                rows[row, RECEIVED] += 1
-                rows[row, LOST] += step - 1
-                rows[row, _LAST] = sequence
+            rows[row, RECEIVED] += 1
+        if found == LATE:
+            rows[row, LOST] -= 1
+        elif found == NEW and before >= 0:
+            rows[row, LOST] += number - before - 1
         sums[_BYTES] += length[i]
         if buffer[at] == MAGIC_V2 and buffer[at + 2] == SIGNED:
             sums[_SIGNED] += 1
@@ -95,6 +85,7 @@ class SenderAccount:
     def __init__(self) -> None:
         self._row_of = np.zeros(1 << 16, np.int32)
         self._rows = np.zeros((16, _COLUMNS), np.int64)
+        self._states = sequence_states(16)
         self._count = 0
         self._sums = np.zeros(5, np.int64)
         self.bytes = self.unknown = self.signed = 0
@@ -114,12 +105,14 @@ class SenderAccount:
                 frames.kind,
                 self._row_of,
                 self._rows,
+                self._states,
                 self._count,
                 int(sums[_NEXT]),
                 sums,
             )
             if self._count == self._rows.shape[0]:
                 self._rows = np.concatenate((self._rows, np.zeros_like(self._rows)))
+                self._states = np.concatenate((self._states, sequence_states(self._count)))
         self.bytes, self.unknown, self.signed, self.radio = sums[:_NEXT].tolist()
 
     def senders(self) -> list[tuple[int, int, dict[str, int]]]:

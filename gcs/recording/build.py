@@ -20,6 +20,7 @@ from gcs.dialect import (
     WIRE_SIZE,
 )
 from gcs.framing import MAGIC_V2, SIGNATURE_LENGTH, UNKNOWN
+from gcs.sequence import number_of
 from sim_vehicle.jit import jit
 
 #: Bytes of a message record in front of the CDR body: opcode, length, channel, sequence, two times, CDR header.
@@ -124,17 +125,6 @@ def publish_time(out: Bytes, body: Int, table: Ints, m: Int, channel_state: Ints
     channel_state[channel, LAST_STAMP] = stamp
     channel_state[channel, LAST_SEEN] = log
     return np.int64((stamp + channel_state[channel, STAMP_EPOCH]) * scale)
-
-
-@jit
-def unwrap_sequence(previous: Int, counter: Int) -> Int:
-    """The 8-bit counter as a growing number; steps of up to 32 back are late messages, all others go forward."""
-    if previous < 0:
-        return counter
-    step = (counter - previous) & 0xFF
-    if step >= 224 and previous + step >= 256:
-        step -= 256
-    return previous + step
 
 
 @jit
@@ -248,13 +238,13 @@ def build(
             sent = np.int64(buffer[at + 1])
             body = p + RECORD_HEADER
             copy_payload(buffer, at + header, sent, table, m, out, body)
-            sequences[component] = unwrap_sequence(sequences[component], np.int64(buffer[identity]))
+            number, _ = number_of(sequences[component], np.int64(buffer[identity]))
             published = publish_time(out, body, table, m, channel_state, channel, log)
             channel_state[channel, MESSAGE_COUNT] += 1
             out[p] = 5
             put_8(out, p + 1, size - 9)
             # Channel and sequence; the byte behind each run of eight is written again by the next.
-            put_8(out, p + 9, np.int64(channel) | sequences[component] << 16)
+            put_8(out, p + 9, np.int64(channel) | number << 16)
             put_8(out, p + 15, log)
             put_8(out, p + 23, published)
             out[p + 31] = 0

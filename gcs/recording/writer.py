@@ -26,6 +26,7 @@ from gcs.recording.records import Attachment, Channel, Schema
 from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedChunk, Lost, RecordingSink
 from gcs.recording.storage import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
+from gcs.sequence import sequence_states
 
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
 _LAST_CHANNEL = 65535
@@ -97,7 +98,7 @@ class McapWriter:
         self._channels: list[Channel] = []
         self._components = 0
         self._channel_of = np.full((4, len(dialect.messages)), -1, np.int32)
-        self._sequences = np.full(4, -1, np.int64)
+        self._sequences = sequence_states(4)
         self._channel_state = np.zeros((64, 4), np.int64)
         self._wire_counts: dict[int, int] = {}
         self._buffer: ChunkBuffer = self._sink.take_buffer()
@@ -268,7 +269,7 @@ class McapWriter:
             link.component_of[system << 8 | component] = number
             if number == self._channel_of.shape[0]:
                 self._channel_of = np.concatenate((self._channel_of, np.full_like(self._channel_of, -1)))
-                self._sequences = np.concatenate((self._sequences, np.full_like(self._sequences, -1)))
+                self._sequences = np.concatenate((self._sequences, sequence_states(number)))
         message = self._dialect.messages[frames.message[i]]
         schema = self._schema(message.schema_name, message.layout.ros2msg)
         metadata = {

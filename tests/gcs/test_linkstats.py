@@ -40,9 +40,9 @@ def test_duplicates_and_late_frames_are_not_lost() -> None:
             continue
         arrivals.append((i, frame))
         if chooser.random() < 0.2:
-            arrivals.append((i + chooser.uniform(0.5, 40.0), frame))
+            arrivals.append((i + chooser.uniform(0.5, 18.0), frame))
     kept = len({frame for _, frame in arrivals})
-    arrivals = [(at + (chooser.uniform(0, 30) if i > 0 else 0), frame) for i, (at, frame) in enumerate(arrivals)]
+    arrivals = [(at + (chooser.uniform(0, 12) if i > 0 else 0), frame) for i, (at, frame) in enumerate(arrivals)]
     order = [frame for _, frame in sorted(arrivals, key=lambda entry: entry[0])]
     counts = component(fed(order[:300], order[300:301], order[301:]))
     assert counts["received"] == kept
