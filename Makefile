@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash campaign-clock clean
+.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock clean
 
 setup: $(VENV)/.ready
 
@@ -55,6 +55,9 @@ campaign-crash: setup
 
 campaign-clock: setup
 	$(BIN)/python tests/campaign/clock.py
+
+campaign-recorder: setup
+	$(BIN)/python tests/campaign/full_disk.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output

@@ -24,6 +24,7 @@ from gcs.recording.storage import StorageOptions
 from gcs.signing import SignatureChecker, SignatureCounts
 from gcs.station import Station
 from gcs.voice import StationVoice
+from gcs.warmup import warm_up
 
 
 class Capture:
@@ -138,6 +139,7 @@ def record(links: Sequence[Link], options: CaptureOptions, progress: Callable[[f
     if path.exists() and path.stat().st_size > 0:
         raise RecordingError(f"{path} exists already; choose another name, or remove it first")
     dialect = Dialect.load(options.link.dialect)
+    warm_up(dialect)
     origin = provenance(dialect, [link.name for link in links], options.vehicle, options.link.dialect)
     capture = Capture(path, dialect, options.storage, origin, time.time_ns(), options.link.key)
     station = Station(links, capture.take, capture.tick, voice=StationVoice(options.link.own_key))

@@ -6,36 +6,27 @@ import fcntl
 import logging
 import signal
 import socket
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
-import numpy as np
 import uvicorn
-from pymavlink.dialects.v20 import common
 
 from gcs.api import create_app
 from gcs.catalogue import Catalogue, Flight
-from gcs.clockfit import fit_clock
-from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import GcsError, ServiceError
-from gcs.frameparts import frame_times
-from gcs.framing import Framer
 from gcs.intake import recover
 from gcs.jobs import JobRunner
 from gcs.links import Link, open_link
-from gcs.linkstats import LinkStatistics
 from gcs.provenance import provenance
 from gcs.recorder import FlightRecorder
-from gcs.recording.writer import McapWriter
 from gcs.retention import Retention, RetentionRule
-from gcs.segmentation import FlightSegmenter
 from gcs.settings import Settings
 from gcs.station import RecordingStation
 from gcs.voice import StationVoice
+from gcs.warmup import warm_up
 from sim_vehicle.vehicle import load_vehicle
 
 _log = logging.getLogger(__name__)
@@ -95,26 +86,6 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     return queue
 
 
-def _warm_up(dialect: Dialect) -> None:
-    """Take one frame through everything compiled, which loads it.
-
-    The first bytes of a link would else wait for that, while the silence behind them counts as the flight's end.
-    """
-    sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
-    beat = common.MAVLink_heartbeat_message(common.MAV_TYPE_FIXED_WING, common.MAV_AUTOPILOT_GENERIC, 0, 0, 0, 3)
-    batch = Batch.of([(bytes(beat.pack(sender)), 1)])
-    buffer, frames = Framer(dialect).feed(batch.data)
-    received = frame_times(frames, batch, 0)
-    LinkStatistics(dialect).add(frames, received)
-    seconds = np.arange(40) * 1_000_000_000
-    fit_clock(seconds, seconds)
-    segmenter = FlightSegmenter(dialect, 1, 1)
-    segmenter.system = 1
-    segmenter.clock_reset("", frames)
-    with tempfile.TemporaryDirectory(prefix="gcs-") as folder, McapWriter(Path(folder) / "x.mcap", dialect) as writer:
-        writer.write("", buffer, frames, received)
-
-
 def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     """Run the service until SIGINT or SIGTERM. Raises ServiceError, LinkError, VehicleFileError, CatalogueError.
 
@@ -133,7 +104,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         for flight in recovered:
             _identify_when_over(settings, jobs)(flight)
         dialect = Dialect.load(settings.link.dialect)
-        _warm_up(dialect)
+        warm_up(dialect)
         recorder = FlightRecorder(
             settings.flights,
             dialect,
