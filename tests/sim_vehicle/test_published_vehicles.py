@@ -260,7 +260,7 @@ def test_flies_every_manoeuvre(plant: Plant, manoeuvre: str) -> None:
     vehicle = plant.vehicle
     suite = SensorSuite(vehicle, generator=np.random.default_rng(5))
     plan = plan_of([manoeuvre])
-    flown = fly(plant, plan, suite=suite, generator=np.random.default_rng(5), duration=6.0)
+    flown = fly(plant, plan, suite=suite, generator=np.random.default_rng(5), duration=4.5)
     truth = flown.truth
     assert np.isfinite(np.array(list(truth.values()))).all()
     assert np.abs(truth["V"] / vehicle.flight.airspeed - 1.0).max() < 0.3
@@ -272,12 +272,12 @@ def test_flies_every_manoeuvre(plant: Plant, manoeuvre: str) -> None:
         column = flown.command[:, CONTROLS.index(axis)]
         assert np.ptp(column) > 0.6 * excited.amplitude
     if manoeuvre == "deceleration":
-        assert truth["V"][-1] < truth["V"][0] - 1.0
+        assert truth["V"][-1] < truth["V"][0] - 0.5
 
 
 def test_the_aerosonde_is_identified_from_one_flight() -> None:
     vehicle, model = load_vehicle("aerosonde"), read_model("aerosonde")
-    signals, _ = fly_mav("multisine", 3, vehicle=vehicle, model=model, duration=12.0)
+    signals, _ = fly_mav("multisine", 3, vehicle=vehicle, model=model, duration=10.0)
     # The polar of the source is no CD_k CL^2: drag is left to the structure, the rest is judged.
     found: dict[str, Any] = dict(identify([signals], vehicle).model.coefficients)
     true = model.values()
