@@ -28,6 +28,7 @@ from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
 from gcs.recording.storage import SyncPolicy
+from gcs.sizes import size_text
 
 CHUNK_BYTES = 1 << 20
 INDEX_ENTRIES = CHUNK_BYTES // (kernel.RECORD_HEADER + 1)
@@ -289,8 +290,8 @@ class RecordingSink:
         free = disk.f_bavail * disk.f_frsize
         if disk.f_blocks and free < self._reserve + size:
             raise DiskFullError(
-                f"{self.path} is not written further: the disk has {free >> 20} MB left, of which"
-                f" {self._reserve >> 20} MB are kept in reserve; free some space"
+                f"{self.path} is not written further: the disk has {size_text(free)} left, and"
+                f" {size_text(self._reserve)} are kept in reserve; free some space"
             )
 
     def _store_attachment(self, attachment: Attachment) -> None:
