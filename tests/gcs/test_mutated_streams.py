@@ -34,7 +34,7 @@ def _broken(draw: st.DrawFn) -> bytes:
     frame = bytearray(_frame(draw(st.integers(0, POOL.known.size - 1))))
     for _ in range(draw(st.integers(0, 3))):
         frame[draw(st.integers(0, len(frame) - 1))] = draw(st.integers(0, 255))
-    start = draw(st.integers(0, 12))
+    start = draw(st.integers(0, min(12, len(frame))))
     return bytes(frame[start : draw(st.integers(start, len(frame)))])
 
 
