@@ -11,7 +11,7 @@ import numpy as np
 from gcs.errors import SignalMapError
 from gcs.recording.reader import Recording
 from gcs.signals import extract
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
 from sysid.errors import SignalError
 from sysid.flight import Signal
 from sysid.noise import SensorNoise, sensor_noise
@@ -31,6 +31,9 @@ SENSORS = {
 }
 OTHERS = ("differential_pressure", "static_pressure", "temperature", "altitude", "height", "rpm")
 ANALOGUE = tuple(f"adc{number}" for number in range(16))
+ANGLES = ("phi", "psi")  # which may wrap
+_FILTERED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+_SLOW_M_S = 5.0  # below it an airspeed is the root of a pressure that is nothing but noise
 _MOVING_RAD_S = 0.05
 _MOVING_M_S = 1.0
 
@@ -51,9 +54,14 @@ def noise_of_recording(
     refused = []
     for name, signal in signals.items():
         try:
-            found[name] = sensor_noise(signal)
+            found[name] = sensor_noise(_unwrapped(signal) if name in ANGLES else signal)
         except SignalError as error:
             refused.append({"name": name, "reason": str(error)})
+    if "airspeed" in found and found["airspeed"].mean < _SLOW_M_S:
+        del found["airspeed"]
+        reason = "at rest it is the root of a pressure near 0, which says nothing of its noise in flight"
+        refused.append({"name": "airspeed", "reason": f"{reason}; see differential_pressure"})
+    filtered = [name for name, signal in signals.items() if name in found and signal.source.split(".")[0] in _FILTERED]
     if not found:
         reason = refused[0]["reason"] if refused else "it holds no signal of a sensor"
         raise SignalMapError(f"{path}: no noise can be told: {reason}")
@@ -61,9 +69,9 @@ def noise_of_recording(
         "schema": "noise/1",
         "file": path.name,
         "signals": {name: _to_json(noise) for name, noise in found.items()},
-        "vehicle_file": {key: value for key, group in SENSORS.items() if (value := _sensor_noise(found, group))},
+        "vehicle_file": _vehicle_file(found, vehicle),
         "refused": refused,
-        "warnings": [*_movement(found), *flight.warnings],
+        "warnings": [*_movement(found), *_estimates(filtered), *flight.warnings],
     }
 
 
@@ -72,6 +80,28 @@ def _cut(signal: Signal, start: float | None, stop: float | None) -> Signal:
     high = math.inf if stop is None else stop
     inside = (signal.time_s >= low) & (signal.time_s <= high)
     return Signal(signal.time_s[inside], signal.values[inside], signal.unit, signal.source)
+
+
+def _unwrapped(signal: Signal) -> Signal:
+    known = np.isfinite(signal.values)
+    values = signal.values.copy()
+    values[known] = np.unwrap(values[known])
+    return Signal(signal.time_s, values, signal.unit, signal.source)
+
+
+def _vehicle_file(found: dict[str, SensorNoise], vehicle: Vehicle) -> dict[str, float]:
+    """Noise of one sample of each sensor; of airspeed at the vehicle's speed, from that of its pressure."""
+    noise = {key: value for key, group in SENSORS.items() if (value := _sensor_noise(found, group))}
+    speed = vehicle.flight.airspeed
+    if "differential_pressure" in found and math.isfinite(speed):
+        noise["airspeed"] = found["differential_pressure"].sample_std / (SEA_LEVEL_DENSITY * speed)
+    return noise
+
+
+def _estimates(names: list[str]) -> list[str]:
+    if not names:
+        return []
+    return [f"{', '.join(names)}: a filter's estimates, no sensor's readings; in flight they are noisier than at rest"]
 
 
 def _sensor_noise(found: dict[str, SensorNoise], group: tuple[str, ...]) -> float | None:
@@ -125,7 +155,8 @@ def noise_text(result: dict[str, Any]) -> str:
         lines.append(f"{name:<22} {entry['unit']:<7}{cells}  {peaks}".rstrip())
     lines += [
         "",
-        "noise: 1 sigma of a sample; white: per sqrt(Hz); instability: floor of the Allan deviation;",
+        "noise: 1 sigma of a sample; white: N of IEEE 952, noise / sqrt(rate) where it is white (a data sheet's",
+        "one-sided density is 1.41 times that); instability: floor of the Allan deviation;",
         "walk: per s and sqrt(Hz); step: of the reading; -: none shows in this recording (--json says why).",
         "",
         "[sensors]  # for the vehicle file, beside each sensor's position",

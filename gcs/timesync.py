@@ -45,6 +45,7 @@ class RoundTrips:
         # Offsets of the quickest trips, moved along the drift to one moment.
         moved = (middle - tc1 - base)[best].astype(np.float64) - drift * (tc1[best] - self.at_ns).astype(np.float64)
         self._offset_ns = base + round(float(np.median(moved)))
+        self._beside_quickest_s = abs(float(np.median(moved) - moved[0])) / 1e9
         self.count = int(order.size)
         self.smallest_s = float(taken[best[0]])
         self.median_s = float(np.median(taken))
@@ -65,5 +66,8 @@ class RoundTrips:
 
     @property
     def asymmetry_s(self) -> float:
-        """By how much the offset may be wrong at most, s: all of the smallest round trip spent on one way."""
-        return 0.5 * self.smallest_s
+        """By how much the offset may be wrong at most, s.
+
+        The truth is within half the smallest round trip of that trip's middle, wherever the time was spent.
+        """
+        return 0.5 * self.smallest_s + self._beside_quickest_s

@@ -143,8 +143,8 @@ def dead_zone(values: Array, step: float | None) -> float | None:
 
 def sensor_noise(signal: Signal) -> SensorNoise:
     """The noise of one signal of a sensor at rest. Raises SignalError where it is too short, or constant."""
-    values, interval = _uniform(signal)
-    step = quantisation_step(values)
+    received, values, interval = _uniform(signal)
+    step = quantisation_step(received)
     frequencies, power = _periodogram(values, interval)
     peaks, clean = _peaks(frequencies, power, values.size, interval)
     top, bandwidth = _usable(frequencies, power, clean, 1.0 / interval)
@@ -168,15 +168,15 @@ def sensor_noise(signal: Signal) -> SensorNoise:
         rate_random_walk=estimates[2],
         bandwidth_hz=bandwidth,
         quantisation=step,
-        dead_zone=dead_zone(values, step),
+        dead_zone=dead_zone(received, step),
         peaks=peaks,
         allan_tau_s=taus,
         allan_deviation=deviations,
     )
 
 
-def _uniform(signal: Signal) -> tuple[Array, float]:
-    """The finite samples on an even grid, and its step: missing ones bridged, since their noise is what is wanted."""
+def _uniform(signal: Signal) -> tuple[Array, Array, float]:
+    """The finite samples as they came, the same on an even grid with missing ones bridged, and the grid's step, s."""
     good = np.isfinite(signal.values)
     time, values = signal.time_s[good], signal.values[good]
     if values.size < SHORTEST_SAMPLES:
@@ -185,7 +185,7 @@ def _uniform(signal: Signal) -> tuple[Array, float]:
         )
     if np.ptp(values) == 0.0:
         raise SignalError(f"{signal.source} never changes; the sensor is dead, or its noise is below its step")
-    interval = float(np.median(np.diff(time)))
+    interval = _interval(time)
     if interval <= 0.0:
         raise SignalError(f"{signal.source}: its time stamps do not advance; the noise cannot be told")
     places = np.rint((time - time[0]) / interval).astype(np.int64)
@@ -193,7 +193,24 @@ def _uniform(signal: Signal) -> tuple[Array, float]:
     missing = 1.0 - places.size / (places[-1] + 1)
     if missing > 0.1:
         raise SignalError(f"{signal.source}: {100 * missing:.0f} % of its samples are missing; record it without gaps")
-    return np.interp(np.arange(places[-1] + 1), places, values[first]), interval
+    return values, np.interp(np.arange(places[-1] + 1), places, values[first]), interval
+
+
+def _interval(time: Array) -> float:
+    """Sampling interval, s, of stamps that may be rounded to whole milliseconds and of which some may be missing."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    near = steps[(steps > 0.5 * usual) & (steps < 1.6 * usual)]
+    interval = float(near.mean()) if near.size else usual
+    for reach in (64, 1024, time.size):
+        # Numbers of samples are sure over a short stretch first, then over longer ones.
+        part = time[: min(reach, time.size)] - time[0]
+        if interval <= 0.0:
+            break
+        places = np.rint(part / interval)
+        spread = places - places.mean()
+        interval = float(spread @ part / max(float(spread @ spread), 1e-300))
+    return interval
 
 
 def _periodogram(values: Array, interval: float) -> tuple[Array, Array]:

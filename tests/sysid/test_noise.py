@@ -144,3 +144,21 @@ def test_stamps_that_stand_still_and_lost_samples_are_named() -> None:
         sensor_noise(Signal(np.zeros(1000), values, "rad/s", "x"))
     with pytest.raises(SignalError, match="missing"):
         sensor_noise(Signal(np.arange(1000) / RATE + 5.0 * (np.arange(1000) // 200), values, "rad/s", "x"))
+
+
+@pytest.mark.parametrize("lost", [0.002, 0.05])
+def test_lost_samples_do_not_change_the_step(lost: float) -> None:
+    values = 0.01 * np.rint(series(7, 0.01) / 0.01)
+    values[np.random.default_rng(2).random(values.size) < lost] = np.nan
+    assert sensor_noise(at_rest(values)).quantisation == pytest.approx(0.01, rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", [30.0, 120.0, 300.0, 400.0])
+def test_stamps_in_whole_milliseconds_are_a_clock_all_the_same(rate: float) -> None:
+    values = np.random.default_rng(3).normal(0.0, 0.1, 6000)
+    stamps = np.floor(1000.0 * np.arange(6000) / rate) / 1000.0
+    noise = sensor_noise(Signal(stamps, values, "rad", "ATTITUDE.roll"))
+    assert noise.rate_hz == pytest.approx(rate, rel=1e-4)
+    assert noise.white.value is not None
+    assert noise.white.std is not None
+    assert abs(noise.white.value - 0.1 / math.sqrt(rate)) < 4.0 * noise.white.std
