@@ -26,6 +26,7 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
 )
 _NO_HASH = [0] * 8
+_LARGEST_TOLD_ID = 0xFFFF  # of MESSAGE_INTERVAL
 
 # The result, a MAV_RESULT, and the messages that follow the acknowledgement.
 Outcome = tuple[int, Sequence[Any]]
@@ -59,23 +60,25 @@ class Commands:
 
     def _set_interval(self, message: Any) -> Outcome:
         number, interval_us = _whole(message.param1), message.param2
-        if number is None or not math.isfinite(interval_us) or interval_us < -1.0:
+        if number is None or not self._telemetry.voice.can_say(number):
+            return _DENIED, ()
+        if not math.isfinite(interval_us) or interval_us < -1.0:
             return _DENIED, ()
         interval_s = OFF if interval_us < 0.0 else interval_us * 1e-6
         return _ACCEPTED if self._telemetry.rates.set(number, interval_s) else _DENIED, ()
 
     def _get_interval(self, message: Any) -> Outcome:
-        number = _whole(message.param1)
-        return (_DENIED, ()) if number is None else (_ACCEPTED, (self._interval(number),))
+        return self._interval(_whole(message.param1))
 
     def _request_message(self, message: Any) -> Outcome:
         number = _whole(message.param1)
         if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             return self._request_capabilities(message)
-        asked = _whole(message.param2)
-        if number == mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL and asked is not None:
-            return _ACCEPTED, (self._interval(asked),)
-        newest = None if number is None else self._telemetry.latest.get(number)
+        if number == mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+            return self._interval(_whole(message.param2))
+        if number is None or not self._telemetry.voice.can_say(number):
+            return _DENIED, ()
+        newest = self._telemetry.latest.get(number)
         return (_ACCEPTED, (newest,)) if newest else (_DENIED, ())
 
     def _request_capabilities(self, message: Any) -> Outcome:
@@ -85,11 +88,14 @@ class Commands:
         hashes = (_NO_HASH, _NO_HASH, _NO_HASH)
         return _ACCEPTED, (self._build.autopilot_version_encode(capabilities, *versions, *hashes, 0, 0, voice.system),)
 
-    def _interval(self, number: int) -> Any:
+    def _interval(self, number: int | None) -> Outcome:
         """MESSAGE_INTERVAL: us, -1 where stopped, 0 for a message that the vehicle does not tell."""
-        interval = self._telemetry.rates.interval(number)
+        if number is None or number > _LARGEST_TOLD_ID:
+            return _DENIED, ()
+        told = self._telemetry.voice.can_say(number)
+        interval = self._telemetry.rates.interval(number) if told else None
         us = 0 if interval is None else -1 if interval < 0.0 else round(interval * 1e6)
-        return self._build.message_interval_encode(number, us)
+        return _ACCEPTED, (self._build.message_interval_encode(number, us),)
 
 
 def _whole(value: float) -> int | None:

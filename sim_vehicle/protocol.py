@@ -5,6 +5,7 @@ https://mavlink.io/en/services/: timesync, parameter, command, ping, mission.
 
 from __future__ import annotations
 
+import logging
 import os
 import struct
 from collections.abc import Callable
@@ -19,6 +20,8 @@ from sim_vehicle.commands import Commands
 from sim_vehicle.onboard import LARGEST_HZ, Onboard, Parameter
 from sim_vehicle.telemetry import Telemetry
 from sim_vehicle.voice import COMPONENT
+
+_log = logging.getLogger(__name__)
 
 # Sequence, session, opcode, size, opcode asked, burst complete, padding, offset: https://mavlink.io/en/services/ftp.html
 _FTP_HEADER = struct.Struct("<HBBBBBxI")
@@ -57,14 +60,20 @@ class Protocol:
         }
 
     def answer(self, message: Any) -> None:
-        """Say what a message from a ground station asks for; nothing where it is for another, or asks nothing."""
+        """Say what a message from a ground station asks for; nothing where it is for another, or asks nothing.
+
+        An answer that no message can carry is left out and logged: the vehicle hears on.
+        """
         handler = self._handlers.get(message.get_type())
         if not handler or message.get_srcSystem() == self._voice.system:
             return
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         if system in (0, self._voice.system) and component in (0, COMPONENT):
-            handler(message)
+            try:
+                handler(message)
+            except (ArithmeticError, ValueError, struct.error) as error:
+                _log.warning("%s from %d/%d: no answer: %s", message.get_type(), *_sender(message), error)
 
     # --- time ---
 

@@ -14,6 +14,7 @@ from sim_vehicle.sensors import RATES_HZ
 TICK_S = 0.02
 _GPS_S = 1.0 / RATES_HZ["gps"]
 OFF = -1.0
+LONGEST_S = (2**31 - 1) * 1e-6  # MESSAGE_INTERVAL tells whole us in 32 bits
 
 # The shortest interval at which the vehicle has something new to say, s.
 SHORTEST_S: Mapping[int, float] = {
@@ -56,7 +57,8 @@ class Rates:
     def set(self, message_id: int, interval_s: float) -> bool:
         """Send a message every `interval_s`, OFF to stop it, 0 for its default; False for one that is not told.
 
-        An interval shorter than that of the samples behind the message means with every sample.
+        An interval shorter than that of the samples behind the message means with every sample; one above LONGEST_S
+        counts as that.
         """
         if message_id not in SHORTEST_S:
             return False
@@ -66,7 +68,7 @@ class Rates:
         elif 0.0 <= interval_s <= SHORTEST_S[message_id] + 1e-9:
             self._interval.pop(message_id, None)
         else:
-            self._interval[message_id] = interval_s
+            self._interval[message_id] = min(interval_s, LONGEST_S)
         return True
 
     def interval(self, message_id: int) -> float | None:

@@ -49,9 +49,13 @@ class Voice:
             self.build.signing.secret_key = key
             self.build.signing.sign_outgoing = True
 
+    def can_say(self, message_id: int) -> bool:
+        """Whether this version of MAVLink has messages of that id."""
+        return self.version == 2 or message_id <= _LARGEST_V1_ID
+
     def say(self, message: Any) -> None:
         """Pack one message; `take` gives the frame."""
-        if self.version == 2 or message.get_msgId() <= _LARGEST_V1_ID:
+        if self.can_say(message.get_msgId()):
             self.build.send(message, force_mavlink1=self.version == 1)
 
     def take(self) -> list[bytes]:
