@@ -7,6 +7,7 @@ from __future__ import annotations
 import select
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
@@ -19,6 +20,8 @@ RECORDERS = "sim_vehicle.recorders"
 _SEND_TIMEOUT_S = 5.0
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BYTES = 4096
+_PEER_SILENT_S = 30.0
+_MOST_PEERS = 16
 _SERIAL_POLL_S = 0.002  # pyserial waits only for whole reads, and not on every system by select
 _SOCKETS = ("udp", "udpin", "udpout", "tcp", "tcpin")
 _KINDS = "udpout:HOST:PORT, udpin:HOST:PORT, udp:HOST:PORT (as udpin), tcp:HOST:PORT, tcpin:HOST:PORT, /dev/TTY[,BAUD]"
@@ -42,9 +45,13 @@ class Link(Sink, Protocol):
 
 
 class UdpSink:
-    """Each frame its own datagram. As a server (udpin) it waits for a first datagram, and answers who spoke last."""
+    """Each frame its own datagram. As a server (udpin) it waits for a first datagram, and serves all who spoke.
 
-    def __init__(self, host: str, port: int, *, server: bool) -> None:
+    A peer that is silent for 30 s is left out, but not the last that is left; of more than 16 the longest silent is.
+    clock: monotonic seconds, replaced in tests.
+    """
+
+    def __init__(self, host: str, port: int, *, server: bool, clock: Callable[[], float] = time.monotonic) -> None:
         where = f"{'udpin' if server else 'udpout'}:{host}:{port}"
         try:
             family, _, _, _, address = socket.getaddrinfo(host or "0.0.0.0", port, type=socket.SOCK_DGRAM)[0]
@@ -56,7 +63,9 @@ class UdpSink:
             raise SinkError(f"{where}: cannot be opened: {error.strerror or error}") from None
         self._where = where
         self._server = server
-        self._peer: Any = None if server else address
+        self._clock = clock
+        self._heard: dict[Any, float] = {} if server else {address: 0.0}  # when, the longest silent first
+        self._changing = threading.Lock()
         self._first = b""
 
     @property
@@ -66,8 +75,25 @@ class UdpSink:
 
     def wait_for_peer(self) -> None:
         """Block until someone has spoken to a server socket."""
-        if self._peer is None:
-            self._first, self._peer = self._socket.recvfrom(_LARGEST_DATAGRAM)
+        if not self._heard:
+            self._first, peer = self._socket.recvfrom(_LARGEST_DATAGRAM)
+            self._hears(peer)
+
+    def _hears(self, peer: Any) -> None:
+        with self._changing:
+            self._heard.pop(peer, None)
+            self._heard[peer] = self._clock()
+            if len(self._heard) > _MOST_PEERS:
+                del self._heard[next(iter(self._heard))]
+
+    def _peers(self) -> list[Any]:
+        """Whom to send to."""
+        with self._changing:
+            silent_since = self._clock() - _PEER_SILENT_S
+            for peer in list(self._heard)[:-1]:
+                if self._heard[peer] < silent_since:
+                    del self._heard[peer]
+            return list(self._heard)
 
     def receive(self, timeout_s: float) -> bytes:
         if self._first:
@@ -80,17 +106,24 @@ class UdpSink:
         except OSError:
             return b""  # an ICMP message about what was sent; writing tells what cannot go on
         if self._server:
-            self._peer = peer
+            self._hears(peer)
         return data
 
     def write(self, data: bytes, utc_ns: int) -> None:
         self.wait_for_peer()
+        peers = self._peers()
+        failures = [error for peer in peers if (error := self._send(data, peer))]
+        if len(failures) == len(peers):
+            raise SinkError(f"{self._where}: cannot send: {failures[0].strerror or failures[0]}")
+
+    def _send(self, data: bytes, peer: Any) -> OSError | None:
         try:
-            self._socket.sendto(data, self._peer)
+            self._socket.sendto(data, peer)
         except ConnectionRefusedError:
-            pass  # nobody listens yet: a radio does not stop for that either
+            return None  # nobody listens yet: a radio does not stop for that either
         except OSError as error:
-            raise SinkError(f"{self._where}: cannot send: {error.strerror or error}") from None
+            return error
+        return None
 
     def close(self) -> None:
         self._socket.close()

@@ -166,24 +166,57 @@ def test_a_udp_client_hears_its_station() -> None:
         link.close()
 
 
-def test_a_udp_server_hears_the_first_datagram_and_answers_who_spoke_last() -> None:
-    link = open_link("udpin:127.0.0.1:0")
-    assert isinstance(link, UdpSink)
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
-    ):
-        first.settimeout(DEADLINE_S)
-        second.settimeout(DEADLINE_S)
+def bound() -> socket.socket:
+    station = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    station.bind(("127.0.0.1", 0))
+    station.settimeout(DEADLINE_S)
+    return station
+
+
+def test_a_udp_server_serves_all_who_spoke_until_they_are_silent_for_long() -> None:
+    now = 0.0
+    link = UdpSink("127.0.0.1", 0, server=True, clock=lambda: now)
+
+    def sends(text: bytes, *stations: socket.socket) -> None:
+        link.write(text, 0)
+        assert [station.recv(100) for station in stations] == [text] * len(stations)
+
+    with bound() as first, bound() as second:
         first.sendto(b"one", ("127.0.0.1", link.port))
         link.wait_for_peer()
         assert heard(link, 3) == b"one"
-        link.write(b"to first", 0)
-        assert first.recv(100) == b"to first"
+        sends(b"alone", first)
+        now = 20.0
         second.sendto(b"two", ("127.0.0.1", link.port))
         assert heard(link, 3) == b"two"
-        link.write(b"to second", 0)
-        assert second.recv(100) == b"to second"
+        sends(b"to both", first, second)
+        now = 29.0
+        sends(b"still", first, second)
+        now = 31.0
+        sends(b"first is gone", second)
+        now = 3600.0
+        sends(b"the last stays", second)
+        first.sendto(b"again", ("127.0.0.1", link.port))
+        assert heard(link, 5) == b"again"
+        sends(b"back", first)  # nothing that was sent meanwhile
+    link.close()
+
+
+def test_a_udp_server_serves_sixteen_at_most_who_spoke_last() -> None:
+    link = open_link("udpin:127.0.0.1:0")
+    assert isinstance(link, UdpSink)
+    with contextlib.ExitStack() as stack:
+        stations = [stack.enter_context(bound()) for _ in range(17)]
+        for station in stations:
+            station.sendto(b"x", ("127.0.0.1", link.port))
+            assert heard(link, 1) == b"x"
+        link.write(b"first", 0)
+        stations[0].sendto(b"x", ("127.0.0.1", link.port))
+        assert heard(link, 1) == b"x"
+        link.write(b"second", 0)
+        assert [station.recv(100) for station in stations[2:]] == [b"first"] * 15
+        assert [station.recv(100) for station in stations[2:]] == [b"second"] * 15
+        assert stations[0].recv(100) == b"second"
     link.close()
 
 
