@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.errors import TrimError, VehicleFileError
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.plant import Plant
 from sim_vehicle.plantstate import quaternion
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.vehicle import Propulsion, Vehicle
 from sysid.flight import Array
 from sysid.structure import is_longitudinal, usual_size
 
@@ -31,14 +32,18 @@ _LONGITUDINAL = slice(0, 4)
 _STILL = np.zeros(3)
 _STEP = 1e-5
 _COEFFICIENT_STEP = 1e-4
+_ROUNDING = 1e-10
+RESPONSES = (("de", "q"), ("de", "az"), ("de", "alpha"), ("da", "p"), ("dr", "r"), ("dr", "beta"))
+RESPONSE_HZ = tuple(np.geomspace(0.05, 10.0, 41).tolist())
 
 
 @dataclass(frozen=True)
 class StateSpace:
-    """dx/dt = A x + B u, y = C x + D u about trim: small changes of STATES, INPUTS and OUTPUTS, SI and radians.
+    """dx/dt = A x + B u, y = C x + D u about trim: small changes of STATES, `inputs` and OUTPUTS, SI and radians.
 
-    A: (8, 8). B: (8, 4). C: (11, 8). D: (11, 4); the arguments of `control.ss`. airspeed: m/s, density: kg/m3.
-    trim: values of STATES and INPUTS in steady flight.
+    A: (8, 8). B: (8, I). C: (11, 8). D: (11, I); the arguments of `control.ss`. airspeed: m/s, density: kg/m3.
+    trim: values of STATES and inputs in steady flight. inputs: INPUTS, without the throttle where the vehicle file does
+    not say what thrust it gives.
     """
 
     A: Array
@@ -48,21 +53,24 @@ class StateSpace:
     airspeed: float
     density: float
     trim: Mapping[str, float]
+    inputs: tuple[str, ...] = INPUTS
 
     def response(self, source: str, output: str, frequencies_hz: Array) -> Complex:
         """(F,) transfer function from an input to an output at frequencies in Hz."""
-        j, i = INPUTS.index(source), OUTPUTS.index(output)
+        j, i = self.inputs.index(source), OUTPUTS.index(output)
         eye = np.eye(len(STATES))
         s = 2j * math.pi * np.asarray(frequencies_hz)
         x = np.linalg.solve(s[:, None, None] * eye - self.A, np.broadcast_to(self.B[:, j, None], (s.size, 8, 1)))[
             ..., 0
         ]
-        return np.asarray(x @ self.C[i] + self.D[i, j])
+        response = x @ self.C[i] + self.D[i, j]
+        # Motion that the input does not cause at all is left as rounding errors of the motion that it does cause.
+        return np.where(np.abs(response) > _ROUNDING * np.abs(x).max(axis=1), response, 0.0)
 
     def to_json(self) -> dict[str, Any]:
         """As results hold it."""
         matrices = {name: getattr(self, name).tolist() for name in "ABCD"}
-        names = {"states": list(STATES), "inputs": list(INPUTS), "outputs": list(OUTPUTS)}
+        names = {"states": list(STATES), "inputs": list(self.inputs), "outputs": list(OUTPUTS)}
         return {**names, **matrices, "airspeed": self.airspeed, "air_density": self.density, "trim": dict(self.trim)}
 
 
@@ -146,8 +154,9 @@ class LinearModel:
         return Mode(name, complex(value), frequency, damping, constant)
 
     def response(self, source: str, output: str, frequencies_hz: Array) -> tuple[Complex, Array, Array]:
-        """(F,) transfer function, and the standard errors of its gain, dB, and phase, rad."""
+        """(F,) transfer function, and the standard errors of its gain, dB, and phase, rad; NaN where there is none."""
         base = self.system.response(source, output, frequencies_hz)
+        base = np.where(base == 0.0, np.nan, base)
         rows = []
         for slope in self.slopes:
             moved = [m + _COEFFICIENT_STEP * d for m, d in zip(_matrices(self.system), slope, strict=True)]
@@ -157,6 +166,27 @@ class LinearModel:
         gain = np.einsum("if,ij,jf->f", gradient.real, self.covariance, gradient.real)
         phase = np.einsum("if,ij,jf->f", gradient.imag, self.covariance, gradient.imag)
         return base, 20.0 / math.log(10.0) * np.sqrt(np.maximum(gain, 0.0)), np.sqrt(np.maximum(phase, 0.0))
+
+    def responses_json(self) -> list[dict[str, Any]]:
+        """The usual frequency responses of the motion that is known, as results hold them."""
+        frequencies = np.array(RESPONSE_HZ)
+        found = []
+        for source, output in RESPONSES:
+            if not self.told[0 if source == "de" else 1]:
+                continue
+            base, gain_std, phase_std = self.response(source, output, frequencies)
+            found.append(
+                {
+                    "input": source,
+                    "output": output,
+                    "frequency_hz": frequencies.tolist(),
+                    "gain_db": (20.0 * np.log10(np.abs(base))).tolist(),
+                    "gain_std_db": gain_std.tolist(),
+                    "phase_rad": np.angle(base).tolist(),
+                    "phase_std_rad": phase_std.tolist(),
+                }
+            )
+        return found
 
 
 def _matrices(system: StateSpace) -> tuple[Array, Array, Array, Array]:
@@ -192,7 +222,13 @@ def linearise(
         },
     )
     there = replace(vehicle, environment=replace(vehicle.environment, air_density=density))
-    system = _state_space(there, whole, airspeed, density)
+    try:
+        system = _state_space(there, whole, airspeed, density)
+    except (TrimError, VehicleFileError):
+        # Whatever gave the thrust that was measured: only its line matters here, and the throttle is no input.
+        there = replace(there, propulsion=_any_thrust(there))
+        system = replace(_state_space(there, whole, airspeed, density), inputs=INPUTS[:3])
+        system = replace(system, B=system.B[:, :3], D=system.D[:, :3])
     names = [name for name, entry in whole.coefficients.items() if entry.std]
     spread = np.diag([float(whole.coefficients[name].std or 0.0) ** 2 for name in names])
     if covariance is not None:
@@ -210,8 +246,17 @@ def linearise(
         )
         pairs = zip(_matrices(up), _matrices(down), strict=True)
         a, b, c, d = ((high - low) / (2.0 * step) for high, low in pairs)
+        b, d = b[:, : len(system.inputs)], d[:, : len(system.inputs)]
         slopes.append((a, b, c, d))
     return LinearModel(system, tuple(names), spread, tuple(slopes), (told[True], told[False]))
+
+
+def _any_thrust(vehicle: Vehicle) -> Propulsion:
+    """Enough thrust for any steady flight, on the vehicle's own thrust line where it tells one."""
+    enough = 3.0 * vehicle.mass.mass * vehicle.environment.gravity
+    if vehicle.propulsion is None:
+        return Propulsion(max_thrust=enough)
+    return replace(vehicle.propulsion, max_thrust=enough)
 
 
 def _stand_in(name: str, motion_told: bool) -> Coefficient:

@@ -51,8 +51,12 @@ def result_json(found: Identification) -> dict[str, Any]:
 def _linear(linear: LinearModel | str) -> dict[str, Any]:
     """Modes and state space about the flight's mean airspeed, or why there are none."""
     if isinstance(linear, str):
-        return {"modes": {"refused": linear}, "state_space": None}
-    return {"modes": [mode.to_json() for mode in linear.modes()], "state_space": linear.system.to_json()}
+        return {"modes": {"refused": linear}, "state_space": None, "frequency_responses": []}
+    return {
+        "modes": [mode.to_json() for mode in linear.modes()],
+        "state_space": linear.system.to_json(),
+        "frequency_responses": linear.responses_json(),
+    }
 
 
 def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:

@@ -129,10 +129,28 @@ def test_what_was_refused_widens_and_what_is_unknown_is_not_given() -> None:
         name: e if name != "Cm_alpha" else Coefficient(None, refused="x") for name, e in MODEL.coefficients.items()
     }
     wide = linearise(VEHICLE, replace(MODEL, coefficients=refused), SPEED, DENSITY).modes()
-    assert any(mode.time_constant_s[1] > 0.05 * abs(mode.time_constant_s[0]) for mode in wide if "p" in mode.name)
+    sure = {mode.name: mode for mode in linearise(VEHICLE, MODEL, SPEED, DENSITY).modes()}
+    assert wide[0].time_constant_s[1] > 0.05 * abs(wide[0].time_constant_s[0])
+    assert sure["short period"].time_constant_s[1] == 0.0
     lateral = {
         name: Coefficient(None, refused="no rudder moved") if name[:2] in ("CY", "Cl", "Cn") else e
         for name, e in MODEL.coefficients.items()
     }
     names = [mode.name for mode in linearise(VEHICLE, replace(MODEL, coefficients=lateral), SPEED, DENSITY).modes()]
     assert names == ["short period", "phugoid"]
+
+
+def test_without_a_thrust_model_the_surfaces_responses_are_the_same(linear: LinearModel) -> None:
+    bare = linearise(replace(VEHICLE, propulsion=None), MODEL, SPEED, DENSITY)
+    assert bare.system.inputs == ("de", "da", "dr")
+    ours, theirs = ({mode.name: mode.eigenvalue for mode in each.modes()} for each in (linear, bare))
+    for name in ("short period", "roll", "Dutch roll"):
+        assert theirs[name] == pytest.approx(ours[name], rel=2e-3)
+    entries = bare.responses_json()
+    assert [(entry["input"], entry["output"]) for entry in entries][:2] == [("de", "q"), ("de", "az")]
+
+
+def test_a_response_that_is_not_there_is_none(linear: LinearModel) -> None:
+    base, gain_std, _ = linear.response("de", "beta", np.array([0.5, 1.0]))
+    assert np.isnan(base).all()
+    assert np.isnan(gain_std).all() or not linear.names
