@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.dialect import Dialect
+from gcs.errors import RecordingError
 from gcs.framing import Frames
 from gcs.recording.records import Attachment
 from gcs.recording.storage import StorageOptions
@@ -58,6 +60,7 @@ class RecordingParts:
         self._options = options
         self._provenance = provenance
         self._now_ns = now_ns
+        self._refuse_other_parts(path)
         self.parts = [path]
         self._writer = McapWriter(
             path,
@@ -69,12 +72,20 @@ class RecordingParts:
         )
         self._describe_part()
 
-    def _describe_part(self) -> None:
+    def _refuse_other_parts(self, first: Path) -> None:
+        for path in sorted(first.parent.glob(f"{glob.escape(first.stem)}.part*.mcap")):
+            if part_of(path)[1] > 1:
+                raise RecordingError(
+                    f"{path} is a part of an earlier recording; choose another name, or remove it first"
+                )
+
+    def _describe_part(self, **more: str) -> None:
         """Said at the start of each file, so that a crash does not take it away."""
         part = {
             "flight": self.parts[0].stem,
             "part": str(len(self.parts)),
             "previous": self.parts[-2].name if len(self.parts) > 1 else "",
+            **more,
         }
         for name, values in {"recording": {}, **self._provenance.metadata}.items():
             self._writer.metadata(name, {**part, **values} if name == "recording" else values)
@@ -104,14 +115,28 @@ class RecordingParts:
     def write(self, link: str, buffer: NDArray[np.uint8], frames: Frames, received_ns: int | NDArray[np.int64]) -> None:
         """Append what one link received, in a new part if this one is large enough."""
         if self._options.split_bytes is not None and self._writer.size >= self._options.split_bytes:
-            self._begin_part()
+            following = self._following
+            self._writer.roll(following)
+            self.parts.append(following)
+            self._describe_part()
         self._writer.write(link, buffer, frames, received_ns)
 
-    def _begin_part(self) -> None:
-        following = part_path(self.parts[0], len(self.parts) + 1)
-        self._writer.roll(following)
+    @property
+    def newest_ns(self) -> int:
+        """Newest time of reception so far, UTC; 0 before the first."""
+        return self._writer.newest_ns
+
+    def clock_set_back(self, now_ns: int) -> None:
+        """Go on in a new part, whose times begin anew: within a file they never step back. now_ns: its beginning."""
+        following = self._following
+        self._now_ns = now_ns
+        self._writer.roll(following, new_time=True)
         self.parts.append(following)
-        self._describe_part()
+        self._describe_part(begun_by="clock set back")
+
+    @property
+    def _following(self) -> Path:
+        return part_path(self.parts[0], len(self.parts) + 1)
 
     def tick(self, now_ns: int) -> None:
         """Have what waits written when it has waited long enough."""

@@ -33,6 +33,7 @@ from gcs.sizes import size_text
 CHUNK_BYTES = 1 << 20
 INDEX_ENTRIES = CHUNK_BYTES // (kernel.RECORD_HEADER + 1)
 _OUT_BYTES = CHUNK_BYTES + (1 << 16)
+_NICENESS = 5
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 Bytes = NDArray[np.uint8]
@@ -112,7 +113,11 @@ class RecordingSink:
         self._orders: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         try:
-            self._file = open(path, "wb", buffering=0)  # noqa: SIM115 (closed by the thread)
+            # What another recording left is never written over; a name that was only reserved is taken.
+            reserved = path.is_file() and path.stat().st_size == 0
+            self._file = open(path, "wb" if reserved else "xb", buffering=0)  # noqa: SIM115 (closed by the thread)
+        except FileExistsError:
+            raise RecordingError(f"{path} exists already; choose another name, or remove it first") from None
         except OSError as error:
             raise self._named(error) from None
         try:
@@ -177,19 +182,28 @@ class RecordingSink:
 
     def _order(self, work: Callable[[], None]) -> None:
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name=f"recording {self.path.name}", daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._run, name=f"recording {self.path.name}", daemon=True)
+            try:
+                thread.start()
+            except RuntimeError as error:
+                raise RecordingError(f"{self.path} cannot be written: {error}") from None
+            self._thread = thread
         self._orders.put(work)
 
     def _run(self) -> None:
+        """Carry out the orders. Nothing that goes wrong ends the thread, for the one that receives waits for it."""
+        _give_way()
         try:
-            while (work := self._next()) is not None:
+            while True:
                 try:
+                    work = self._next()
+                    if work is None:
+                        return
                     work()
-                except OSError as error:
-                    self._fail(error)
                 except RecordingError as error:
                     self._error = self._error or error
+                except Exception as error:
+                    self._fail(error)
         finally:
             self._file.close()
             self._free = queue.SimpleQueue()
@@ -215,11 +229,13 @@ class RecordingSink:
         except OSError as error:
             self._fail(error)
 
-    def _named(self, error: OSError) -> RecordingError:
+    def _named(self, error: Exception) -> RecordingError:
+        if not isinstance(error, OSError):
+            return RecordingError(f"{self.path} cannot be written: {type(error).__name__}: {error}")
         kind = DiskFullError if error.errno in _FULL else RecordingError
         return kind(f"{self.path} cannot be written: {error.strerror}")
 
-    def _fail(self, error: OSError) -> None:
+    def _fail(self, error: Exception) -> None:
         """Keep what is whole; everything put from now on is lost."""
         self._error = self._error or self._named(error)
         with contextlib.suppress(OSError):
@@ -350,6 +366,15 @@ def index_of_chunk(index: Ints, channels: int, base: int) -> tuple[dict[int, int
     length = int(kernel.index_records(index, len(index), places.size, places, out))
     offsets = {channel: base + int(places[channel]) for channel in np.flatnonzero(places >= 0).tolist()}
     return offsets, out[:length].tobytes()
+
+
+def _give_way() -> None:
+    """Let the threads that receive go before this one: what waits for the disk is not lost, a full socket's bytes are.
+
+    On Linux a priority is that of one thread (setpriority(2), "C library/kernel differences").
+    """
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
 
 
 def _sync_folder(folder: Path) -> None:

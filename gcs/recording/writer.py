@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import struct
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,6 +106,8 @@ class McapWriter:
         self._chunk = np.zeros(kernel.CHUNK_STATE, np.int64)
         self._chunk[kernel.CHUNK_START] = -1
         self._chunk[kernel.PERIOD] = round(chunk_seconds * 1e9)
+        self._chunk_seconds = chunk_seconds
+        self._opened: float | None = None
 
     def __enter__(self) -> McapWriter:
         return self
@@ -123,6 +126,11 @@ class McapWriter:
     def size(self) -> int:
         """Bytes in the file so far."""
         return self._sink.position
+
+    @property
+    def newest_ns(self) -> int:
+        """Newest time of reception in the file, UTC; 0 before the first."""
+        return int(self._chunk[kernel.LAST_LOG])
 
     @property
     def lost(self) -> Lost:
@@ -176,6 +184,8 @@ class McapWriter:
                 account.state,
             )
             if status == kernel.DONE:
+                if self._opened is None and chunk[kernel.CHUNK_START] >= 0:
+                    self._opened = time.monotonic()
                 return
             if status == kernel.CHUNK_FULL:
                 self._close_chunk()
@@ -183,10 +193,14 @@ class McapWriter:
                 self._add_channel(account, frames, int(chunk[kernel.FRAME]))
 
     def tick(self, now_ns: int) -> None:
-        """Close the open chunk if it is old enough: call now and then, so that an idle link is on disk too."""
+        """Close the open chunk if it is old enough: call now and then, so that an idle link is on disk too.
+
+        It is old enough by `now_ns`, or by a clock that nobody sets.
+        """
         self._check()
         start = int(self._chunk[kernel.CHUNK_START])
-        if start >= 0 and now_ns - start >= int(self._chunk[kernel.PERIOD]):
+        waited = 0.0 if self._opened is None else time.monotonic() - self._opened
+        if start >= 0 and (now_ns - start >= int(self._chunk[kernel.PERIOD]) or waited >= self._chunk_seconds):
             self._close_chunk()
 
     def flush(self) -> None:
@@ -209,9 +223,10 @@ class McapWriter:
         self._close_open_chunk()
         self._sink.put_metadata(name, mapping)
 
-    def roll(self, path: str | os.PathLike[str]) -> None:
+    def roll(self, path: str | os.PathLike[str], *, new_time: bool = False) -> None:
         """Complete this file and go on in another, as if it were one: counters and places in the streams go on.
 
+        new_time: times may step back there, since this computer's clock was set back.
         RecordingError if the other cannot be created; the first is then still being written.
         """
         following = self._open(Path(path))
@@ -221,6 +236,8 @@ class McapWriter:
         self._sink = following
         self._buffer = following.take_buffer()
         self._wire_counts = dict.fromkeys(self._wire_counts, 0)
+        if new_time:
+            self._chunk[kernel.LAST_LOG] = 0
         for schema in self._schemas.values():
             self._append(records.schema_record(schema))
         for channel in self._channels:
@@ -362,6 +379,7 @@ class McapWriter:
         self._buffer = self._sink.take_buffer()
         chunk[kernel.OUT_POS] = chunk[kernel.INDEX_COUNT] = 0
         chunk[kernel.CHUNK_START] = -1
+        self._opened = None
 
 
 __all__ = ["Counts", "Lost", "McapWriter"]

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,9 @@ from gcs.dialect import Dialect
 from gcs.errors import DiskFullError, RecordingError, SettingsError
 from gcs.framing import Framer
 from gcs.recording.joined import by_recording
+from gcs.recording.parts import Provenance, RecordingParts
 from gcs.recording.reader import Recording
-from gcs.recording.storage import SyncPolicy
+from gcs.recording.storage import StorageOptions, SyncPolicy
 from gcs.recording.writer import McapWriter
 
 DIALECT = Dialect.load()
@@ -262,3 +264,85 @@ def other_recording(path: Path) -> Path:
     with McapWriter(path, DIALECT) as writer:
         Stream().feed(writer, 10, "another link")
     return path
+
+
+def test_an_error_that_nobody_thought_of_ends_the_file_not_the_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = Stream()
+    writer = McapWriter(tmp_path / "a.mcap", DIALECT, chunk_seconds=0.05, reserve_bytes=1)
+    stream.feed(writer, 50)
+    writer.flush()
+    kept = stream.bytes
+
+    def fails(handle: int) -> None:
+        raise MemoryError("no room for the answer")
+
+    monkeypatch.setattr(os, "fstatvfs", fails)
+    told: list[str] = []
+
+    def go_on() -> None:  # more chunks than may wait, so that a writer without its thread would stand still
+        for _ in range(20):
+            try:
+                stream.feed(writer, 10)
+                writer.flush()
+            except RecordingError as error:
+                told.append(str(error))
+        writer.close()
+
+    thread = threading.Thread(target=go_on, daemon=True)
+    thread.start()
+    thread.join(30.0)
+    assert not thread.is_alive()
+    assert told == [f"{tmp_path / 'a.mcap'} cannot be written: MemoryError: no room for the answer"]
+    assert writer.lost.bytes == writer.counts.bytes - len(kept)
+    assert stream_of(tmp_path / "a.mcap") == kept
+    assert not Recording(tmp_path / "a.mcap").damage
+
+
+def test_what_an_earlier_recording_left_is_never_written_over(tmp_path: Path) -> None:
+    earlier = tmp_path / "a.part2.mcap"
+    earlier.write_bytes(b"precious")
+    options = StorageOptions(split_bytes=2000)
+    with pytest.raises(RecordingError, match=r"a\.part2\.mcap is a part of an earlier recording"):
+        RecordingParts(tmp_path / "a.mcap", DIALECT, options, Provenance(), START)
+    stream, reserved = Stream(), tmp_path / "b.mcap"
+    reserved.touch()
+    parts = RecordingParts(reserved, DIALECT, options, Provenance(), START)
+    later = tmp_path / "b.part2.mcap"
+    later.write_bytes(b"came meanwhile")
+
+    def fill() -> None:
+        while True:
+            stream.time += SECOND // 10
+            parts.write("udp", *stream.framer.feed(stream.sender.send("ATTITUDE").frame), stream.time)
+
+    with pytest.raises(RecordingError, match=r"b\.part2\.mcap exists already"):
+        fill()
+    parts.close({})
+    assert (earlier.read_bytes(), later.read_bytes()) == (b"precious", b"came meanwhile")
+    assert not Recording(reserved).damage
+
+
+def test_a_clock_set_back_holds_no_chunk_and_begins_a_part_of_its_own(tmp_path: Path) -> None:
+    stream = Stream()
+    parts = RecordingParts(tmp_path / "a.mcap", DIALECT, StorageOptions(), Provenance(), START)
+
+    def feed(at_ns: int) -> None:
+        frame = stream.sender.send("ATTITUDE").frame
+        stream.frames.append(frame)
+        parts.write("udp", *stream.framer.feed(frame), at_ns)
+
+    feed(START)
+    parts.clock_set_back(START - 3600 * SECOND)
+    feed(START - 3600 * SECOND)
+    feed(START - 3600 * SECOND + 5)
+    # By the time of day, which goes back once more, this chunk would be open for another hour.
+    back = START - 7200 * SECOND
+    wait_until(lambda: parts.tick(back) or messages_on_disk(parts.parts[1]) == 2)
+    parts.close({})
+    first, second = map(Recording, parts.parts)
+    assert (first.start_ns, second.start_ns) == (START, START - 3600 * SECOND)
+    assert second.columns("ATTITUDE")[0].log_time.tolist() == [START - 3600 * SECOND, START - 3600 * SECOND + 5]
+    assert second.metadata()["recording"]["begun_by"] == "clock set back"
+    assert b"".join(map(stream_of, parts.parts)) == stream.bytes
