@@ -12,7 +12,7 @@ from sim_vehicle.faultspec import Faults
 
 _GARBAGE_BYTES = 64  # at most, in one burst of noise
 _OVERTAKEN_BY = 3  # at most, frames that pass a reordered one
-_KINDS = ("loss", "jitter", "late", "duplicate", "reorder", "corrupt", "garbage")
+_KINDS = ("loss", "jitter", "late", "duplicate", "reorder", "corrupt", "garbage", "corrupt copy", "garbage copy")
 
 Arrival = tuple[float, bytes]
 
@@ -20,7 +20,8 @@ Arrival = tuple[float, bytes]
 class FaultyLink:
     """One direction of one vehicle's link.
 
-    Each kind of fault draws from a generator of its own, so that turning one on leaves the others as they were.
+    Each kind of fault draws from a generator of its own, and for every frame whatever its fate, so that turning one on
+    leaves the others as they were.
     """
 
     def __init__(self, faults: Faults, seed: np.random.SeedSequence) -> None:
@@ -35,25 +36,23 @@ class FaultyLink:
     def send(self, frame: bytes, time_s: float) -> list[Arrival]:
         """Send one frame at flight time `time_s`: what arrives because of it, and when, s."""
         arrival = self._arrival(time_s)
-        copies = 1 + self._happens("duplicate", self._faults.duplicate)
+        copies = [self._damaged(frame, "")]
+        if self._happens("duplicate", self._faults.duplicate):
+            copies.append(self._damaged(frame, " copy"))
         lost = self._happens("loss", self._faults.loss)
         lost = lost or any(begin <= time_s < end for begin, end in self._faults.outages)
-        behind = self._happens("reorder", self._faults.reorder)
-        came: list[bytes] = []
-        if not lost:
-            for _ in range(copies):
-                if behind:
-                    self._held.append((int(self._random["reorder"].integers(1, _OVERTAKEN_BY + 1)), frame))
-                else:
-                    came.append(frame)
-        if not behind:
-            came += self._released()
-        return [(arrival, self._damaged(item)) for item in came]
+        if lost:
+            copies = []
+        if self._happens("reorder", self._faults.reorder):
+            passed_by = int(self._random["reorder"].integers(1, _OVERTAKEN_BY + 1))
+            self._held += [(passed_by, copy) for copy in copies]
+            return []
+        return [(arrival, item) for item in copies + self._released()]
 
     def rest(self) -> list[Arrival]:
         """Frames that still wait to be overtaken when the flight ends."""
         held, self._held = self._held, []
-        return [(self._burst_arrival_s, self._damaged(frame)) for _, frame in held]
+        return [(self._burst_arrival_s, frame) for _, frame in held]
 
     def _arrival(self, time_s: float) -> float:
         faults = self._faults
@@ -77,12 +76,13 @@ class FaultyLink:
         self._held = [(left, frame) for left, frame in passed if left > 0]
         return [frame for left, frame in passed if left <= 0]
 
-    def _damaged(self, frame: bytes) -> bytes:
-        data = frame
+    def _damaged(self, frame: bytes, copy: str) -> bytes:
+        """What comes of a frame, or of its ` copy`."""
+        data, bits_random, noise_random = frame, self._random[f"corrupt{copy}"], self._random[f"garbage{copy}"]
         if self._faults.corrupt:
             bits = np.unpackbits(np.frombuffer(frame, dtype=np.uint8))
-            bits ^= self._random["corrupt"].random(bits.size) < self._faults.corrupt
+            bits ^= bits_random.random(bits.size) < self._faults.corrupt
             data = np.packbits(bits).tobytes()
-        if self._happens("garbage", self._faults.garbage):
-            data = self._random["garbage"].bytes(int(self._random["garbage"].integers(1, _GARBAGE_BYTES + 1))) + data
+        if self._faults.garbage > 0.0 and noise_random.random() < self._faults.garbage:
+            data = noise_random.bytes(int(noise_random.integers(1, _GARBAGE_BYTES + 1))) + data
         return data

@@ -1,5 +1,7 @@
 """The bad link by itself: shares and delays against the distributions they were asked to have."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -40,9 +42,61 @@ def test_loss() -> None:
     assert 1.0 - len(left) / COUNT == pytest.approx(0.05, abs=5.0 * (0.05 * 0.95 / COUNT) ** 0.5)
 
 
-def test_a_fault_turned_on_leaves_the_others_as_they_were() -> None:
-    alone = set(numbers(sent("loss=0.05", count=2000)))
-    assert set(numbers(sent("loss=0.05,jitter=0.1,duplicate=0.3,corrupt=0", count=2000))) == alone
+Fates = dict[int, object]
+FAULTS = {
+    **{"loss": "0.2", "outage": "50:150", "delay": "0.1", "jitter": "0.03", "late": "0.3:0.2", "duplicate": "0.2"},
+    **{"reorder": "0.2", "corrupt": "1e-3", "garbage": "0.2"},
+}
+BODY = 10  # repeats of the number that a frame carries, so that flipped bits do not hide it
+
+
+def number_of(data: bytes) -> int:
+    """The number that a frame carries: of each bit what most of its repeats say."""
+    repeats = np.unpackbits(np.frombuffer(data[-4 * BODY :], np.uint8).reshape(BODY, 4), axis=1)
+    return int.from_bytes(np.packbits(repeats.mean(axis=0) > 0.5).tobytes(), "big")
+
+
+@cache
+def fates(*names: str, count: int = 300) -> dict[str, Fates]:
+    """What each fault did to each frame, one frame a second; of frames that came, but for loss and outages."""
+    link = FaultyLink(read_faults([f"{name}={FAULTS[name]}" for name in names]), np.random.SeedSequence(9))
+    calls = [link.send(k.to_bytes(4, "big") * BODY, float(k)) for k in range(count)]
+    arrived = [(number_of(data), data) for call in [*calls, link.rest()] for _, data in call]
+    first = dict(reversed(arrived))
+    times = {k: call[0][0] - k for k, call in enumerate(calls) if call}
+    return {
+        "came": dict.fromkeys(first, True),
+        "times": dict(times),
+        "duplicate": {number: sum(other == number for other, _ in arrived) for number in first},
+        "reorder": {number: place for place, number in enumerate(dict.fromkeys(number for number, _ in arrived))},
+        "corrupt": {number: bytes(np.bitwise_xor(*flips(number, data)).tolist()) for number, data in first.items()},
+        "garbage": {number: data[: -4 * BODY] for number, data in first.items()},
+    }
+
+
+def flips(number: int, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    sent = number.to_bytes(4, "big") * BODY
+    return np.frombuffer(data[-4 * BODY :], np.uint8), np.frombuffer(sent, np.uint8)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_turned_on_leaves_every_other_as_it_was(fault: str) -> None:
+    alone = fates(fault)
+    observed = "came" if fault in ("loss", "outage") else "times" if fault in ("delay", "jitter", "late") else fault
+    none = fates()
+    assert alone[observed] != none[observed]
+    for other in FAULTS.keys() - {fault}:
+        both, without = fates(*sorted((fault, other))), fates(other)
+        common = both[observed].keys() & alone[observed].keys()
+        if observed == "came":
+            assert both["came"].keys() == alone["came"].keys() & without["came"].keys()
+        elif observed == "times":  # frames are so far apart that delays add up
+            added = [both["times"][k] - without["times"][k] for k in common]
+            assert added == pytest.approx([alone["times"][k] for k in common], abs=1e-9)
+        elif observed == "reorder":
+            assert sorted(common, key=both["reorder"].get) == sorted(common, key=alone["reorder"].get)
+        else:
+            assert {k: both[observed][k] for k in common} == {k: alone[observed][k] for k in common}
 
 
 def test_delay_and_jitter() -> None:
