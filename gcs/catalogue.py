@@ -166,6 +166,16 @@ class Catalogue:
                 tuple(columns.values()),
             )
 
+    def add_flight(self, flight: Flight) -> bool:
+        """Add a flight unless its id is taken, in which case nothing is changed; whether it was added."""
+        columns = asdict(flight)
+        marks = ", ".join("?" for _ in columns)
+        with self._transaction() as db:
+            added = db.execute(
+                f"INSERT OR IGNORE INTO flights ({', '.join(columns)}) VALUES ({marks})", tuple(columns.values())
+            )
+            return added.rowcount == 1
+
     def remove_flight(self, flight_id: str) -> None:
         """Forget a flight of which nothing was recorded."""
         with self._transaction() as db:

@@ -1,18 +1,18 @@
-"""Recordings that come into the catalogue other than over a link: uploads, and files a crash left behind."""
+"""What the catalogue says of a recording, and recordings that a crash left behind."""
 
 from __future__ import annotations
 
 import logging
-import os
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from gcs.catalogue import Catalogue, Flight
-from gcs.conversion import import_file
-from gcs.errors import ImportFileError, RecordingError
+from gcs.errors import RecordingError
 from gcs.recording.joined import by_recording
 from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
@@ -20,7 +20,6 @@ from gcs.recording.repair import UNFINISHED, complete
 from gcs.settings import Settings
 
 _log = logging.getLogger(__name__)
-_MAX_NAME = 200
 MAV_TYPE_GCS = 6
 
 
@@ -56,33 +55,17 @@ def vehicle_of(recording: Recording) -> int | None:
     return max(heard, key=lambda system: beats[system]) if heard else None
 
 
-def take_in(upload: Path, original_name: str, settings: Settings, catalogue: Catalogue) -> Flight:
-    """Turn an uploaded file into a flight of the catalogue. The original name is shown, never used as a path.
-
-    Raises ImportFileError or RecordingError when it is no recording; nothing is left behind then.
-    """
-    shown = original_name.replace("\\", "/").rpartition("/")[2][:_MAX_NAME] or "upload.mcap"
-    converted = upload.with_name("converted.mcap")
-    import_file(upload, converted, Path(shown).suffix)
-    entry = describe([converted], "", shown, "upload", "complete")
-    if entry.messages == 0:
-        raise ImportFileError(f"{shown} holds no MAVLink message; nothing to take in")
-    stem = f"{flight_stamp(entry.start_ns)}-{entry.system or 0}"
-    flight_id = unused_id(stem, settings.flights, catalogue)
-    path = settings.flights / f"{flight_id}.mcap"
-    os.replace(converted, path)
-    flight = describe([path], flight_id, shown, "upload", "complete")
-    catalogue.put_flight(flight)
-    return flight
-
-
 def unused_id(stem: str, folder: Path, catalogue: Catalogue) -> str:
     """`stem`, or with a number behind it if a flight or file of that name exists."""
-    flight_id, number = stem, 1
-    while catalogue.has_flight(flight_id) or (folder / f"{flight_id}.mcap").exists():
-        number += 1
-        flight_id = f"{stem}-{number}"
-    return flight_id
+    free = (name for name in numbered_ids(stem) if not (folder / f"{name}.mcap").exists())
+    return next(name for name in free if not catalogue.has_flight(name))
+
+
+def numbered_ids(stem: str) -> Iterator[str]:
+    """`stem`, then with 2, 3, … behind it."""
+    yield stem
+    for number in count(2):
+        yield f"{stem}-{number}"
 
 
 def recover(settings: Settings, catalogue: Catalogue) -> list[Flight]:
@@ -100,6 +83,9 @@ def recover(settings: Settings, catalogue: Catalogue) -> list[Flight]:
         if flight_id in unfinished or not catalogue.has_flight(flight_id):
             recovered.append(_recover_one(flight_id, paths, unfinished.pop(flight_id, None), catalogue))
     for flight in unfinished.values():
+        if flight.source == "upload":  # stopped before its file had its place
+            catalogue.remove_flight(flight.id)
+            continue
         reason = "its recording is gone from the data folder"
         _log.warning("flight %s: %s", flight.id, reason)
         catalogue.put_flight(replace(flight, state="recovered", end_reason=reason))
@@ -107,6 +93,10 @@ def recover(settings: Settings, catalogue: Catalogue) -> list[Flight]:
 
 
 def _recover_one(flight_id: str, paths: list[Path], known: Flight | None, catalogue: Catalogue) -> Flight:
+    if known is not None and known.source == "upload":  # its file is whole: it took its place in one step
+        flight = replace(known, state="complete")
+        catalogue.put_flight(flight)
+        return flight
     reasons = [f"{path.name} {reason}" for path in paths if (reason := complete(path))]
     name = f"{flight_id}.mcap"
     try:

@@ -145,7 +145,7 @@ class JobRunner:
                 stdout=subprocess.PIPE,
                 stderr=stderr,
                 text=True,
-                env={**os.environ, "PYTHONPATH": _python_path()},
+                env={**os.environ, "PYTHONPATH": python_path()},
             )
         with self._lock:
             self._process = process
@@ -172,7 +172,7 @@ class JobRunner:
         if "error" in last:
             raise JobError(last["error"])
         if code != 0:
-            raise JobError(_last_words(code, errors))
+            raise JobError(last_words(code, errors))
         return dict(json.loads(Path(order["output"]).read_text(encoding="utf-8")))
 
     def _follow(self, job: Job, lines: IO[str]) -> dict[str, str]:
@@ -216,14 +216,15 @@ class JobRunner:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
 
 
-def _python_path() -> str:
+def python_path() -> str:
     """The worker imports the same packages as the service, installed or not."""
     root = str(Path(__file__).resolve().parent.parent)
     given = os.environ.get("PYTHONPATH")
     return root + os.pathsep + given if given else root
 
 
-def _last_words(code: int, errors: Path) -> str:
+def last_words(code: int, errors: Path) -> str:
+    """Why a worker ended, by its exit code and what it wrote to standard error."""
     if code < 0:
         return f"the worker was ended by signal {-code}; is there enough memory?"
     lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()

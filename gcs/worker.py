@@ -14,7 +14,7 @@ from gcs.jsontext import dumps
 from sim_vehicle.errors import SimVehicleError
 from sysid.errors import SegmentError, SysidError
 
-_NICENESS = 10
+NICENESS = 10
 
 
 def report(**fields: object) -> None:
@@ -22,7 +22,7 @@ def report(**fields: object) -> None:
     print(dumps(fields), flush=True)
 
 
-def _end_with_service() -> None:
+def end_with_service() -> None:
     """Wait for the end of standard input: the service has stopped, nobody wants the result."""
     for _ in sys.stdin:
         pass
@@ -61,9 +61,9 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> int:
     """Read one order, run it, leave the result where the order says. Exit code 1 for a named error."""
-    os.nice(_NICENESS)
+    os.nice(NICENESS)
     order = json.loads(sys.stdin.readline())
-    threading.Thread(target=_end_with_service, daemon=True).start()
+    threading.Thread(target=end_with_service, daemon=True).start()
     try:
         result = run(order)
     except (GcsError, SysidError, SimVehicleError) as error:

@@ -26,6 +26,8 @@ from gcs.version import VERSION
 def create_app(settings: Settings, catalogue: Catalogue, recorder: RecordingStation, jobs: JobRunner) -> FastAPI:
     """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue."""
 
+    service = Service(settings, catalogue, recorder, jobs, started=time.monotonic())
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         jobs.start()
@@ -33,6 +35,7 @@ def create_app(settings: Settings, catalogue: Catalogue, recorder: RecordingStat
         try:
             yield
         finally:
+            service.uploads.close()
             recorder.stop()
             jobs.stop()
             catalogue.close()
@@ -44,7 +47,7 @@ def create_app(settings: Settings, catalogue: Catalogue, recorder: RecordingStat
         lifespan=lifespan,
         redoc_url=None,
     )
-    app.state.service = Service(settings, catalogue, recorder, jobs, started=time.monotonic())
+    app.state.service = service
     app.add_middleware(Guard, token=settings.token)
     problems.install(app)
     for router in (status_router, flights_router, jobs_router):

@@ -13,7 +13,6 @@ from gcs.api.service import Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue import Flight
 from gcs.errors import CatalogueError
-from gcs.intake import take_in
 from gcs.utctext import utc_text
 
 router = APIRouter(tags=["flights"])
@@ -79,7 +78,7 @@ async def upload(
 ) -> FlightItem:
     """Upload a .mcap, .tlog, .bin or .ulg: a form with the part `file`, or the file itself with `?name=`."""
     async with receive_upload(request, service.settings, name) as (path, original):
-        flight = await run_in_threadpool(take_in, path, original, service.settings, service.catalogue)
+        flight = await run_in_threadpool(service.uploads.take_in, path, original)
     return _item(flight)
 
 

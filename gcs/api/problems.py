@@ -19,6 +19,7 @@ from gcs.errors import (
     JobError,
     RecordingDeletedError,
     RecordingError,
+    ServiceError,
     SignalMapError,
 )
 from sim_vehicle.errors import SimVehicleError
@@ -27,6 +28,7 @@ from sysid.errors import SysidError
 _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (CatalogueError, 404),
     (CatalogueFileError, 503),
+    (ServiceError, 503),
     (RecordingDeletedError, 410),
     (SignalMapError, 404),
     (JobError, 409),

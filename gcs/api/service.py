@@ -12,6 +12,7 @@ from gcs.flightview import FlightViewer
 from gcs.jobs import JobRunner
 from gcs.settings import Settings
 from gcs.station import RecordingStation
+from gcs.uploads import Uploads
 
 
 @dataclass
@@ -24,9 +25,11 @@ class Service:
     jobs: JobRunner
     started: float
     viewer: FlightViewer = field(init=False)
+    uploads: Uploads = field(init=False)
 
     def __post_init__(self) -> None:
         self.viewer = FlightViewer(self.settings)
+        self.uploads = Uploads(self.settings, self.catalogue)
 
 
 def _service(request: Request) -> Service:

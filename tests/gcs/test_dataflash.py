@@ -2,6 +2,7 @@
 
 import math
 import random
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,10 @@ from gcs.catalogue import Catalogue
 from gcs.conversion import export_file, import_file
 from gcs.errors import ImportFileError
 from gcs.importers.dataflash import read_dataflash
-from gcs.intake import take_in
 from gcs.recording.reader import Recording
 from gcs.settings import Settings
 from gcs.signals import extract
+from gcs.uploads import Uploads
 from sim_vehicle.vehicle import load_vehicle
 
 BOOT_US = 80_000_000
@@ -253,7 +254,8 @@ def test_an_uploaded_log_is_a_flight(tmp_path: Path) -> None:
     settings.flights.mkdir(parents=True)
     upload = tmp_path / "upload"
     upload.write_bytes(a_log().data)
-    flight = take_in(upload, "C:\\logs\\00000042.BIN", settings, Catalogue(tmp_path / "catalogue.sqlite"))
+    with closing(Catalogue(tmp_path / "catalogue.sqlite")) as catalogue:
+        flight = Uploads(settings, catalogue).take_in(upload, "C:\\logs\\00000042.BIN")
     assert (flight.name, flight.system, flight.start_ns) == ("00000042.BIN", 7, UTC_US * 1000)
     export_file(settings.flights / flight.file, tmp_path / "again.bin")
     assert (tmp_path / "again.bin").read_bytes() == a_log().data
