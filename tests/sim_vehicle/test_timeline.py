@@ -21,16 +21,32 @@ def test_without_a_clock_time_goes_on_when_told() -> None:
     assert done == ["a", "b", "c", "d"]
 
 
+class SteppedClock:
+    """Stands still until it is told to run, then goes on 3 ms whenever it is read."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.runs = False
+
+    def __call__(self) -> float:
+        self.now += 0.003 * self.runs
+        return self.now
+
+
 def test_on_the_clock_nothing_is_done_early_or_out_of_order() -> None:
-    pacer = Pacer(2.0)
+    clock = SteppedClock()
+    pacer = Pacer(2.0, clock)
     pacer.wait_until(0.0)
     timeline, done = Timeline(pacer), []
     # Between two ticks of 20 ms, and given latest first.
     for when in (0.093, 0.051, 0.0715, 0.07, 0.047):
-        timeline.at(when, lambda when=when: done.append((when, pacer.flight_time())))
+        timeline.at(when, lambda when=when: done.append((when, 2.0 * clock.now)))
+    assert done == []
+    clock.runs = True
     timeline.finish()
     assert [when for when, _ in done] == [0.047, 0.051, 0.07, 0.0715, 0.093]
-    assert all(ran >= when - 1e-9 for when, ran in done)
+    # Within the steps of 6 ms of flight in which it looked, and a step is taken for each action that is due.
+    assert all(when - 1e-9 <= ran <= when + 0.02 for when, ran in done)
 
 
 def test_an_error_is_told_to_the_next_who_gives_an_action() -> None:
