@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from dataclasses import replace
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -68,31 +69,87 @@ def numbered_ids(stem: str) -> Iterator[str]:
         yield f"{stem}-{number}"
 
 
-def recover(settings: Settings, catalogue: Catalogue) -> list[Flight]:
-    """List what the last run of the service left unfinished, and recordings the catalogue does not know.
+@dataclass(frozen=True)
+class Leftover:
+    """A flight that the last run of the service did not end, or that the catalogue does not know.
 
-    Files that were cut off are completed. The flights listed anew.
+    paths: its files, none where they are gone. known: its entry in the catalogue.
     """
+
+    flight_id: str
+    paths: tuple[Path, ...]
+    known: Flight | None
+
+
+def leftovers(settings: Settings, catalogue: Catalogue) -> list[Leftover]:
+    """What there is to recover, at once. To be asked before anything is recorded, or that would be among it."""
     settings.flights.mkdir(parents=True, exist_ok=True)
-    for leftover in settings.flights.glob(f"*{UNFINISHED}"):
-        leftover.unlink()
-    unfinished = {flight.id: flight for flight in catalogue.unfinished_flights()}
-    recovered = []
+    for unfinished in settings.flights.glob(f"*{UNFINISHED}"):
+        unfinished.unlink()
+    known = {flight.id: flight for flight in catalogue.unfinished_flights()}
+    left = []
     for paths in by_recording(sorted(settings.flights.glob("*.mcap"))):
         flight_id, _ = part_of(paths[0])
-        if flight_id in unfinished or not catalogue.has_flight(flight_id):
-            recovered.append(_recover_one(flight_id, paths, unfinished.pop(flight_id, None), catalogue))
-    for flight in unfinished.values():
-        if flight.source == "upload":  # stopped before its file had its place
-            catalogue.remove_flight(flight.id)
-            continue
-        reason = "its recording is gone from the data folder"
-        _log.warning("flight %s: %s", flight.id, reason)
-        catalogue.put_flight(replace(flight, state="recovered", end_reason=reason))
-    return recovered
+        if flight_id in known or not catalogue.has_flight(flight_id):
+            left.append(Leftover(flight_id, tuple(paths), known.pop(flight_id, None)))
+    return [*left, *(Leftover(flight.id, (), flight) for flight in known.values())]
 
 
-def _recover_one(flight_id: str, paths: list[Path], known: Flight | None, catalogue: Catalogue) -> Flight:
+def recover(settings: Settings, catalogue: Catalogue) -> list[Flight]:
+    """Recover all leftovers; the flights listed anew."""
+    found = (recover_one(left, catalogue) for left in leftovers(settings, catalogue))
+    return [flight for flight in found if flight is not None]
+
+
+def recover_one(left: Leftover, catalogue: Catalogue) -> Flight | None:
+    """Complete a flight's files and list it; None if there is no recording. Raises CatalogueFileError."""
+    if left.paths:
+        return _complete_and_list(left.flight_id, list(left.paths), left.known, catalogue)
+    assert left.known is not None
+    if left.known.source == "upload":  # stopped before its file had its place
+        catalogue.remove_flight(left.flight_id)
+        return None
+    reason = "its recording is gone from the data folder"
+    _log.warning("flight %s: %s", left.flight_id, reason)
+    catalogue.put_flight(replace(left.known, state="recovered", end_reason=reason))
+    return None
+
+
+class Recovery:
+    """Recovers leftovers in a thread of its own, so that links open at once, however much there is to complete.
+
+    then: called with each flight listed anew.
+    """
+
+    def __init__(self, left: Sequence[Leftover], catalogue: Catalogue, then: Callable[[Flight], None]) -> None:
+        self._left = tuple(left)
+        self._catalogue = catalogue
+        self._then = then
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recovery", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Begin nothing more; what is not done then is done at the next start. Returns at once."""
+        self._stopping.set()
+
+    def _run(self) -> None:
+        for left in self._left:
+            if self._stopping.is_set():
+                return
+            try:
+                flight = recover_one(left, self._catalogue)
+                if flight is not None:
+                    self._then(flight)
+            except Exception as error:
+                if not self._stopping.is_set():  # the catalogue is closed then
+                    _log.error("flight %s is not recovered yet: %s", left.flight_id, error)
+
+
+def _complete_and_list(flight_id: str, paths: list[Path], known: Flight | None, catalogue: Catalogue) -> Flight:
     if known is not None and known.source == "upload":  # its file is whole: it took its place in one step
         flight = replace(known, state="complete")
         catalogue.put_flight(flight)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from gcs.link import Link
-from gcs.linkurl import LinkKind, LinkUrl, parse_url
+from gcs.linkurl import LinkKind, LinkUrl, link_names, parse_url
 from gcs.streamlinks import SerialLink, TcpClientLink
 from gcs.tcpserver import TcpServerLink
 from gcs.udplink import UdpLink
@@ -23,8 +24,27 @@ _LINKS: dict[LinkKind, Callable[[LinkUrl], Link]] = {
 
 def open_link(text: str) -> Link:
     """The link of a connection string; LinkError if it is wrong, or a port to listen on is taken."""
-    url = parse_url(text)
+    return _open(parse_url(text))
+
+
+def open_links(texts: Sequence[str]) -> list[Link]:
+    """The links of several connection strings, all or none, each with a name of its own (`link_names`).
+
+    Raises LinkError as `open_link` does.
+    """
+    links: list[Link] = []
+    try:
+        for text, name in zip(texts, link_names(texts), strict=True):
+            links.append(_open(replace(parse_url(text), text=name)))
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+    return links
+
+
+def _open(url: LinkUrl) -> Link:
     return _LINKS[url.kind](url)
 
 
-__all__ = ["Link", "SerialLink", "TcpClientLink", "TcpServerLink", "UdpLink", "open_link"]
+__all__ = ["Link", "SerialLink", "TcpClientLink", "TcpServerLink", "UdpLink", "open_link", "open_links"]

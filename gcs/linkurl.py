@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -78,6 +79,18 @@ def parse_url(text: str) -> LinkUrl:
             )
         return LinkUrl(text, LinkKind.SERIAL, device=device, baud=int(baud) if comma else DEFAULT_BAUD)
     raise LinkUrlError(f"{text!r} is no connection string; write {_EXAMPLES}")
+
+
+def link_names(urls: Sequence[str]) -> list[str]:
+    """Names of links opened together: their connection strings, one given again with a number: `URL (2)`.
+
+    /dev/ttyACM* twice may well be meant, for two radios; their bytes must not mix.
+    """
+    names: list[str] = []
+    for url in map(str.strip, urls):
+        given = sum(1 for other in urls[: len(names)] if other.strip() == url)
+        names.append(f"{url} ({given + 1})" if given else url)
+    return names
 
 
 def _parse_network(text: str, kind: LinkKind, address: str) -> LinkUrl:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs.dialect import Dialect
 from gcs.errors import RecordingError
-from gcs.linkurl import parse_url
+from gcs.linkurl import link_names, parse_url
 from gcs.recording.parts import Provenance
 from gcs.recording.records import Attachment
 from gcs.version import VERSION
@@ -53,7 +53,7 @@ def provenance(dialect: Dialect, urls: Sequence[str], vehicle: str | None, diale
         software["vehicle"] = craft.path.name
     if dialect_name.lower().endswith(".xml"):
         files.append(Path(dialect_name))
-    links = {url: parse_url(url).kind.value for url in urls}
+    links = {name: parse_url(url).kind.value for name, url in zip(link_names(urls), urls, strict=True)}
     return Provenance({"recording": software, "links": links}, tuple(map(_attachment, dict.fromkeys(files))))
 
 

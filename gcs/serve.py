@@ -17,9 +17,9 @@ from gcs.api import create_app
 from gcs.catalogue import Catalogue, Flight
 from gcs.dialect import Dialect
 from gcs.errors import GcsError, ServiceError
-from gcs.intake import recover
+from gcs.intake import Recovery, leftovers
 from gcs.jobs import JobRunner
-from gcs.links import Link, open_link
+from gcs.links import Link, open_links
 from gcs.provenance import provenance
 from gcs.recorder import FlightRecorder
 from gcs.retention import Retention, RetentionRule
@@ -51,10 +51,8 @@ def _sole_user(data: Path) -> Iterator[None]:
 @contextmanager
 def _links(urls: tuple[str, ...]) -> Iterator[list[Link]]:
     """Open all links or none; the station closes them."""
-    links: list[Link] = []
+    links = open_links(urls)
     try:
-        for url in urls:
-            links.append(open_link(url))
         yield links
     except BaseException:
         for link in links:
@@ -99,10 +97,9 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         _listen(settings) as listener,
         closing(Catalogue(settings.database)) as catalogue,
     ):
-        recovered = recover(settings, catalogue)
         jobs = JobRunner(settings, catalogue)
-        for flight in recovered:
-            _identify_when_over(settings, jobs)(flight)
+        identify = _identify_when_over(settings, jobs)
+        recovery = Recovery(leftovers(settings, catalogue), catalogue, identify)
         dialect = Dialect.load(settings.link.dialect)
         warm_up(dialect)
         recorder = FlightRecorder(
@@ -111,7 +108,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             catalogue,
             silence_s=settings.silence_s,
             disarm_s=settings.disarm_s,
-            on_flight_end=_identify_when_over(settings, jobs),
+            on_flight_end=identify,
             storage=settings.storage,
             provenance=provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect),
             key=settings.link.key,
@@ -126,15 +123,17 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             with closing(Retention(settings.flights, catalogue, rule)) as retention:
                 retention.start()
+                recovery.start()
                 announce(f"http://{host}:{listener.getsockname()[1]}")
-                _run(server, listener)
+                _run(server, listener, recovery)
 
 
-def _run(server: uvicorn.Server, listener: socket.socket) -> None:
+def _run(server: uvicorn.Server, listener: socket.socket, recovery: Recovery) -> None:
     """Run until a signal; being told to stop is a good end, so the signal must not be raised again behind it."""
 
     def stopped(number: int, frame: FrameType | None) -> None:
         server.should_exit = True
+        recovery.stop()
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stopped)

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.capture import CaptureOptions, record
     from gcs.errors import LinkError, SettingsError
     from gcs.linkoptions import link_options
-    from gcs.links import open_link
+    from gcs.links import open_links
     from gcs.linkurl import parse_url
     from gcs.progress import Progress
     from gcs.storageoptions import storage_options
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         parse_url(url)
     options = CaptureOptions(args.output, args.duration, args.vehicle, link_options(args), storage_options(args))
     with contextlib.ExitStack() as stack:
-        links = [stack.enter_context(contextlib.closing(open_link(url))) for url in args.connect]
+        links = [stack.enter_context(contextlib.closing(link)) for link in open_links(args.connect)]
         next_count, counted = 0.0, ""
         with Progress() as progress:
 

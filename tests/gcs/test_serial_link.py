@@ -4,14 +4,17 @@ import os
 import termios
 import tty
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
+import pytest
+from processes import free_port
 from traffic import Vehicle, wait_until
 
 from gcs.capture import Capture
 from gcs.dialect import Dialect
-from gcs.links import Link, open_link
+from gcs.errors import LinkError
+from gcs.links import Link, open_link, open_links
 from gcs.recording.reader import Recording
 
 
@@ -141,3 +144,28 @@ def test_what_is_no_serial_device_says_so(tmp_path: Path) -> None:
         assert not link.connected
         assert link.problem
         assert "\n" not in link.problem
+
+
+def test_two_radios_by_the_same_pattern_are_two_links_whose_bytes_do_not_mix(tmp_path: Path) -> None:
+    url = f"{tmp_path}/ttyACM*"
+    with ExitStack() as stack:
+        wires = [stack.enter_context(plugged(tmp_path / f"ttyACM{i}"))[0] for i in range(2)]
+        links = open_links([url, url, url])
+        for link in links:
+            stack.enter_context(closing(link))
+        assert [link.name for link in links] == [url, f"{url} (2)", f"{url} (3)"]
+        connected(links[0])
+        connected(links[1])
+        for wire, word in zip(wires, (b"first", b"second"), strict=True):
+            os.write(wire, word)
+        for link, word in zip(links[:2], (b"first", b"second"), strict=True):
+            batch = wait_until(lambda link=link: link.receive(0.01))
+            assert (batch.data, batch.source or link.name) == (word, link.name)
+            assert [source.name for source in link.sources.all()] == [link.name]
+
+
+def test_a_port_given_twice_is_refused_and_nothing_stays_open() -> None:
+    url = f"udpin:127.0.0.1:{free_port()}"
+    with pytest.raises(LinkError, match="choose another port"):
+        open_links([url, url])
+    open_links([url])[0].close()
