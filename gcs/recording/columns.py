@@ -77,7 +77,7 @@ class MessageChannel:
 def message_channel(identity: int, topic: str, schema_id: int, metadata: Any) -> MessageChannel | None:
     """What a channel says about its MAVLink messages; None for other channels."""
     try:
-        return MessageChannel(
+        channel = MessageChannel(
             identity,
             topic,
             metadata["message"],
@@ -92,6 +92,9 @@ def message_channel(identity: int, topic: str, schema_id: int, metadata: Any) ->
         )
     except (KeyError, ValueError):
         return None
+    in_a_byte = (channel.system, channel.component, channel.crc_extra, channel.base_length)
+    sound = all(0 <= value < 1 << 8 for value in in_a_byte) and 0 <= channel.message_id < 1 << 24
+    return channel if sound else None
 
 
 @dataclass(frozen=True)

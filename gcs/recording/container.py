@@ -10,23 +10,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-import lz4.frame
 import numpy as np
-import zstandard
 from numpy.typing import NDArray
 
 from gcs.conversion import IMPORTS
 from gcs.errors import RecordingError
 from gcs.recording import records
+from gcs.recording.chunks import checked_content, decompress, find_chunk, is_cut_off
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
-from gcs.recording.scan import list_messages, walk_records
+from gcs.recording.scan import first_unfit, list_messages, walk_records
+from gcs.sizes import size_text
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
 _FOOTER_BYTES = 9 + 20 + 8
-_LARGEST_CHUNK = 1 << 31
+_RECORD_HEAD = 9
 
 
 @dataclass
@@ -34,16 +34,30 @@ class Damage:
     """What of a file could not be used.
 
     chunks: chunks left out because their bytes are not what was written. bytes: bytes of the file that cannot be read.
-    truncated: the file has no end; at most its last chunk is missing. notes: one line for each finding.
+    truncated: the file has no end. notes: one line for each finding. inside: the first of them that tells of more lost
+    than the one record that was being written when the file was cut off; empty if there is none.
     """
 
     chunks: int = 0
     bytes: int = 0
     truncated: bool = False
     notes: list[str] = field(default_factory=list)
+    inside: str = ""
 
     def __bool__(self) -> bool:
         return bool(self.chunks or self.bytes)
+
+    def lose(self, offset: int, size: int, why: str, inside: bool = True) -> None:
+        """Note bytes that cannot be read."""
+        if size > 0:
+            self.bytes += size
+            self.note(f"{size} bytes at {offset} cannot be read: {why}", inside)
+
+    def note(self, finding: str, inside: bool) -> None:
+        """Note a finding."""
+        self.notes.append(finding)
+        if inside and not self.inside:
+            self.inside = finding
 
 
 @dataclass(frozen=True)
@@ -90,12 +104,11 @@ class Container:
         self.channels: dict[int, Channel] = {}
         self.chunks: list[ChunkInfo] = []
         self.message_counts: dict[int, int] | None = None
-        self.attachments: list[Attachment] = []
+        self._attachment_places: list[tuple[int, int]] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         self._cached: Group | None = None
         self._indexed: dict[int, tuple[ChunkInfo, frozenset[int]]] = {}
         self._selected_bytes = 0
-        self._zstd = zstandard.ZstdDecompressor()
         self._bad_chunks: set[int] = set()
         self.bytes = self._map()
         self._check_head()
@@ -135,38 +148,66 @@ class Container:
         return places[:count], int(end)
 
     def _read_records(self) -> None:
-        start, stop = len(records.MAGIC), self.bytes.size
         whole = self.bytes[-len(records.MAGIC) :].tobytes() == records.MAGIC
         summary = self._read_summary() if whole else []
+        if summary:
+            self._read_by_summary(summary)
+        else:
+            self._read_without_summary()
+        if self.message_counts is None:
+            self._take_definitions_of_chunks()
+        if not self.channels:
+            why = "was cut off before its first message"
+            if self.damage.inside:
+                why = "is damaged where its messages are described"
+            raise RecordingError(f"{self.path} {why}; there is nothing to use in it")
+
+    def _read_by_summary(self, summary: list[ChunkInfo]) -> None:
+        """All records where the summary, which has a checksum, says where the chunks are."""
+        start, stop = len(records.MAGIC), self.bytes.size
         places, end = self._walk(start, stop)
         self._take(places)
         ended = places.size > 0 and places[-1, 0] == records.FOOTER
         astray = not ended
-        while not ended and summary:
+        while not ended:
             later = [chunk.offset for chunk in summary if chunk.offset > end]
             if not later:
                 break
             places, end = self._walk(later[0], stop)
             self._take(places)
             ended = places.size > 0 and places[-1, 0] == records.FOOTER
-        if summary:
-            # A damaged length leads the walk astray, even past good chunks; the summary has a checksum.
-            if astray or [chunk.offset for chunk in self.chunks] != [chunk.offset for chunk in summary]:
-                self.damage.notes.append("a record's length is damaged; the chunks were found by the summary")
-            self.chunks = summary
-            ended = True
-        if not ended:
-            self.damage.truncated = True
-            self._lose(end, stop - end, "the file was cut off")
-        if self.message_counts is None:
-            self._take_definitions_of_chunks()
-        if not self.channels:
-            raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
+        # A damaged length leads the walk astray, even past good chunks.
+        if astray or [chunk.offset for chunk in self.chunks] != [chunk.offset for chunk in summary]:
+            self.damage.notes.append("a record's length is damaged; the chunks were found by the summary")
+        self.chunks = summary
 
-    def _lose(self, offset: int, size: int, why: str) -> None:
-        if size > 0:
-            self.damage.bytes += size
-            self.damage.notes.append(f"{size} bytes at {offset} cannot be read: {why}")
+    def _read_without_summary(self) -> None:
+        """All records from the first on; behind one that is damaged it goes on at the next chunk that is whole."""
+        at, stop = len(records.MAGIC), self.bytes.size
+        while True:
+            places, end = self._walk(at, stop)
+            sound = int(first_unfit(self.bytes, places))
+            if sound < len(places):
+                places, end = places[:sound], int(places[sound, 1]) - _RECORD_HEAD
+            self._take(places)
+            if np.isin(places[:, 0], (records.DATA_END, records.FOOTER)).any():
+                self.damage.truncated = records.FOOTER not in places[:, 0]
+                cut = True
+                break
+            chunk, wrong = find_chunk(self.bytes, end, stop)
+            if chunk is None:
+                self.damage.truncated = True
+                cut = not wrong and is_cut_off(self.bytes, end, stop)
+                break
+            if chunk.offset > end:
+                self.damage.lose(end, chunk.offset - end, "damaged; the next whole chunk is behind it")
+            else:
+                self.damage.note(f"the record at {end} is damaged in front of its chunk, which is whole", inside=False)
+            self.chunks.append(chunk)
+            at = chunk.offset + chunk.length
+        if self.damage.truncated:
+            why = "the file was cut off" if cut else "damaged, and no whole chunk is behind it"
+            self.damage.lose(end, stop - end, why, inside=not cut)
 
     def _read_summary(self) -> list[ChunkInfo]:
         """Schemas, channels, counts and chunk places of the summary, if it is there and sound."""
@@ -221,13 +262,13 @@ class Container:
                     info, _, _ = records.read_chunk_head(head, int(place[1]) - 9, int(place[2]) + 9)
                     self.chunks.append(info)
                 elif opcode == records.ATTACHMENT:
-                    self.attachments.append(records.read_attachment(self._content(place)))
+                    self._attachment_places.append((int(place[1]), int(place[2])))
                 elif opcode == records.METADATA:
                     self.metadata.append(records.read_metadata(self._content(place)))
                 else:
                     self._take_definition(opcode, self._content(place))
             except ValueError as error:
-                self._lose(int(place[1]) - 9, int(place[2]) + 9, str(error))
+                self.damage.lose(int(place[1]) - _RECORD_HEAD, int(place[2]) + _RECORD_HEAD, str(error))
 
     def _take_definitions_of_chunks(self) -> None:
         """Without a summary the schemas and channels are only found inside the chunks."""
@@ -236,33 +277,33 @@ class Container:
             for opcode, at, length in places[np.isin(places[:, 0], (records.SCHEMA, records.CHANNEL))].tolist():
                 self._take_definition(opcode, group.data[at : at + length].tobytes())
 
+    @cached_property
+    def attachments(self) -> list[Attachment]:
+        """Files inside the recording, read when they are asked for; one with a wrong checksum counts as damage."""
+        found = []
+        for at, length in self._attachment_places:
+            try:
+                found.append(records.read_attachment(self.bytes[at : at + length].tobytes()))
+            except ValueError as error:
+                self.damage.lose(at - _RECORD_HEAD, length + _RECORD_HEAD, str(error))
+        return found
+
     def content_of(self, chunk: ChunkInfo) -> bytes | None:
         """The chunk's content, or None (and a note of the damage) if it is not what was written."""
-        head = self.bytes[chunk.offset + 9 : chunk.offset + 9 + min(chunk.length - 9, 4096)].tobytes()
         try:
-            info, checksum, at = records.read_chunk_head(head, chunk.offset, chunk.length)
-            if at + info.compressed_size > chunk.offset + chunk.length or info.uncompressed_size > _LARGEST_CHUNK:
-                raise ValueError("a chunk's lengths are damaged")
-            stored = self.bytes[at : at + info.compressed_size].tobytes()
-            data = self._decompress(info, stored)
-            if len(data) != info.uncompressed_size or (checksum and zlib.crc32(data) != checksum):
-                raise ValueError("a chunk's checksum is wrong")
-        except (ValueError, RuntimeError, zstandard.ZstdError) as error:
+            return checked_content(self.bytes, chunk, self._decompress)
+        except ValueError as error:
             if chunk.offset not in self._bad_chunks:
                 self._bad_chunks.add(chunk.offset)
                 self.damage.chunks += 1
-                self._lose(chunk.offset, chunk.length, str(error))
+                self.damage.lose(chunk.offset, chunk.length, str(error))
             return None
-        return data
+        except MemoryError:
+            size = size_text(chunk.uncompressed_size)
+            raise RecordingError(f"{self.path}: a chunk of {size} does not fit into memory; free some") from None
 
     def _decompress(self, chunk: ChunkInfo, stored: bytes) -> bytes:
-        if chunk.compression == "zstd":
-            return self._zstd.decompress(stored, max_output_size=chunk.uncompressed_size)
-        if chunk.compression == "lz4":
-            return bytes(lz4.frame.decompress(stored))
-        if chunk.compression == "":
-            return stored
-        raise ValueError(f"compression {chunk.compression!r} is not known")
+        return decompress(chunk, stored)
 
     def groups(self) -> Iterator[Group]:
         """All messages, some chunks at a time, in file order."""

@@ -36,10 +36,12 @@ class JoinedContainer:
                     raise RecordingError(f"{part.path} is not of the same recording as {self.path}; name it on its own")
             self.schemas.update(part.schemas)
         self.chunks: list[ChunkInfo] = [chunk for part in self.containers for chunk in part.chunks]
-        self.attachments: list[Attachment] = list(
-            {file.name: file for part in self.containers for file in part.attachments}.values()
-        )
         self.metadata = [entry for part in self.containers for entry in part.metadata]
+
+    @property
+    def attachments(self) -> list[Attachment]:
+        """Files inside the recording, of several with one name the last."""
+        return list({file.name: file for part in self.containers for file in part.attachments}.values())
 
     @property
     def message_counts(self) -> dict[int, int] | None:
@@ -64,6 +66,7 @@ class JoinedContainer:
                 *(f"{part.path.name}: {note}" for part in self.containers for note in part.damage.notes),
                 *self._unopened,
             ],
+            inside=next((one.inside for one in found if one.inside), ""),
         )
 
     def groups(self) -> Iterator[Group]:

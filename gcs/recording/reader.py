@@ -75,6 +75,7 @@ class Recording:
         """What could not be read; checks the whole file."""
         for _ in self._file.groups():
             pass
+        self.attachments()
         return self._file.damage
 
     @property
@@ -117,7 +118,7 @@ class Recording:
         return dict(self._file.metadata)
 
     def attachments(self) -> tuple[Attachment, ...]:
-        """Files inside the recording."""
+        """Files inside the recording whose checksums are right."""
         return tuple(self._file.attachments)
 
     def counts(self) -> dict[str, int]:
@@ -188,7 +189,11 @@ class Recording:
             schema = self._file.schemas.get(schema_id)
             if schema is None:
                 raise RecordingError(f"{self.path} lacks the definition of a message; it is damaged there")
-            self._layouts[schema_id] = parse_ros2msg(schema.text)
+            layout = parse_ros2msg(schema.text)
+            possible = 0 < layout.wire_size <= scan.LARGEST_PAYLOAD and len(layout.runs) <= scan.LARGEST_RUN_COUNT
+            if not possible or len({field.name for field in layout.fields}) < len(layout.fields):
+                raise RecordingError(f"{self.path}: {schema.name} is defined as no MAVLink message can be")
+            self._layouts[schema_id] = layout
         return self._layouts[schema_id]
 
     def reception_times(self) -> Iterator[dict[tuple[str, str], Ints]]:
@@ -272,6 +277,10 @@ class Recording:
             raise RecordingError(
                 f"{self.path}: the bytes of link {link} cannot be rebuilt: messages are missing or in other chunks"
             )
+        wire_sizes = channel_rows[group.rows[messages, 0], scan.WIRE]
+        runs = (record.run_frame, record.run_kind, record.run_length)
+        if not scan.runs_fit(wire_sizes, record.form, *runs, record.run_bytes):
+            raise RecordingError(f"{self.path}: the bytes of link {link} cannot be rebuilt: their account is damaged")
         out = np.empty(messages.size * _LARGEST_FRAME + record.run_bytes.size, np.uint8)
         pieces = np.empty((messages.size + record.run_frame.size, 4), np.int64)
         count = scan.rebuild(
@@ -280,9 +289,7 @@ class Recording:
             messages,
             channel_rows,
             record.form,
-            record.run_frame,
-            record.run_kind,
-            record.run_length,
+            *runs,
             record.run_time,
             record.run_bytes,
             record.start_ns,

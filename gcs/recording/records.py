@@ -58,9 +58,20 @@ class ChunkInfo:
     uncompressed_size: int
 
 
+def record_head(opcode: int, length: int) -> bytes:
+    """Opcode and length of the content, in front of every record."""
+    return struct.pack("<BQ", opcode, length)
+
+
+def read_record_head(head: bytes) -> tuple[int, int]:
+    """Opcode and length of the content from a record's nine bytes in front."""
+    opcode, length = struct.unpack("<BQ", head)
+    return opcode, length
+
+
 def record(opcode: int, content: bytes) -> bytes:
     """Opcode, length and content."""
-    return struct.pack("<BQ", opcode, len(content)) + content
+    return record_head(opcode, len(content)) + content
 
 
 def text(value: str) -> bytes:

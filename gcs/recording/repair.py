@@ -15,7 +15,7 @@ import numpy as np
 from gcs.errors import RecordingError
 from gcs.recording.container import Container, Damage
 from gcs.recording.joined import JoinedContainer
-from gcs.recording.records import ChunkInfo
+from gcs.recording.records import CHUNK, ChunkInfo, record, record_head
 from gcs.recording.scan import list_messages
 from gcs.recording.sink import RecordingSink
 from gcs.recording.storage import SyncPolicy
@@ -40,7 +40,7 @@ def repair(sources: Sequence[Path], target: Path) -> Damage:
             sink.put_metadata(name, values)
         for file in container.attachments:
             sink.put_attachment(file)
-        copied = sum(_copy_chunks(part, sink, max(container.channels)) for part in container.containers)
+        copied = sum(_copy_chunks(part, sink, sorted(container.channels)) for part in container.containers)
     finally:
         sink.finish(list(container.schemas.values()), list(container.channels.values()))
         sink.wait()
@@ -55,25 +55,31 @@ def repair(sources: Sequence[Path], target: Path) -> Damage:
     return container.damage
 
 
-def _copy_chunks(container: Container, sink: RecordingSink, channels: int) -> int:
-    """Copy the chunks whose content is right; the messages in them."""
-    copied = waiting = 0
+def _copy_chunks(container: Container, sink: RecordingSink, channels: list[int]) -> int:
+    """Copy the chunks whose content is right; the messages in them that are of one of these channels."""
+    copied = waiting = unknown = 0
     for chunk in container.chunks:
         content = container.content_of(chunk)
         if content is None:
             continue
         index = _index(np.frombuffer(content, np.uint8))
-        sink.copy_chunk(_record(container, chunk), chunk, index, channels)
-        copied += len(index)
+        known = np.isin(index[:, 0], channels)
+        unknown += len(known) - int(known.sum())
+        sink.copy_chunk(_record(container, chunk), chunk, index[known], channels[-1])
+        copied += int(known.sum())
         waiting += chunk.length
         if waiting > _WAITING_BYTES:
             sink.flush()
             waiting = 0
+    if unknown:
+        container.damage.note(f"{unknown} messages are of channels that nothing in the file describes", inside=True)
     return copied
 
 
 def _record(container: Container, chunk: ChunkInfo) -> bytes:
-    return container.bytes[chunk.offset : chunk.offset + chunk.length].tobytes()
+    """The chunk's record; its opcode and length, which nothing protects, are made anew."""
+    start = chunk.offset + len(record_head(CHUNK, 0))
+    return record(CHUNK, container.bytes[start : chunk.offset + chunk.length].tobytes())
 
 
 def _index(content: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
@@ -88,22 +94,22 @@ def _index(content: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> np.ndarray[tu
 def complete(path: Path) -> str:
     """Give a recording that was cut off its index and end, in place; why that was not done, empty if all is well.
 
-    The file is replaced by the whole one only when the disk has that. One that is damaged elsewhere than at its end
-    stays as it is: readers leave out the damage, and nothing is taken away that might still be saved.
+    The file is replaced by the whole one only when the disk has that, and only if nothing is left out but the one
+    record that was being written. Any other stays as it is: nothing is taken away that might still be saved.
     """
     unfinished = path.with_name(path.name + UNFINISHED)
     try:
-        container = Container(path)
-        if not container.damage.truncated:
+        damage = Container(path).damage
+        if not damage.truncated:
             return ""
-        for chunk in container.chunks:
-            container.content_of(chunk)
-        if container.damage.chunks:
-            return f"left as it is, damaged inside: {container.damage.notes[-1]}"
-        repair([path], unfinished)
-        os.replace(unfinished, path)
+        if not damage.inside:
+            damage = repair([path], unfinished)
+        if not damage.inside:
+            os.replace(unfinished, path)
+            return ""
+        reason = f", damaged inside: {damage.inside}"
     except (RecordingError, OSError) as error:
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)
-        return f"left as it is: {error}"
-    return ""
+        reason = f": {error}"
+    with contextlib.suppress(OSError):
+        unfinished.unlink(missing_ok=True)
+    return f"left as it is{reason}"

@@ -23,10 +23,16 @@ Ints = NDArray[np.int64]
 
 # Columns of a channel's row for `rebuild`.
 MESSAGE_ID, SYSTEM, COMPONENT, SEED, BASE, WIRE, RUN_COUNT, RUNS = range(8)
-ROW_WIDTH = RUNS + 3 * 8
+#: Runs of bytes between wire and CDR, and bytes of payload, that a MAVLink message can have at most.
+LARGEST_RUN_COUNT = 8
+LARGEST_PAYLOAD = 255
+ROW_WIDTH = RUNS + 3 * LARGEST_RUN_COUNT
 
 _MESSAGE = 5
 _DATA_END = 15
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA = 1, 2, 3, 4, 6, 7, 9, 12
+_ZSTD = 0x6474737A
+_LZ4 = 0x347A6C
 
 
 @jit
@@ -46,6 +52,95 @@ def walk_records(data: Bytes, start: Int, stop: Int, places: Ints, n: Int) -> tu
         n += 1
         p += 9 + length
     return n, p
+
+
+@jit
+def _chunk_length(data: Bytes, p: Int, stop: Int) -> Int:
+    """Length that the chunk record at `p` has by the lengths inside it; -1 if there is no chunk's head."""
+    q = p + 9
+    if q + 40 > stop:
+        return -1
+    name = get_4(data, q + 28)
+    if name == 4:
+        named = q + 44 <= stop and get_4(data, q + 32) == _ZSTD
+    elif name == 3:
+        named = q + 43 <= stop and get_4(data, q + 32) & 0xFFFFFF == _LZ4
+    else:
+        named = name == 0
+    if not named:
+        return -1
+    stored = get(data, q + 32 + name, 8)
+    if stored < 0 or stored > stop:
+        return -1
+    return 40 + name + stored
+
+
+@jit
+def next_chunk_head(data: Bytes, start: Int, stop: Int, largest: Int) -> Int:
+    """The first place from `start` on where a chunk's record may begin that ends before `stop`; -1 if there is none.
+
+    Only the lengths in the chunk's own head are looked at; largest: bytes that it may hold uncompressed.
+    """
+    for p in range(start, stop - 49):
+        # Bytes of the name's length that are zero in every chunk: most places end here.
+        if data[p + 38] | data[p + 39] | data[p + 40] or data[p + 37] > 4:
+            continue
+        length = _chunk_length(data, p, stop)
+        if length < 0 or p + 9 + length > stop:
+            continue
+        size = get(data, p + 25, 8)
+        stored = length - 40 - np.int64(data[p + 37])
+        if 0 < size <= largest and stored > 0 and (data[p + 37] != 0 or stored == size):
+            return p
+    return -1
+
+
+@jit
+def _fits(data: Bytes, opcode: Int, q: Int, length: Int) -> bool:
+    """Whether the lengths inside a record of the data section, content at `q`, agree with the record's own."""
+    if opcode == _CHUNK:
+        return _chunk_length(data, q - 9, q + length) == length
+    if opcode == _MESSAGE_INDEX:
+        return bool(length >= 6 and get_4(data, q + 2) == length - 6)
+    if opcode == _DATA_END:
+        return length == 4
+    if opcode == _FOOTER:
+        return length == 20
+    if opcode > _DATA_END:
+        return _chunk_length(data, q - 9, q + length) != length
+    at: Int = 0
+    texts = 2
+    if opcode == _SCHEMA:
+        at, texts = 2, 3
+    elif opcode == _CHANNEL:
+        at, texts = 4, 3
+    elif opcode == _ATTACHMENT:
+        at = 16
+    elif opcode == _MESSAGE:
+        return bool(length >= 22)
+    elif opcode != _HEADER and opcode != _METADATA:
+        return False
+    for _ in range(texts):
+        if at + 4 > length:
+            return False
+        at += 4 + get_4(data, q + at)
+    if opcode == _ATTACHMENT:
+        return bool(at + 12 <= length and get(data, q + at, 8) == length - at - 12)
+    return bool(at <= length)
+
+
+@jit
+def first_unfit(data: Bytes, places: Ints) -> Int:
+    """Number of records in front of the first that cannot be one of the data section; all if there is none.
+
+    places: as `walk_records` fills them. What follows the end of the data is not looked at.
+    """
+    n: Int = 0
+    while n < len(places) and _fits(data, places[n, 0], places[n, 1], places[n, 2]):
+        if places[n, 0] == _DATA_END:
+            return len(places)
+        n += 1
+    return n
 
 
 @jit
@@ -189,6 +284,34 @@ def _frame(
             out[p + k] = explicit[at + k]
         p += SIGNATURE_LENGTH
     return p - start
+
+
+@jit
+def runs_fit(
+    wire_sizes: Ints, form: Bytes, run_frame: Ints, run_kind: Ints, run_length: Ints, run_bytes: Bytes
+) -> bool:
+    """Whether `rebuild` finds for each frame what its form says, and uses every run.
+
+    wire_sizes: (frames,) payload length that the dialect knows. The lengths of the runs add up to `run_bytes`.
+    """
+    run = 0
+    at: Int = 0
+    for i in range(form.size + 1):
+        while run < run_frame.size and run_frame[run] == i and run_kind[run] != RUN_EXPLICIT:
+            at += run_length[run]
+            run += 1
+        if i == form.size or form[i] != FORM_EXPLICIT:
+            continue
+        if run >= run_frame.size or run_frame[run] != i or run_length[run] < 4:
+            return False
+        needed = 4 + max(np.int64(run_bytes[at + 1]) - wire_sizes[i], 0)
+        if run_bytes[at] == MAGIC_V2 and run_bytes[at + 2] & SIGNED:
+            needed += SIGNATURE_LENGTH
+        if run_length[run] < needed:
+            return False
+        at += run_length[run]
+        run += 1
+    return run == run_frame.size
 
 
 @jit

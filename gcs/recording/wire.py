@@ -91,7 +91,7 @@ def decode_wire(data: bytes) -> WireRecord:
         at += 4 + columns[-1].nbytes
     form, frame, length, time, run_kind, run_bytes = columns
     counts = {frame.size, length.size, time.size, run_kind.size}
-    if len(counts) != 1 or int(length.sum(dtype=np.int64)) != run_bytes.size:
+    if len(counts) != 1 or int(length.sum(dtype=np.int64)) != run_bytes.size or start_ns >> 63:
         raise ValueError("the runs of a wire message do not fit its bytes")
     as_int = [column.astype(np.int64) for column in (frame, length, time, run_kind)]
     return WireRecord(first_byte, start_ns, form, as_int[0], as_int[1], as_int[2], as_int[3], run_bytes)

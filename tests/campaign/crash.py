@@ -1,6 +1,6 @@
 """Crashes of the station under load, files cut off and bits flipped: what they cost. Prints its table.
 
-Run: python tests/campaign/crash.py [--kills 200] [--cuts 1000] [--flips 1000] [--output FOLDER]
+Run: python tests/campaign/crash.py [--kills 200] [--cuts 1000] [--flips 1000] [--unfinished 300] [--output FOLDER]
 What has been tried stays in the output folder; a further run goes on from there. Stations and senders are processes of
 their own, forked from one that has all modules loaded, which saves the seconds that two interpreters take to start.
 """
@@ -19,10 +19,11 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+ZEROED = (16, 512, 4096)
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 import numbered_sender  # noqa: E402
-from crash_trials import Fresh, Undamaged, damage_trial, flipped, kill_trial  # noqa: E402
+from crash_trials import Fresh, Undamaged, damage_trial, flipped, kill_trial, zeroed  # noqa: E402
 
 import gcs.capture  # noqa: E402
 import gcs.cli  # noqa: E402
@@ -86,23 +87,37 @@ def kills(output: Path, count: int) -> list[dict[str, object]]:
     return done[:count]
 
 
-def damages(cuts: int, flips: int) -> tuple[list[str], list[str]]:
-    """What was wrong in each cut and each flip, "" where nothing."""
+def damages(cuts: int, flips: int, unfinished: int) -> dict[str, list[str]]:
+    """What was wrong in each trial of each kind of damage, "" where nothing."""
     chance = random.Random(1)
     with tempfile.TemporaryDirectory(prefix="crash-") as name:
         folder = Path(name)
         whole = Undamaged(folder / "whole.mcap")
         trial = folder / "trial.mcap"
         size = len(whole.bytes)
-        cut, flip = [], []
+        cut, flip, flip_unfinished, zeros = [], [], [], []
         for _ in range(cuts):
             at = chance.randrange(size)
             cut.append(damage_trial(whole, whole.bytes[:at], whole.expected_after_cut(at), trial, complete))
         for _ in range(flips):
             at, bit = chance.randrange(size), chance.randrange(8)
             damaged = flipped(whole.bytes, at, bit)
-            flip.append(damage_trial(whole, damaged, whole.expected_after_flip(at), trial, complete))
-    return cut, flip
+            flip.append(damage_trial(whole, damaged, whole.expected_after_damage(at), trial, complete))
+        data = whole.unfinished
+        for _ in range(unfinished):
+            at, bit = chance.randrange(len(data)), chance.randrange(8)
+            expected = whole.expected_after_damage(at, finished=False)
+            flip_unfinished.append(damage_trial(whole, flipped(data, at, bit), expected, trial, complete))
+        for _ in range(unfinished):
+            at, length = chance.randrange(len(data)), chance.choice(ZEROED)
+            expected = whole.expected_after_damage(at, length, finished=False)
+            zeros.append(damage_trial(whole, zeroed(data, at, length), expected, trial, complete))
+    return {
+        "file cut off at a random byte": cut,
+        "random bit flipped": flip,
+        "random bit flipped in a file without its end": flip_unfinished,
+        "random block of zeros in a file without its end": zeros,
+    }
 
 
 def main() -> int:
@@ -111,16 +126,17 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=1000)
     parser.add_argument("--flips", type=int, default=1000)
+    parser.add_argument("--unfinished", type=int, default=300)
     parser.add_argument("--output", type=Path, default=ROOT / "campaign-output" / "crash")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     logging.getLogger("gcs").setLevel(logging.ERROR)  # that flights are recovered is what is expected here
-    cut, flip = damages(args.cuts, args.flips)
+    damaged = damages(args.cuts, args.flips, args.unfinished)
     killed = kills(args.output, args.kills)
     print("| trial | number | wrong |")
     print("|---|---|---|")
-    print(f"| file cut off at a random byte | {len(cut)} | {sum(map(bool, cut))} |")
-    print(f"| random bit flipped | {len(flip)} | {sum(map(bool, flip))} |")
+    for trial, results in damaged.items():
+        print(f"| {trial} | {len(results)} | {sum(map(bool, results))} |")
     for command in ("record", "serve"):
         of_it = [result for result in killed if result["command"] == command]
         print(f"| `gcs {command}` killed under load | {len(of_it)} | {sum(bool(one['wrong']) for one in of_it)} |")
@@ -129,7 +145,10 @@ def main() -> int:
         middle, most = statistics.median(missing), missing[-1]
         total = sum(int(str(one["messages"])) for one in killed)
         print(f"\nmissing at the end: median {middle:.2f} s, most {most:.2f} s; {total} messages kept and compared")
-    wrong = [*filter(None, cut), *filter(None, flip), *(str(one["wrong"]) for one in killed if one["wrong"])]
+    wrong = [
+        *(line for results in damaged.values() for line in results if line),
+        *(str(one["wrong"]) for one in killed if one["wrong"]),
+    ]
     for line in wrong[:20]:
         print(f"wrong: {line}")
     return 1 if wrong else 0

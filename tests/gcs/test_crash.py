@@ -4,7 +4,7 @@ import random
 from pathlib import Path
 
 import pytest
-from crash_trials import Undamaged, damage_trial, flipped, kill_trial
+from crash_trials import Undamaged, damage_trial, flipped, kill_trial, zeroed
 
 from gcs.recording.repair import complete
 
@@ -34,5 +34,19 @@ def test_a_flipped_bit_costs_one_chunk_at_most(whole: Undamaged, tmp_path: Path)
     for place in [*heads[::2], *(chance.randrange(len(whole.bytes)) for _ in range(40))]:
         at, bit = place, chance.randrange(8)
         damaged = flipped(whole.bytes, at, bit)
-        wrong = damage_trial(whole, damaged, whole.expected_after_flip(at), tmp_path / "a.mcap", complete)
+        wrong = damage_trial(whole, damaged, whole.expected_after_damage(at), tmp_path / "a.mcap", complete)
         assert wrong == "", (at, bit)
+
+
+def test_damage_in_an_unfinished_file_costs_its_own_chunks_and_no_more(whole: Undamaged, tmp_path: Path) -> None:
+    chance = random.Random(7)
+    data = whole.unfinished
+    heads = [whole.chunks[k][0] + chance.randrange(60) for k in range(1, len(whole.chunks), 9)]
+    for place in [*heads, *(chance.randrange(len(data)) for _ in range(10))]:
+        damaged = flipped(data, place, chance.randrange(8))
+        expected = whole.expected_after_damage(place, finished=False)
+        assert damage_trial(whole, damaged, expected, tmp_path / "a.mcap", complete) == "", place
+    for _ in range(10):
+        place, size = chance.randrange(len(data)), chance.choice((16, 512, 4096))
+        expected = whole.expected_after_damage(place, size, finished=False)
+        assert damage_trial(whole, zeroed(data, place, size), expected, tmp_path / "a.mcap", complete) == "", place

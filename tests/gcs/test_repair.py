@@ -1,5 +1,6 @@
 """Recordings that were cut off, made whole again: every whole chunk, readable by others, nothing else touched."""
 
+import struct
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from gcs.catalogue import Catalogue, Flight
 from gcs.cli import main
 from gcs.errors import RecordingError
 from gcs.intake import recover
+from gcs.recording import records
 from gcs.recording.reader import Recording
 from gcs.recording.repair import complete, repair
 from gcs.recording.writer import McapWriter
@@ -79,6 +81,72 @@ def test_a_file_that_cannot_be_completed_stays_as_it_is(tmp_path: Path) -> None:
     assert "left as it is" in complete(nothing)
     assert nothing.read_bytes() == damaged[:20]
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def unfinished_recording(path: Path) -> tuple[bytearray, list[int]]:
+    """A recording without its end: its bytes, and where its chunks begin."""
+    cut_recording(path, 1.0)
+    with open(path, "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = [index.chunk_start_offset for index in summary.chunk_indexes]
+    data = bytearray(path.read_bytes())
+    return data[: chunks[-1] + 40], chunks
+
+
+@pytest.mark.parametrize("damage", ["length", "zeros", "private opcode"])
+def test_damage_in_an_unfinished_file_costs_nothing_behind_it(damage: str, tmp_path: Path) -> None:
+    path, new = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    data, chunks = unfinished_recording(path)
+    at = chunks[len(chunks) // 2]
+    if damage == "length":
+        data[at + 30] ^= 0x40  # the uncompressed size
+        data[at + 4] = 0x7F
+    elif damage == "zeros":
+        data[at - 20 : at + 50] = bytes(70)
+    else:
+        data[at] = 0x86
+    path.write_bytes(data)
+    recording = Recording(path)
+    lost = 0 if damage == "private opcode" else 10
+    assert sum(recording.counts().values()) == 10 * (len(chunks) - 1) - lost
+    assert recording.damage.truncated
+    assert bool(recording.damage.inside) == (lost > 0)
+    if lost:
+        assert "left as it is, damaged inside: " in complete(path)
+        assert path.read_bytes() == data
+        assert len(list(tmp_path.iterdir())) == 1
+    repair([path], new)
+    assert sum(Recording(new).counts().values()) == 10 * (len(chunks) - 1) - lost
+    assert other_readers_messages(new) > 0
+
+
+def test_a_file_with_a_damaged_attachment_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    data, _ = unfinished_recording(path)
+    data[data.index(b"mass = 1")] ^= 1
+    path.write_bytes(data)
+    assert Recording(path).attachments() == ()
+    assert "attachment" in complete(path)
+    assert path.read_bytes() == data
+
+
+def test_messages_of_channels_that_nothing_describes_are_no_index_and_no_crash(tmp_path: Path) -> None:
+    path, new = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    content = records.schema_record(records.Schema(1, "a/msg/B", "ros2msg", "uint8 c\n"))
+    content += records.channel_record(records.Channel(1, 1, "/b", "cdr", {}))
+    for channel in (1, 65535, 40000, 1):
+        content += records.record(records.MESSAGE, struct.pack("<HIQQ", channel, 0, 5, 5) + b"\0\1\0\0\7")
+    chunk = records.chunk_record(5, 5, memoryview(content), "", content)
+    path.write_bytes(records.MAGIC + records.header_record("ros2") + chunk + b"\x06")
+    damage = repair([path], new)
+    assert damage.notes[-1] == "a.mcap: 2 messages are of channels that nothing in the file describes"
+    with open(new, "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.channel_message_counts == {1: 2}
+    assert "channels that nothing in the file describes" in complete(path)
 
 
 def test_a_whole_file_is_not_touched(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import random
 import subprocess
 import sys
 import time
-from bisect import bisect_right
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -183,18 +182,27 @@ class Undamaged:
             }
         assert len(self.messages) == messages
 
+    @property
+    def unfinished(self) -> bytes:
+        """The file as it was before its end was written: the data, without DATA_END, summary and footer."""
+        footer = self.bytes[-8 - 20 :]
+        summary = int.from_bytes(footer[:8], "little")
+        return self.bytes[: summary - 13]
+
     def expected_after_cut(self, size: int) -> set[tuple[str, int]]:
         """Messages of the chunks that are whole in the first `size` bytes."""
         ends = [end for offset, length, _, end in self.chunks if offset + length <= size]
         return {key for key in self.messages if ends and key[1] <= ends[-1]}
 
-    def expected_after_flip(self, place: int) -> set[tuple[str, int]]:
-        """Messages of all chunks but the one that the byte is in."""
-        at = bisect_right([chunk[0] for chunk in self.chunks], place) - 1
-        if at < 0 or place >= self.chunks[at][0] + self.chunks[at][1]:
-            return set(self.messages)
-        _, _, start, end = self.chunks[at]
-        return {key for key in self.messages if not start <= key[1] <= end}
+    def expected_after_damage(self, place: int, size: int = 1, finished: bool = True) -> set[tuple[str, int]]:
+        """Messages of all chunks but those that the damaged bytes are in.
+
+        Where a file is not finished, its first chunk alone says what the channels are, and none can do without.
+        """
+        hit = [chunk for chunk in self.chunks if chunk[0] < place + size and place < chunk[0] + chunk[1]]
+        if not finished and self.chunks[0] in hit:
+            return set()
+        return {key for key in self.messages if not any(start <= key[1] <= end for _, _, start, end in hit)}
 
 
 def read_all(path: Path) -> dict[tuple[str, int], tuple[int, bytes]]:
@@ -217,7 +225,7 @@ def damage_trial(
 ) -> str:
     """What is wrong with how a damaged file reads, "" if nothing.
 
-    repaired: called with the path afterwards; it must not raise either.
+    repaired: called with the path afterwards; it must neither raise nor take a message away.
     """
     path.write_bytes(damaged)
     try:
@@ -225,7 +233,10 @@ def damage_trial(
     except RecordingError as error:
         if "\n" in str(error):
             return f"an error of several lines: {error}"
-        return f"refused though it holds {len(expected)} messages: {error}" if expected else ""
+        if expected:
+            return f"refused though it holds {len(expected)} messages: {error}"
+        repaired(path)
+        return "" if path.read_bytes() == damaged else "nothing could be read, and completing it changed it"
     except Exception as error:
         return f"{type(error).__name__}: {error}"
     if not expected <= found.keys():
@@ -235,8 +246,11 @@ def damage_trial(
         return f"{len(wrong)} messages are not as they were written, first {wrong[0]}"
     try:
         repaired(path)
+        after = read_all(path)
     except Exception as error:
         return f"completing it: {type(error).__name__}: {error}"
+    if after != found:
+        return f"completing it left {len(after)} of {len(found)} messages"
     return ""
 
 
@@ -245,3 +259,8 @@ def flipped(data: bytes, place: int, bit: int) -> bytes:
     changed = bytearray(data)
     changed[place] ^= 1 << bit
     return bytes(changed)
+
+
+def zeroed(data: bytes, place: int, size: int) -> bytes:
+    """The data with a block of zeros in it, as a power cut leaves them."""
+    return data[:place] + bytes(len(data[place : place + size])) + data[place + size :]
