@@ -19,6 +19,7 @@ ZERO_CELSIUS = 273.15  # K
 SURFACE_RATE_HZ = 20.0
 GPS_RATE_HZ = 1.0
 UINT16_NONE = 65535.0
+INT16_NONE = 32767.0  # of temperatures that a sender does not know, as AIRSPEED's definition has it
 LOOKS_DOWN = 25.0  # MAV_SENSOR_ROTATION_PITCH_270
 FIX_2D = 2.0  # GPS_FIX_TYPE_2D_FIX
 ADC_CHANNELS = 16
@@ -220,7 +221,7 @@ SIGNALS: dict[str, Row] = {
     "temperature": _one(
         "K",
         Source("HIGHRES_IMU", ("temperature",), linear(1.0, ZERO_CELSIUS)),
-        Source("SCALED_PRESSURE", ("temperature",), linear(0.01, ZERO_CELSIUS)),
+        Source("SCALED_PRESSURE", ("temperature",), linear(0.01, ZERO_CELSIUS, none=INT16_NONE)),
     ),
     "altitude": _one("m", Source("HIGHRES_IMU", ("pressure_alt",), linear()), Source("VFR_HUD", ("alt",), linear())),
     "height": _one(

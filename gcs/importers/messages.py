@@ -18,6 +18,9 @@ STANDBY, ACTIVE = 3, 4
 INFO = 6
 TEXT_LENGTH, NAME_LENGTH = 50, 16
 UNKNOWN_16 = 65535.0
+UNKNOWN_TEMPERATURE = 32767.0
+OF_THE_BAROMETER = "that of the barometer's own chip, often 10 to 20 K above the air's: density comes out too low"
+ABSOLUTE_ZERO = -273.15  # degC; PX4 says -1000 where it does not know
 HEARTBEAT_US = 1_000_000
 _LATEST_US = 1 << 62
 
@@ -31,6 +34,20 @@ _IMU_FIELDS = (
     *("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag"),
     *("abs_pressure", "diff_pressure", "pressure_alt", "temperature"),
 )
+
+
+def celsius(values: Values) -> Values:
+    """Temperatures, NaN where they are none."""
+    return np.where(values < ABSOLUTE_ZERO, np.nan, values)
+
+
+def at_times(time_us: Ints, known_us: Ints, values: Values) -> Values:
+    """(N,) what changes slowly and is known, (M,), at `known_us`; NaN where it never is."""
+    order = np.argsort(known_us, kind="stable")
+    order = order[np.isfinite(values[order])]
+    if order.size == 0:
+        return np.full(time_us.size, np.nan)
+    return np.interp(time_us, known_us[order], values[order])
 
 
 def highres_imu(time_us: Ints, updated: int, sensor: int, **given: Values) -> Series:
@@ -69,14 +86,14 @@ def attitude(time_us: Ints, roll: Values, pitch: Values, yaw: Values) -> Series:
 
 
 def airspeed(time_us: Ints, speed: Values, pressure: Values, temperature: Values, healthy: NDArray[np.bool_]) -> Series:
-    """AIRSPEED from m/s, Pa and degC."""
+    """AIRSPEED from calibrated airspeed in m/s, Pa and degC."""
     return Series(
         "AIRSPEED",
         time_us,
         {
             "airspeed": speed.astype(np.float32),
             "raw_press": (pressure / 100.0).astype(np.float32),
-            "temperature": whole(100.0 * temperature, "int16"),
+            "temperature": whole(100.0 * temperature, "int16", UNKNOWN_TEMPERATURE),
             "flags": np.where(healthy, 0, 1).astype(np.uint8),
         },
     )
@@ -90,10 +107,12 @@ def static_pressure(time_us: Ints, pressure: Values, temperature: Values, altitu
         {
             "time_boot_ms": milliseconds(time_us),
             "press_abs": (pressure / 100.0).astype(np.float32),
-            "temperature": whole(100.0 * temperature, "int16"),
+            "temperature": whole(100.0 * temperature, "int16", UNKNOWN_TEMPERATURE),
         },
     )
-    bits = STATIC_PRESSURE | TEMPERATURE | (PRESSURE_ALTITUDE if np.isfinite(altitude).any() else 0)
+    bits = STATIC_PRESSURE
+    bits |= TEMPERATURE if np.isfinite(temperature).any() else 0
+    bits |= PRESSURE_ALTITUDE if np.isfinite(altitude).any() else 0
     precise = highres_imu(
         time_us, bits, 0, abs_pressure=pressure / 100.0, temperature=temperature, pressure_alt=altitude
     )

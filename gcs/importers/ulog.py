@@ -5,17 +5,12 @@ Topics and units: docs.px4.io, "uORB Message Reference".
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pyulog import ULog
 
-from gcs.errors import ImportFileError
 from gcs.importers import messages as make
 from gcs.importers.synthesis import (
     ImportedLog,
@@ -27,6 +22,7 @@ from gcs.importers.synthesis import (
     without_strays,
     write_recording,
 )
+from gcs.importers.ulogfile import Topic, Values, read_ulog
 
 FORMAT = "ulog"
 AUTOPILOT = 12  # MAV_AUTOPILOT_PX4
@@ -36,72 +32,13 @@ FIX_3D = 3
 LARGEST_SERVO_COUNT = 16
 NO_LEVEL = 6
 _SENSORS = range(1, 4)  # selected_airspeed_index of a sensor; others are estimates
+_SLOWEST_SPEED = 5.0  # m/s, below which the ratio of two airspeeds is mostly noise
 _EARLIEST_UTC_US = 946_684_800_000_000  # the year 2000; a receiver without a fix may say 1980
-
-Values = NDArray[np.float64]
 
 
 def import_ulog(source: Path, target: Path, progress: Progress = lambda share: None) -> None:
     """Write a .ulg log as a recording. ImportFileError where there is nothing in it to use."""
-    write_recording(_Mapping(_read(source)).log(), source, target, progress)
-
-
-class _Bounded(io.BytesIO):
-    """A log in memory that may be read a hundred times over, but not for ever, as pyulog would some damaged ones."""
-
-    def __init__(self, data: bytes) -> None:
-        super().__init__(data)
-        self._left = 100 * len(data) + (1 << 20)
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """As a file does; RuntimeError once it has been read too often."""
-        data = super().read(size)
-        self._left -= max(len(data), 1)
-        if self._left < 0:
-            raise RuntimeError("its definitions are damaged")
-        return data
-
-
-def _read(path: Path) -> Any:
-    try:
-        # pyulog prints what it finds damaged; the notes of the import say so.
-        with contextlib.redirect_stdout(io.StringIO()):
-            return ULog(_Bounded(path.read_bytes()))
-    except OSError as error:
-        raise ImportFileError(f"{path} cannot be read: {error.strerror}") from None
-    except Exception as error:  # on damaged files pyulog fails with whatever its unpacking meets
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ImportFileError(f"{path} cannot be read as a PX4 log ({reason}); check that it is a .ulg") from None
-
-
-class _Topic:
-    """One instance of one topic: (N,) arrays by field."""
-
-    def __init__(self, data: dict[str, NDArray[Any]], keep: NDArray[np.bool_] | None = None) -> None:
-        self._data = data if keep is None else {name: column[keep] for name, column in data.items()}
-        self.time_us: Ints = self._data["timestamp"].astype(np.int64)
-
-    def __len__(self) -> int:
-        return int(self.time_us.size)
-
-    def __contains__(self, field: object) -> bool:
-        return field in self._data
-
-    def values(self, *names: str) -> Values:
-        """(N,) the first of these fields that there is; NaN where the log has none of them."""
-        for name in names:
-            if name in self._data:
-                with np.errstate(invalid="ignore"):  # damaged bytes may be a signalling NaN
-                    return np.asarray(self._data[name], np.float64)
-        return np.full(len(self), np.nan)
-
-    def vector(self, name: str, count: int) -> list[Values]:
-        """The elements of an array field."""
-        return [self.values(f"{name}[{i}]") for i in range(count)]
-
-    def only(self, keep: NDArray[np.bool_]) -> _Topic:
-        """The samples chosen by a mask."""
-        return _Topic(self._data, keep)
+    write_recording(_Mapping(read_ulog(source)).log(), source, target, progress)
 
 
 class _Mapping:
@@ -109,14 +46,15 @@ class _Mapping:
 
     def __init__(self, log: Any) -> None:
         self._file = log
-        self._topics: dict[str, dict[int, _Topic]] = {}
+        self._topics: dict[str, dict[int, Topic]] = {}
         for entry in log.data_list:
             if "timestamp" not in entry.data:
                 continue  # a damaged definition
-            topic = _Topic(entry.data)
+            topic = Topic(entry.data)
             if len(topic):
                 self._topics.setdefault(entry.name, {})[int(entry.multi_id)] = topic
         self._used: set[tuple[str, int]] = set()
+        self._notes: dict[str, str] = {}
 
     def log(self) -> ImportedLog:
         """All series of the log, and notes of what has no counterpart."""
@@ -146,6 +84,7 @@ class _Mapping:
         names = [f"{name}[{number}]" if number else name for name, number in rest if (name, number) not in self._used]
         missed_ms = sum(dropout.duration for dropout in self._file.dropouts)
         notes = {
+            **self._notes,
             "not_mapped": " ".join(names),
             "damaged": "yes, part of the log cannot be read" if self._file.file_corruption else "no",
             "odd_stamps": str(strays),
@@ -154,18 +93,18 @@ class _Mapping:
         }
         return ImportedLog(FORMAT, self._system(status), series, self._utc_offset(), notes)
 
-    def _topic(self, name: str, *fields: str) -> _Topic | None:
-        """The lowest instance of a topic, if the log has it with these fields."""
+    def _topic(self, name: str, *fields: str, number: int = 0) -> Topic | None:
+        """That instance of a topic, else the lowest, if the log has it with these fields."""
         group = self._topics.get(name)
         if not group:
             return None
-        number = min(group)
+        number = number if number in group else min(group)
         if any(field not in group[number] for field in fields):
             return None
         self._used.add((name, number))
         return group[number]
 
-    def _system(self, status: _Topic | None) -> int:
+    def _system(self, status: Topic | None) -> int:
         given = self._file.initial_parameters.get("MAV_SYS_ID")
         if given is None and status is not None and "system_id" in status:
             given = status.values("system_id")[0]
@@ -213,32 +152,79 @@ class _Mapping:
         topic = self._topic("vehicle_air_data", "baro_pressure_pa")
         if topic is None:
             return []
-        temperature = topic.values("baro_temp_celcius", "ambient_temperature")
+        temperature = self._air_temperature(topic.time_us)
+        own = make.celsius(topic.values("baro_temp_celcius"))
+        if not np.isfinite(temperature).any() and np.isfinite(own).any():
+            temperature = own
+            self._notes["temperature"] = make.OF_THE_BAROMETER
         pressure, altitude = topic.values("baro_pressure_pa"), topic.values("baro_alt_meter")
         return make.static_pressure(topic.time_us, pressure, temperature, altitude)
 
+    def _air_temperature(self, time_us: Ints) -> Values:
+        """(N,) degC outside the aircraft at these times, as far as a sensor tells; else NaN."""
+        for name, field in (
+            ("airspeed", "air_temperature_celsius"),
+            ("vehicle_air_data", "ambient_temperature"),
+            ("differential_pressure", "temperature"),
+        ):
+            topic = self._topic(name, field)
+            if topic is None:
+                continue
+            if "temperature_source" in topic:
+                topic = topic.only(topic.values("temperature_source") > 0.0)  # 0: a standard day's, not measured
+            known = make.celsius(topic.values(field))
+            if np.isfinite(known).any():
+                return make.at_times(time_us, topic.time_us, known)
+        return np.full(time_us.size, np.nan)
+
     def _airspeed(self) -> list[Series]:
-        series = []
         pressure = self._topic("differential_pressure")
+        series = []
         if pressure is not None:
             reading = pressure.values("differential_pressure_raw_pa", "differential_pressure_pa")
             bits = make.DIFFERENTIAL_PRESSURE
             series.append(make.highres_imu(pressure.time_us, bits, 0, diff_pressure=reading / 100.0))
-        topic = self._topic("airspeed", "indicated_airspeed_m_s")
-        if topic is None:
-            topic = self._topic("airspeed_validated")
-            source = (
-                "airspeed_source" if topic is not None and "airspeed_source" in topic else "selected_airspeed_index"
-            )
-            if topic is not None:
-                topic = topic.only(np.isin(topic.values(source), _SENSORS))
-        if topic is not None:
-            speed = topic.values("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
-            topic, speed = topic.only(np.isfinite(speed)), speed[np.isfinite(speed)]
-            unknown = np.full(len(topic), np.nan)
-            temperature = topic.values("air_temperature_celsius")
-            series.append(make.airspeed(topic.time_us, speed, unknown, temperature, np.ones(len(topic), bool)))
+        times, speed = self._calibrated_airspeed()
+        if times.size:
+            unknown, healthy = np.full(times.size, np.nan), np.ones(times.size, bool)
+            series.append(make.airspeed(times, speed, unknown, self._air_temperature(times), healthy))
         return series
+
+    def _calibrated_airspeed(self) -> tuple[Ints, Values]:
+        """Times in us and airspeed in m/s, from the validated topic or the sensor's own, whichever is denser.
+
+        The sensor's is indicated; the median ratio of both in the validated topic makes it calibrated.
+        """
+        source, times, speed, ratio = self._validated_airspeed()
+        raw = self._topic("airspeed", "indicated_airspeed_m_s", number=source - 1)
+        if raw is None:
+            return times, speed
+        indicated = raw.values("indicated_airspeed_m_s")
+        known = np.isfinite(indicated)
+        if times.size and times.size >= np.count_nonzero(known):
+            return times, speed
+        if not np.isfinite(ratio):
+            self._notes["airspeed"] = "indicated: the log does not calibrate it"
+            return raw.time_us[known], indicated[known]
+        self._notes["airspeed"] = (
+            f"indicated, times {ratio:.4f}, the median calibrated / indicated of airspeed_validated"
+        )
+        return raw.time_us[known], ratio * indicated[known]
+
+    def _validated_airspeed(self) -> tuple[int, Ints, Values, float]:
+        """Of the samples from a sensor: its number from 1, times in us, m/s calibrated, median calibrated/indicated."""
+        topic = self._topic("airspeed_validated")
+        if topic is None:
+            return 1, np.empty(0, np.int64), np.empty(0), np.nan
+        sources = topic.values("airspeed_source", "selected_airspeed_index")
+        speed = topic.values("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
+        keep = np.isin(sources, _SENSORS) & np.isfinite(speed)
+        topic, sources, speed = topic.only(keep), sources[keep], speed[keep]
+        indicated = topic.values("indicated_airspeed_m_s")
+        fast = (indicated > _SLOWEST_SPEED) & (speed > _SLOWEST_SPEED)
+        ratio = float(np.median(speed[fast] / indicated[fast])) if fast.any() else np.nan
+        source = int(np.bincount(sources.astype(np.int64)).argmax()) if sources.size else 1
+        return source, topic.time_us, speed, ratio
 
     def _attitude(self) -> list[Series]:
         topic = self._topic("vehicle_attitude", "q[0]")
@@ -250,7 +236,7 @@ class _Mapping:
         yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         return [make.attitude(topic.time_us, roll, pitch, yaw)]
 
-    def _gps_topic(self) -> _Topic | None:
+    def _gps_topic(self) -> Topic | None:
         return self._topic("vehicle_gps_position") or self._topic("sensor_gps")
 
     def _gps(self) -> list[Series]:
@@ -337,7 +323,7 @@ class _Mapping:
             return list(zip(topic.time_us[changes].tolist(), states[changes].tolist(), strict=True))
         return None
 
-    def _heartbeats(self, series: list[Series], status: _Topic | None) -> Series:
+    def _heartbeats(self, series: list[Series], status: Topic | None) -> Series:
         times = np.concatenate([entry.time_us for entry in series])
         kind = status.values("system_type") if status is not None and "system_type" in status else np.zeros(1)
         return make.heartbeats(

@@ -149,10 +149,100 @@ def test_the_signals_are_those_of_a_flight(recording: Recording) -> None:
     np.testing.assert_allclose(signals["airspeed"].values, 14.0 + 0.05 * np.arange(80), rtol=1e-6)
     np.testing.assert_allclose(signals["differential_pressure"].values, 120.0, rtol=1e-6)
     np.testing.assert_allclose(signals["static_pressure"].values, 100_125.0, rtol=1e-6)
-    np.testing.assert_allclose(signals["temperature"].values, 291.4, atol=0.01)
+    np.testing.assert_allclose(signals["temperature"].values, 293.15, atol=0.01)  # the air's, not the barometer's
     np.testing.assert_allclose(signals["altitude"].values, 101.5)
     np.testing.assert_allclose(signals["vd"].values, -0.125)
     np.testing.assert_allclose(signals["servo4"].values, 1400.0)
+
+
+def imported(tmp_path: Path, log: UlogWriter) -> Recording:
+    source, target = tmp_path / "own.ulg", tmp_path / "own.mcap"
+    source.write_bytes(log.bytes())
+    import_file(source, target)
+    return Recording(target)
+
+
+def airspeed_log(raw_every: int, validated_every: int) -> UlogWriter:
+    """Ten seconds in steps of 50 ms: the sensor indicates 15 m/s, which is calibrated to 18, selected is sensor 2."""
+    log = UlogWriter()
+    log.topic("airspeed", "float indicated_airspeed_m_s", "float air_temperature_celsius", instances=2)
+    log.topic(
+        "airspeed_validated",
+        *("float indicated_airspeed_m_s", "float calibrated_airspeed_m_s"),
+        "uint8_t airspeed_source",
+    )
+    for i in range(200):
+        now = BOOT_US + 50_000 * i
+        if raw_every and i % raw_every == 0:
+            log.add("airspeed", now, 3.0, -1000.0, instance=0)
+            log.add("airspeed", now, 15.0, -1000.0, instance=1)
+        if validated_every and i % validated_every == 0:
+            # From sensor 2; at times nothing is selected, or what the wind estimate says.
+            source = 0 if i % 25 == 0 else 2
+            log.add("airspeed_validated", now, 15.0, 99.0 if source == 0 else 18.0 if i % 3 else np.nan, source)
+    return log
+
+
+@pytest.mark.parametrize(
+    ("raw_every", "validated_every", "count", "speed", "note"),
+    [
+        (1, 4, 200, 18.0, "indicated, times 1.2000, the median calibrated / indicated of airspeed_validated"),
+        (20, 4, 32, 18.0, None),
+        (0, 4, 32, 18.0, None),
+        (4, 0, 50, 3.0, "indicated: the log does not calibrate it"),
+    ],
+)
+def test_airspeed_is_calibrated_and_from_the_denser_topic(
+    tmp_path: Path, raw_every: int, validated_every: int, count: int, speed: float, note: str | None
+) -> None:
+    recording = imported(tmp_path, airspeed_log(raw_every, validated_every))
+    (airspeed,) = recording.columns("AIRSPEED")
+    assert airspeed["airspeed"].size == count
+    np.testing.assert_allclose(airspeed["airspeed"], speed, rtol=1e-6)
+    assert set(airspeed["temperature"].tolist()) == {32767}  # PX4's -1000 is "unknown", and so is this
+    assert recording.metadata()["import"].get("airspeed") == note
+
+
+def test_stamps_are_those_of_the_samples_unless_they_are_damaged(tmp_path: Path) -> None:
+    log = UlogWriter()
+    log.topic("vehicle_attitude", "uint64_t timestamp_sample", "float[4] q")
+    late_us = [0, 3_000, 499_999, 500_000, -1_000, BOOT_US]
+    for i, late in enumerate(late_us):
+        now = BOOT_US + 1_000_000 * i
+        log.add("vehicle_attitude", now, now - late, 1.0, 0.0, 0.0, 0.0)
+    (attitude,) = imported(tmp_path, log).columns("ATTITUDE")
+    told = attitude["time_boot_ms"].tolist()
+    assert told == [30_000, 30_997, 31_500, 33_000, 34_000, 35_000]
+
+
+@pytest.mark.parametrize(
+    ("air", "source", "own", "expected"),
+    [
+        (5.0, 2, 40.0, 278.15),  # another sensor's
+        (15.0, 0, 40.0, 313.15),  # a standard day's is not measured: the barometer's own stands in
+        (15.0, 0, -1000.0, None),
+    ],
+)
+def test_air_temperature_is_measured_or_unknown(
+    tmp_path: Path, air: float, source: int, own: float, expected: float | None
+) -> None:
+    log = UlogWriter()
+    fields = ("float baro_pressure_pa", "float ambient_temperature", "uint8_t temperature_source")
+    log.topic("vehicle_air_data", *fields, "float baro_temp_celcius")
+    for i in range(50):
+        log.add("vehicle_air_data", BOOT_US + 100_000 * i, 95_000.0, air, source, own)
+    recording = imported(tmp_path, log)
+    signals = extract(recording, load_vehicle("iitb-mav")).signals
+    note = recording.metadata()["import"].get("temperature", "")
+    assert ("density comes out too low" in note) == (source == 0 and expected is not None)
+    if expected is None:
+        assert "temperature" not in signals
+        assert "air_density" not in signals
+        (scaled,) = recording.columns("SCALED_PRESSURE")
+        assert set(scaled["temperature"].tolist()) == {32767}
+    else:
+        np.testing.assert_allclose(signals["temperature"].values, expected, atol=0.01)
+        np.testing.assert_allclose(signals["air_density"].values, 95_000.0 / (287.05287 * expected), rtol=1e-4)
 
 
 def test_clock_and_arming(recording: Recording) -> None:
