@@ -34,6 +34,7 @@ EV_ARMED, EV_DISARMED = 10, 11
 _VEHICLES = {"ArduPlane": 1, "ArduCopter": 2, "ArduRover": 10, "Rover": 10, "ArduSub": 12, "Blimp": 7}
 _SYSTEM_PARAMETERS = ("SYSID_THISMAV", "MAV_SYSID")
 _INSTANCE_FIELDS = ("I", "Instance")
+_PRIMARY_FIELDS = ("Pri", "Primary")
 
 _GPS_EPOCH_S = 315_964_800
 _WEEK_S = 604_800
@@ -61,6 +62,7 @@ class _Mapping:
         self._tables = {name: table for name, table in log.tables.items() if table.is_timed and len(table)}
         self._used: set[str] = set()
         self._left_out: set[str] = set()
+        self._notes: dict[str, str] = {}
 
     def log(self) -> ImportedLog:
         """All series of the log, and notes of what has no counterpart."""
@@ -88,6 +90,7 @@ class _Mapping:
             series.append(self._heartbeats(series))
         rest = sorted((set(self._file.tables) - self._used - DESCRIPTIONS) | self._left_out)
         notes = {
+            **self._notes,
             "not_mapped": " ".join(rest),
             "skipped_bytes": str(self._file.skipped),
             "unfinished_bytes": str(self._file.unfinished),
@@ -106,15 +109,15 @@ class _Mapping:
         return table
 
     def _first(self, name: str, *fields: str) -> Table | None:
-        """As `_table`, of several instances the lowest."""
+        """As `_table`, of several instances the one that the autopilot used most if it tells, else the lowest."""
         table = self._table(name, *fields)
         instance = next((field for field in _INSTANCE_FIELDS if table is not None and field in table), None)
         if table is None or instance is None:
             return table
         number = whole(table.values(instance), "int64")
-        others = np.unique(number)[1:]
-        self._left_out.update(f"{name}[{other}]" for other in others.tolist())
-        return table.only(number == number.min())
+        chosen = _most_used(table, number)
+        self._left_out.update(f"{name}[{other}]" for other in np.unique(number).tolist() if other != chosen)
+        return table.only(number == chosen)
 
     def _system(self) -> int:
         table = self._tables.get("PARM")
@@ -139,18 +142,21 @@ class _Mapping:
         return [make.status_texts([(time, make.INFO, text) for time, text in texts])]
 
     def _imu(self) -> list[Series]:
+        parts: list[tuple[int, Table]] = []
         series = []
         for name, number in (("IMU", 0), ("IMU2", 1), ("IMU3", 2)):
             table = self._table(name, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ")
             if table is None:
                 continue
             instances = whole(table.values("I"), "uint8") if "I" in table else np.full(len(table), number)
-            for instance in np.unique(instances).tolist():
-                part = table.only(instances == instance)
-                given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
-                given |= {f"{axis.lower()}gyro": part.values(f"Gyr{axis}") for axis in "XYZ"}
-                bits = make.ACCELERATION | make.ROTATION
-                series.append(make.highres_imu(part.time_us, bits, int(instance), **given))
+            parts += [(instance, table.only(instances == instance)) for instance in np.unique(instances).tolist()]
+        if parts and parts[0][0] > 0:
+            self._notes["imu"] = f"instance {parts[0][0]} is the first that was logged, and told as 0"
+        for instance, (_, part) in enumerate(parts):
+            given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
+            given |= {f"{axis.lower()}gyro": part.values(f"Gyr{axis}") for axis in "XYZ"}
+            bits = make.ACCELERATION | make.ROTATION
+            series.append(make.highres_imu(part.time_us, bits, int(instance), **given))
         return series
 
     def _magnetometer(self) -> list[Series]:
@@ -164,8 +170,19 @@ class _Mapping:
         table = self._first("BARO", "Press", "Temp")
         if table is None:
             return []
-        altitude = table.values("AltAMSL")
-        return make.static_pressure(table.time_us, table.values("Press"), table.values("Temp"), altitude)
+        temperature = self._air_temperature(table.time_us)
+        if not np.isfinite(temperature).any():
+            temperature = make.celsius(table.values("Temp"))
+            self._notes["temperature"] = make.OF_THE_BAROMETER
+        return make.static_pressure(table.time_us, table.values("Press"), temperature, table.values("AltAMSL"))
+
+    def _air_temperature(self, time_us: Ints) -> NDArray[np.float64]:
+        """(N,) degC by the airspeed sensor at these times; NaN where there is none that has a thermometer."""
+        table = self._first("ARSP", "Temp")
+        known = np.empty(0) if table is None else make.celsius(table.values("Temp"))
+        if table is None or not known.any():  # 0 throughout is ArduPilot's "unknown"
+            return np.full(time_us.size, np.nan)
+        return make.at_times(time_us, table.time_us, known)
 
     def _airspeed(self) -> list[Series]:
         table = self._first("ARSP", "Airspeed", "DiffPress")
@@ -173,7 +190,8 @@ class _Mapping:
             return []
         pressure = table.values("DiffPress")
         healthy = ~(table.values("H", "Health") == 0.0)
-        reading = make.airspeed(table.time_us, table.values("Airspeed"), pressure, table.values("Temp"), healthy)
+        temperature = self._air_temperature(table.time_us)
+        reading = make.airspeed(table.time_us, table.values("Airspeed"), pressure, temperature, healthy)
         bits = make.DIFFERENTIAL_PRESSURE
         return [reading, make.highres_imu(table.time_us, bits, 0, diff_pressure=pressure / 100.0)]
 
@@ -227,11 +245,19 @@ class _Mapping:
             if table is None:
                 continue
             if "C" in table:
-                table = table.only(table.rows["C"] == table.rows["C"].min())
+                table = table.only(table.rows["C"] == self._core(name, table))
             position = [table.values(field) for field in ("PN", "PE", "PD")]
             velocity = [table.values(field) for field in ("VN", "VE", "VD")]
             return [make.local_position(table.time_us, position, velocity)]
         return []
+
+    def _core(self, name: str, table: Table) -> int:
+        """The estimator's core that was the primary one for longest, else the lowest that is in the log."""
+        cores = np.unique(table.rows["C"])
+        told = self._tables.get(f"{name[:-1]}4")
+        primary = np.empty(0) if told is None else told.values("PI")
+        primary = primary[np.isin(primary, cores)].astype(np.int64)
+        return int(np.bincount(primary).argmax() if primary.size else cores.min())
 
     def _range(self) -> list[Series]:
         table = self._first("RFND", "Dist", "Orient")
@@ -245,10 +271,13 @@ class _Mapping:
         table = self._table("RPM", "rpm1", "rpm2") or self._first("RPM", "RPM") or self._first("ESC", "RPM")
         if table is None:
             return []
-        fields: dict[str, NDArray[np.float32]] = {"rpm1": table.values("rpm1", "RPM").astype(np.float32)}
+        speeds = {"rpm1": table.values("rpm1", "RPM")}
         if "rpm2" in table:
-            fields["rpm2"] = table.values("rpm2").astype(np.float32)
-        return [Series("RPM", table.time_us, fields)]
+            speeds["rpm2"] = table.values("rpm2")
+        if table.name == "RPM":  # -1 where the sensor is not healthy
+            unhealthy = table.values("H") == 0.0
+            speeds = {name: np.where((rpm < 0.0) | unhealthy, np.nan, rpm) for name, rpm in speeds.items()}
+        return [Series("RPM", table.time_us, {name: rpm.astype(np.float32) for name, rpm in speeds.items()})]
 
     def _servos(self) -> list[Series]:
         table = self._table("RCOU")
@@ -292,6 +321,18 @@ class _Mapping:
             armed=self._armed() or [],
             mode=mode,
         )
+
+
+def _most_used(table: Table, number: Ints) -> int:
+    """The instance that the messages themselves name as primary, or that a GPS was used from; else the lowest."""
+    votes = np.empty(0, np.int64)
+    primary = next((field for field in _PRIMARY_FIELDS if field in table), None)
+    if primary is not None:
+        votes = whole(table.values(primary), "uint8").astype(np.int64)
+        votes = votes[np.isin(votes, number)]
+    elif table.name == "GPS" and "U" in table:
+        votes = number[table.values("U") == 1.0]
+    return int(np.bincount(votes).argmax() if votes.size else number.min())
 
 
 def _channels(table: Table) -> list[NDArray[np.float64]]:

@@ -100,7 +100,7 @@ def test_every_message_has_the_values_and_units_of_the_log(recording: Recording)
         "fix_type": 3,
     }
     (pressure,) = recording.columns("SCALED_PRESSURE")
-    assert (float(pressure["press_abs"][0]), int(pressure["temperature"][0])) == (941.4425048828125, 1550)
+    assert (float(pressure["press_abs"][0]), int(pressure["temperature"][0])) == (941.4425048828125, 2100)
     (airspeed,) = recording.columns("AIRSPEED")
     assert float(airspeed["airspeed"][0]) == 15.5
     (angles,) = recording.columns("AOA_SSA")
@@ -137,11 +137,74 @@ def test_the_signals_are_those_of_a_flight(recording: Recording) -> None:
     np.testing.assert_allclose(signals["p"].values, 0.1 * (t - t[0]), atol=1e-5)
     np.testing.assert_allclose(signals["differential_pressure"].values, 147.0, rtol=1e-5)
     np.testing.assert_allclose(signals["static_pressure"].values, 94_144.25, rtol=1e-6)
-    np.testing.assert_allclose(signals["temperature"].values, 288.65, atol=0.01)
+    np.testing.assert_allclose(signals["temperature"].values, 294.15, atol=0.01)  # the air's, not the barometer's
     np.testing.assert_allclose(signals["rpm"].values, 5000 + np.arange(200))
     np.testing.assert_allclose(signals["ve"].values, 12.5, atol=1e-6)
     np.testing.assert_allclose(signals["servo2"].values, 1400)
     assert "alpha" not in signals  # ArduPilot's AOA is an estimate
+
+
+def imported(tmp_path: Path, log: DataflashWriter) -> Recording:
+    source, target = tmp_path / "own.bin", tmp_path / "own.mcap"
+    source.write_bytes(log.data)
+    import_file(source, target)
+    return Recording(target)
+
+
+@pytest.mark.parametrize(("pitot", "celsius", "unknown"), [(5.25, 5.25, False), (0.0, 36.5, True)])
+def test_the_barometers_own_temperature_stands_in_only_where_the_air_is_unknown(
+    tmp_path: Path, pitot: float, celsius: float, unknown: bool
+) -> None:
+    log = DataflashWriter()
+    log.declare("ARSP", "QBffcffBBB", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,Offset,U,H,Pri")
+    log.declare("BARO", "QBffcf", "TimeUS,I,Alt,Press,Temp,CRt")
+    for i in range(50):
+        log.add("ARSP", BOOT_US + 100_000 * i, 0, 15.0, 140.0, pitot, 0.0, 0.0, 1, 1, 0)
+        log.add("BARO", BOOT_US + 100_000 * i + 50, 0, 12.0, 95_000.0, 36.5, 0.0)
+    recording = imported(tmp_path, log)
+    signals = extract(recording, load_vehicle("iitb-mav")).signals
+    np.testing.assert_allclose(signals["air_density"].values, 95_000.0 / (287.05287 * (celsius + 273.15)), rtol=1e-4)
+    (airspeed,) = recording.columns("AIRSPEED")
+    assert set(airspeed["temperature"].tolist()) == {32767 if unknown else 525}
+    assert ("density comes out too low" in recording.metadata()["import"].get("temperature", "")) == unknown
+
+
+def test_the_instance_that_the_autopilot_used_counts(tmp_path: Path) -> None:
+    log = DataflashWriter()
+    log.declare("ARSP", "QBffcffBBB", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,Offset,U,H,Pri")
+    log.declare("GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U")
+    log.declare("XKF1", "QBffffff", "TimeUS,C,PN,PE,PD,VN,VE,VD")
+    log.declare("XKF4", "QBb", "TimeUS,C,PI")
+    log.declare("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    for i in range(50):
+        now = BOOT_US + 100_000 * i
+        primary = 0 if i < 5 else 1
+        for number in (0, 1):
+            log.add("ARSP", now, number, 10.0 + number, 140.0, 20.0, 0.0, 0.0, 1, 1, primary)
+            place = (-35.0 - number, 149.0, 500.0, 12.5, 90.0)
+            log.add("GPS", now, number, 3, WEEK_MS + 100 * i, WEEK, 11, 0.77, *place, 0.0, 0.0, number == primary)
+            log.add("XKF1", now, number, *[1.0 + number] * 6)
+            log.add("XKF4", now, number, primary)
+        log.add("IMU", now, 1, 0.5, 0.0, 0.0, 0.0, 0.0, -9.8)
+        log.add("IMU", now, 2, 9.0, 0.0, 0.0, 0.0, 0.0, -9.8)
+    recording = imported(tmp_path, log)
+    signals = extract(recording, load_vehicle("iitb-mav")).signals
+    assert set(signals["airspeed"].values.tolist()) == {11.0}
+    np.testing.assert_allclose(signals["lat"].values, -36.0)
+    np.testing.assert_allclose(signals["vd"].values, 2.0)
+    np.testing.assert_allclose(signals["p"].values, 0.5)
+    notes = recording.metadata()["import"]
+    assert notes["imu"] == "instance 1 is the first that was logged, and told as 0"
+    assert set(notes["not_mapped"].split()) >= {"ARSP[0]", "GPS[0]"}
+
+
+def test_a_sensor_of_turns_that_is_not_healthy_says_nothing(tmp_path: Path) -> None:
+    log = DataflashWriter()
+    log.declare("RPM", "QBffB", "TimeUS,I,RPM,Qual,H")
+    for i, (rpm, healthy) in enumerate([(5000.0, 1), (-1.0, 0), (4000.0, 0), (-1.0, 1), (0.0, 1)]):
+        log.add("RPM", BOOT_US + 100_000 * i, 0, rpm, 0.9, healthy)
+    (turns,) = imported(tmp_path, log).columns("RPM")
+    np.testing.assert_array_equal(turns["rpm1"], [5000.0, np.nan, np.nan, np.nan, 0.0])
 
 
 def test_what_is_left_out_is_named_and_the_log_itself_is_kept(recording: Recording, tmp_path: Path) -> None:
