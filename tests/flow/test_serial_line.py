@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from processes import recording_station, run
+from processes import ANSWERS, recording_station, run
 from same_result import assert_same_result
 from serial_line import serial_line
 
@@ -28,7 +28,7 @@ def test_a_flight_over_a_serial_line_is_the_flight_recorded_at_its_source(tmp_pa
         done = run("sim-vehicle", *FLIGHT, "--out", f"{vehicle_end},921600", "--speed", 5)
         assert done.returncode == 0, done.stderr
     again = Recording(received)
-    assert again.counts() == source.counts()
+    assert {topic: n for topic, n in again.counts().items() if not topic.endswith(ANSWERS)} == source.counts()
     assert sum(again.lost().values()) == 0
     for name in set(source.messages()) - {"SYSTEM_TIME"}:  # which tells when the simulation was started
         np.testing.assert_array_equal(again.columns(name)[0].fields, source.columns(name)[0].fields)

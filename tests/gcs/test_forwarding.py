@@ -19,6 +19,7 @@ from gcs.forwarding import Forwarder
 from gcs.links import TcpServerLink, UdpLink, open_link
 from gcs.station import Station
 from gcs.voice import StationVoice
+from gcs.warmup import warm_up
 
 KEY, FOREIGN_KEY = bytes(range(32)), bytes(range(100, 132))
 
@@ -69,6 +70,7 @@ class Peer:
 def running(
     vehicles: list[str], stations: list[str], take: Callable[[str, Batch], None], key: bytes | None = None
 ) -> Iterator[Station]:
+    warm_up(Dialect.load())  # as the commands do: what waits for the compiler for too long is not passed on
     links, forward = [open_link(url) for url in vehicles], [open_link(url) for url in stations]
     station = Station(links, take, lambda now: None, forward, voice=StationVoice(key))
     station.start()
@@ -291,7 +293,7 @@ def test_two_stations_that_forward_to_each_other_pass_everything_on_once() -> No
 
 
 def test_what_waited_too_long_is_not_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs.forwarding._STALE_S", 1.0)
+    monkeypatch.setattr("gcs.forwarding.STALE_S", 1.0)
     with ExitStack() as stack:
         other = Peer(stack)
         link = open_link(f"udpout:127.0.0.1:{other.port}")

@@ -17,6 +17,8 @@ from gcs.errors import RecordingError
 from gcs.recording.reader import Recording
 
 TIMEOUT_S = 120.0
+#: What a vehicle says only because the station asks it for its time.
+ANSWERS = "/TIMESYNC"
 
 
 def start(program: str, arguments: Sequence[object], **environment: str) -> subprocess.Popen[str]:
@@ -47,9 +49,9 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def messages_on_disk(path: Path) -> int:
-    """Messages in a recording that may still be growing."""
+    """Messages in a recording that may still be growing, answers to the station's own questions not counted."""
     try:
-        return sum(Recording(path).counts().values())
+        return sum(count for topic, count in Recording(path).counts().items() if not topic.endswith(ANSWERS))
     except RecordingError:
         return 0
 
