@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gcs.clockfit import NS_PER_S, fit_clock
 from gcs.dialect import STAMP_OFFSET, STAMP_SCALE, STAMP_SIZE, Dialect
 from gcs.framing import Frames
+from gcs.linkaccount import MOST_SENDERS
 from gcs.stamppass import (
     COUNT,
     FRESH_WIDTH,
@@ -144,7 +145,7 @@ class ClockTracker:
         for row in np.flatnonzero(self._state[:, TO_SAVE] == SAVE).tolist():
             self._former[row] = self._state_of(row)
             self._state[row, TO_SAVE] = SAVED
-        if self._rows == self._state.shape[0]:
+        if self._rows == self._state.shape[0] < MOST_SENDERS:
             self._state = np.concatenate((self._state, np.zeros_like(self._state)))
             self._seconds = np.concatenate((self._seconds, np.zeros_like(self._seconds)))
             self._trips = np.concatenate((self._trips, np.zeros_like(self._trips)))

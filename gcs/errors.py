@@ -71,3 +71,9 @@ class ServiceError(GcsError):
 
 class SettingsError(GcsError):
     """A setting, of the command line or the environment, is missing or impossible."""
+
+
+def in_words(error: Exception) -> str:
+    """One line for a log or a page; of an error that nobody thought of it names the kind."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, GcsError | OSError) else f"{type(error).__name__}: {text}"

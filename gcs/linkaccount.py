@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.crc import Int
 from gcs.framing import MAGIC_V2, SIGNED, UNKNOWN, Frames
 from gcs.sequence import DUPLICATE, LATE, NEW, NEWEST, number_of, sequence_states
 from sim_vehicle.jit import jit
@@ -15,9 +16,25 @@ RADIO_STATUS, RADIO = 109, 166
 _SENDER, RECEIVED, LOST, DUPLICATES = range(4)
 _COLUMNS = 4
 # What one pass adds up.
-_BYTES, _UNKNOWN, _SIGNED, _RADIO, _NEXT = range(5)
+_BYTES, _UNKNOWN, _SIGNED, _OTHERS, _RADIO, _NEXT = range(6)
+#: Senders that are accounted for one by one; a source that names more is a fault, or wants to fill the memory.
+MOST_SENDERS = 256
 
 Ints = NDArray[np.int64]
+
+
+@jit
+def _count_frame(row: Ints, state: Ints, sequence: Int) -> None:
+    before = state[NEWEST]
+    number, found = number_of(state, sequence)
+    if found == DUPLICATE:
+        row[DUPLICATES] += 1
+    else:
+        row[RECEIVED] += 1
+    if found == LATE:
+        row[LOST] -= 1
+    elif found == NEW and before >= 0:
+        row[LOST] += number - before - 1
 
 
 @jit
@@ -37,7 +54,8 @@ def _pass(
     """Take frames from `start` on into `rows`; the number of rows in use.
 
     row_of: (65536,) row + 1 of a sender (system << 8 | component), 0 where there is none yet. states: of the senders'
-    counters, one for each row. sums[_NEXT]: the frame that there was no row for, or the number of frames.
+    counters, one for each row. sums[_OTHERS]: frames of senders beyond MOST_SENDERS. sums[_NEXT]: the frame that there
+    was no row for, or the number of frames.
     """
     for i in range(start, offset.size):
         at = offset[i]
@@ -45,7 +63,7 @@ def _pass(
         sequence = np.int64(buffer[first])
         sender = np.int64(buffer[first + 1]) << 8 | np.int64(buffer[first + 2])
         row = row_of[sender] - 1
-        if row < 0:
+        if row < 0 and count < MOST_SENDERS:
             if count == rows.shape[0]:
                 sums[_NEXT] = i
                 return count
@@ -53,16 +71,10 @@ def _pass(
             count += 1
             row_of[sender] = row + 1
             rows[row, _SENDER] = sender
-        before = states[row, NEWEST]
-        number, found = number_of(states[row], sequence)
-        if found == DUPLICATE:
-            rows[row, DUPLICATES] += 1
+        if row < 0:
+            sums[_OTHERS] += 1
         else:
-            rows[row, RECEIVED] += 1
-        if found == LATE:
-            rows[row, LOST] -= 1
-        elif found == NEW and before >= 0:
-            rows[row, LOST] += number - before - 1
+            _count_frame(rows[row], states[row], sequence)
         sums[_BYTES] += length[i]
         if buffer[at] == MAGIC_V2 and buffer[at + 2] == SIGNED:
             sums[_SIGNED] += 1
@@ -78,8 +90,8 @@ class SenderAccount:
     """Frames received, missing and doubled of every sender of one source, by the counter in the frames.
 
     A frame that comes a second time is a duplicate; one that comes late fills the gap that was counted for it.
-    Of the last batch, bytes: in frames; unknown, signed: frames of unknown id, frames with a signature; radio: index of
-    the last radio report, -1 if there is none.
+    Of the last batch, bytes: in frames; unknown, signed, others: frames of unknown id, with a signature, of senders
+    beyond MOST_SENDERS; radio: index of the last radio report, -1 if there is none.
     """
 
     def __init__(self) -> None:
@@ -87,8 +99,8 @@ class SenderAccount:
         self._rows = np.zeros((16, _COLUMNS), np.int64)
         self._states = sequence_states(16)
         self._count = 0
-        self._sums = np.zeros(5, np.int64)
-        self.bytes = self.unknown = self.signed = 0
+        self._sums = np.zeros(_NEXT + 1, np.int64)
+        self.bytes = self.unknown = self.signed = self.others = 0
         self.radio = -1
 
     def add(self, frames: Frames) -> None:
@@ -110,10 +122,10 @@ class SenderAccount:
                 int(sums[_NEXT]),
                 sums,
             )
-            if self._count == self._rows.shape[0]:
+            if self._count == self._rows.shape[0] < MOST_SENDERS:
                 self._rows = np.concatenate((self._rows, np.zeros_like(self._rows)))
                 self._states = np.concatenate((self._states, sequence_states(self._count)))
-        self.bytes, self.unknown, self.signed, self.radio = sums[:_NEXT].tolist()
+        self.bytes, self.unknown, self.signed, self.others, self.radio = sums[:_NEXT].tolist()
 
     def senders(self) -> list[tuple[int, int, dict[str, int]]]:
         """(system, component, counts) of all, sorted."""

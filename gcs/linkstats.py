@@ -19,7 +19,7 @@ from gcs.signing import SignatureChecker, SignatureCounts
 
 _RATE_WINDOW_S = 5
 _SUMS = (
-    *("frames", "frames_per_s", "bytes_per_s", "raw_bytes", "bad_crc", "unknown_messages"),
+    *("frames", "frames_per_s", "bytes_per_s", "raw_bytes", "bad_crc", "unknown_messages", "other_senders"),
     *SignatureCounts().to_json(),
 )
 
@@ -37,7 +37,7 @@ class LinkStatistics:
         self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
         self._clocks = ClockTracker(dialect)
-        self._frames = self._raw = self._bad_crc = self._unknown = 0
+        self._frames = self._raw = self._bad_crc = self._unknown = self._others = 0
 
     def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
         """Count one batch. received_ns: (len(frames),) UTC time of each frame."""
@@ -50,6 +50,7 @@ class LinkStatistics:
                 return
             self._frames += len(frames)
             self._unknown += account.unknown
+            self._others += account.others
             self._signatures.add(frames, received_ns, account.signed)
             second = int(received_ns[-1]) // 1_000_000_000
             if self._per_second and self._per_second[-1][0] == second:
@@ -62,7 +63,10 @@ class LinkStatistics:
             self._clocks.add(frames, received_ns)
 
     def to_json(self, now_ns: int) -> dict[str, Any]:
-        """Rates over the last 5 s, totals, and one entry for each system."""
+        """Rates over the last 5 s, totals, and one entry for each system.
+
+        other_senders: frames of senders beyond those that are accounted for one by one.
+        """
         clocks = {state.system: state for state in self.clocks()}
         with self._lock:
             newest = now_ns // 1_000_000_000
@@ -79,6 +83,7 @@ class LinkStatistics:
                 "raw_bytes": self._raw,
                 "bad_crc": self._bad_crc,
                 "unknown_messages": self._unknown,
+                "other_senders": self._others,
                 **self._signatures.counts.to_json(),
                 "radio": self._radio,
                 "systems": list(systems.values()),

@@ -21,11 +21,13 @@ from gcs.clocktrack import clock_metadata
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import CatalogueFileError, DiskFullError, GcsError
-from gcs.frameparts import autopilots, frame_times, likely_vehicle, runs_by_vehicle, slice_frames
+from gcs.flightledger import FlightLedger
+from gcs.frameparts import frame_times, likely_vehicle, runs_by_vehicle, slice_frames
 from gcs.framing import Framer, Frames
 from gcs.intake import flight_stamp, unused_id
 from gcs.linkstats import LinkStatistics
 from gcs.liveflight import LiveFlight
+from gcs.recorderstate import RecorderState
 from gcs.recording.parts import Metadata, Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
 from gcs.segmentation import FlightSegmenter, Heartbeat, heartbeats
@@ -39,6 +41,10 @@ _CATALOGUE_NS = 1_000_000_000
 _IDLE_NS = 1_000_000_000
 # After a disk has refused, this long until the next attempt.
 _RETRY_NS = 1_000_000_000
+# A clock that steps back by more was set; less may be one datagram that overtook another.
+_SET_BACK_NS = 1_000_000_000
+# Each has a file, a thread and buffers. What further systems say goes with the last flight.
+_MOST_FLIGHTS = 32
 
 
 @dataclass
@@ -46,7 +52,8 @@ class _Source:
     """A source (by name) as the recorder sees it.
 
     overheard: whether another ground station is behind it.
-    flight: where bytes that belong to no vehicle go.
+    flight: where bytes that belong to no vehicle go. last_ns: newest time of reception.
+    lock: held while bytes go through the framer and on, so that they stay in order; taken before the recorder's own.
     """
 
     framer: Framer
@@ -54,16 +61,7 @@ class _Source:
     overheard: bool
     flight: LiveFlight | None = None
     last_ns: int = 0
-
-
-@dataclass
-class RecorderState:
-    """What goes wrong, for /api/health: `problem` in words, empty when all is well, and bytes that no file took."""
-
-    problem: str = ""
-    unrecorded_bytes: int = 0
-    ground_stations: set[int] = field(default_factory=set)
-    vehicles: set[int] = field(default_factory=set)
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
 
 class FlightRecorder:
@@ -93,17 +91,17 @@ class FlightRecorder:
         self._catalogue = catalogue
         self._silence_ns = round(silence_s * 1e9)
         self._disarm_ns = round(disarm_s * 1e9)
-        self._on_flight_end = on_flight_end
         self._storage = storage or StorageOptions()
         self._provenance = provenance or Provenance()
         self._key = key
-        self._heard: set[int] = set()
         self._blocked_until_ns = 0
-        self._unlisted: dict[str, Flight] = {}
+        self.state = RecorderState()
+        self._ledger = FlightLedger(catalogue, on_flight_end, self.state.report, self.state.add_unrecorded)
+        self._ticked_ns = 0
+        self._closed = False
         self._lock = threading.RLock()
         self._sources: dict[str, _Source] = {}
         self._live: list[LiveFlight] = []
-        self.state = RecorderState()
 
     def _source(self, name: str) -> _Source:
         with self._lock:
@@ -116,11 +114,23 @@ class FlightRecorder:
     def feed(self, link: str, batch: Batch) -> None:
         """Record what a link received."""
         source = self._source(link)
-        held = source.framer.pending
-        buffer, frames = source.framer.feed(batch.data)
-        received = frame_times(frames, batch, held)
-        source.last_ns = int(batch.received_ns[-1])
-        self._take(link, source, buffer, frames, received, int(batch.received_ns[0]))
+        with source.lock:
+            now_ns, before_ns = int(batch.received_ns[0]), source.last_ns
+            # Before the bytes go in, so that `tick` takes the link for idle at no time in between.
+            source.last_ns = int(batch.received_ns.max())
+            if now_ns < before_ns - _SET_BACK_NS:
+                self._clock_set_back(now_ns)
+            held = source.framer.pending
+            buffer, frames = source.framer.feed(batch.data)
+            self._take(link, source, buffer, frames, frame_times(frames, batch, held), now_ns)
+
+    def _clock_set_back(self, now_ns: int) -> None:
+        """This computer's clock shows an earlier time than before: in no recording the times shall step back."""
+        with self._lock:
+            self._blocked_until_ns = min(self._blocked_until_ns, now_ns + _RETRY_NS)
+            for live in list(self._live):
+                if live.end_ns > now_ns + _SET_BACK_NS:
+                    self._end(live, "clock set back")
 
     def _take(
         self,
@@ -135,12 +145,15 @@ class FlightRecorder:
         if buffer.size == 0:
             return
         with self._lock:
+            if self._closed:
+                self.state.add_unrecorded(buffer.size)
+                return
             self._end_due(now_ns)
             if source.overheard:
                 self._overhear(link, frames, received, now_ns)
                 return
             beats = heartbeats(frames)
-            self._learn(frames, beats)
+            self.state.learn(frames, beats)
             for start, stop in runs_by_vehicle(frames, self.state.vehicles):
                 self._write_run(link, source, frames, received, (start, stop), beats, now_ns)
 
@@ -152,23 +165,6 @@ class FlightRecorder:
                 live.writer.write(link, part.buffer, part, received if received.size else now_ns)
             except (GcsError, OSError) as error:
                 self._stop(live, error, now_ns)
-
-    def _learn(self, frames: Frames, beats: Sequence[Heartbeat]) -> None:
-        """Who is a vehicle: by its HEARTBEAT, and where one is known already by the first word of an autopilot.
-
-        Else a second vehicle's frames up to its HEARTBEAT would be in the first one's flight.
-        """
-        for beat in beats:
-            if beat.ground_station:
-                self.state.ground_stations.add(beat.system)
-                self.state.vehicles.discard(beat.system)
-            else:
-                self.state.vehicles.add(beat.system)
-        new = set(frames.systems) - self._heard
-        if new:
-            self._heard |= new
-            if self.state.vehicles:
-                self.state.vehicles |= (new & autopilots(frames)) - self.state.ground_stations
 
     def _write_run(
         self,
@@ -185,7 +181,7 @@ class FlightRecorder:
         times = received[run[0] : run[1]]
         live = self._flight_for(source, part, int(times[0]) if times.size else now_ns)
         if live is None:
-            self.state.unrecorded_bytes += part.consumed
+            self.state.add_unrecorded(part.consumed)
             return
         own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
         before_reset = live.segmenter.clock_reset(link, part)
@@ -194,7 +190,7 @@ class FlightRecorder:
             if before_reset > 0:
                 self._write(link, live, slice_frames(frames, run[0], cut), received[run[0] : cut], own, now_ns)
             if live in self._live:
-                self._end(live, "clock reset", now_ns)
+                self._end(live, "clock reset")
             self._write_run(link, source, frames, received, (cut, run[1]), beats, now_ns)
             return
         self._write(link, live, part, times, own, now_ns)
@@ -212,7 +208,7 @@ class FlightRecorder:
         try:
             live.writer.write(link, part.buffer, part, times if times.size else now_ns)
         except (GcsError, OSError) as error:
-            self.state.unrecorded_bytes += part.consumed
+            self.state.add_unrecorded(part.consumed)
             self._stop(live, error, now_ns)
             return
         live.end_ns = max(live.end_ns, newest)
@@ -233,6 +229,8 @@ class FlightRecorder:
             live = next((live for live in self._live if live.segmenter.system == vehicle), None)
             if live is None:
                 live = self._adopt(now_ns)
+            if live is None and len(self._live) >= _MOST_FLIGHTS:
+                live = self._live[-1]
             if live is not None:
                 source.flight = live
                 return live
@@ -250,7 +248,7 @@ class FlightRecorder:
         """The flight that was begun a moment before its vehicle was known; an old one without a vehicle is ended."""
         live = next((live for live in self._live if live.segmenter.system is None), None)
         if live is not None and now_ns - live.start_ns > self._silence_ns:
-            self._end(live, "no vehicle", now_ns)
+            self._end(live, "no vehicle")
             return None
         return live
 
@@ -264,11 +262,9 @@ class FlightRecorder:
         writer = RecordingParts(path, self._dialect, self._storage, self._provenance, now_ns)
         live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns)
         self._live.append(live)
-        self._store(live, "recording", "")
+        self._list(live)
         _log.info("flight %s begins", flight_id)
-        if self.state.problem:
-            _log.warning("recording again; %d bytes were not recorded so far", self.state.unrecorded_bytes)
-            self.state.problem = ""
+        self.state.recovered()
         return live
 
     def _check_room(self) -> None:
@@ -281,88 +277,59 @@ class FlightRecorder:
             )
 
     def _new_id(self, now_ns: int, system: int) -> str:
-        return unused_id(f"{flight_stamp(now_ns)}-{system}", self._folder, self._catalogue)
+        stem = f"{flight_stamp(now_ns)}-{system}"
+        try:
+            return unused_id(stem, self._folder, self._catalogue)
+        except CatalogueFileError as error:
+            self.state.report(error)
+            return stem  # recording does without the catalogue
 
-    def _store(self, live: LiveFlight, state: str, reason: str) -> None:
+    def _list(self, live: LiveFlight) -> None:
         """Tell the catalogue how the flight stands."""
-        self._list(live.entry(state, reason))
+        self._ledger.put(live.entry("recording", ""))
         live.catalogued_ns = live.end_ns
 
-    def _list(self, *flights: Flight) -> None:
-        """Put flights into the catalogue; what it cannot take now, it is given again at the next tick."""
-        self._unlisted.update({flight.id: flight for flight in flights})
-        for flight in list(self._unlisted.values()):
-            try:
-                self._catalogue.put_flight(flight)
-            except CatalogueFileError as error:
-                self._say(error)
-                return
-            del self._unlisted[flight.id]
-            if flight.state != "recording":
-                self._on_flight_end(flight)
-
-    def _clocks_of(self, live: LiveFlight) -> Metadata:
-        found: dict[str, dict[str, str]] = {}
-        for name, source in self._sources.items():
-            states = source.statistics.clocks(until_ns=live.end_ns)
-            found |= clock_metadata(name, [state for state in states if state.system == live.segmenter.system])
-        return found
-
-    def _end(self, live: LiveFlight, reason: str, now_ns: int) -> None:
+    def _end(self, live: LiveFlight, reason: str) -> None:
         self._live.remove(live)
-        for source in self._sources.values():
+        sources = list(self._sources.items())
+        for _, source in sources:
             if source.flight is live:
                 source.flight = None
-        try:
-            live.writer.close({**live.statistics(reason), **self._clocks_of(live)})
-        except (GcsError, OSError) as error:
-            self._fail(error, now_ns)
-            reason = f"{reason}; the end is missing: {error}"
-        lost = live.writer.lost.bytes
-        self.state.unrecorded_bytes += lost
-        if lost and live.writer.counts.bytes == lost:
-            self._forget(live)
-            return
-        self._store(live, "complete", reason)
-        _log.info("flight %s ends (%s)", live.id, reason)
 
-    def _forget(self, live: LiveFlight) -> None:
-        """A flight of which the disk took nothing is none."""
-        self._unlisted.pop(live.id, None)
-        try:
-            for path in live.writer.parts:
-                path.unlink(missing_ok=True)
-            self._catalogue.remove_flight(live.id)
-        except (CatalogueFileError, OSError) as error:
-            self._say(error)
+        def ending() -> Metadata:
+            clocks: dict[str, dict[str, str]] = {}
+            for name, source in sources:
+                states = source.statistics.clocks(until_ns=live.end_ns)
+                clocks |= clock_metadata(name, [state for state in states if state.system == live.segmenter.system])
+            return {**live.statistics(reason), **clocks}
+
+        self._ledger.end(live, reason, ending)
 
     def _end_due(self, now_ns: int) -> None:
         for live in list(self._live):
             reason = live.segmenter.end_reason(now_ns)
             if reason is not None:
-                self._end(live, reason, now_ns)
+                self._end(live, reason)
 
     def _stop(self, live: LiveFlight, error: Exception, now_ns: int) -> None:
         """A file that cannot be written ends its flight, not the service; the next bytes begin another in a while."""
         self._fail(error, now_ns)
-        self._end(live, f"recording stopped: {error}", now_ns)
+        self._end(live, f"recording stopped: {error}")
 
     def _fail(self, error: Exception, now_ns: int) -> None:
         self._blocked_until_ns = now_ns + _RETRY_NS
-        self._say(error)
-
-    def _say(self, error: Exception) -> None:
-        """Once, until it is over."""
-        if not self.state.problem:
-            self.state.problem = str(error)
-            _log.error("cannot record: %s", error)
+        self.state.report(error)
 
     def tick(self, now_ns: int) -> None:
         """Let time pass: write what waits, end what is over. To be called a few times each second."""
-        with self._lock:
-            for name, source in self._sources.items():
-                if source.framer.pending and now_ns - source.last_ns > _IDLE_NS:
+        if now_ns < self._ticked_ns - _SET_BACK_NS:
+            self._clock_set_back(now_ns)
+        self._ticked_ns = now_ns
+        for name, source in self._known_sources():
+            with source.lock:
+                if source.framer.pending and abs(now_ns - source.last_ns) > _IDLE_NS:
                     self._flush(name, source, now_ns)
+        with self._lock:
             for live in list(self._live):
                 try:
                     live.writer.tick(now_ns)
@@ -370,22 +337,40 @@ class FlightRecorder:
                     self._stop(live, error, now_ns)
                     continue
                 if live.end_ns - live.catalogued_ns >= _CATALOGUE_NS:
-                    self._store(live, "recording", "")
-            self._list()
+                    self._list(live)
             self._end_due(now_ns)
+
+    def _known_sources(self) -> list[tuple[str, _Source]]:
+        with self._lock:
+            return list(self._sources.items())
 
     def _flush(self, name: str, source: _Source, now_ns: int) -> None:
         buffer, frames = source.framer.flush()
-        self._take(name, source, buffer, frames, np.full(len(frames), source.last_ns, np.int64), now_ns)
+        times = np.full(len(frames), min(source.last_ns, now_ns), np.int64)
+        self._take(name, source, buffer, frames, times, now_ns)
+
+    def end_flights(self, now_ns: int, reason: str = "service stopped") -> None:
+        """End every flight, and wait until it is complete and listed."""
+        for name, source in self._known_sources():
+            with source.lock:
+                self._flush(name, source, now_ns)
+        with self._lock:
+            for live in list(self._live):
+                self._end(live, reason)
+        self.settle()
+
+    def settle(self) -> None:
+        """Wait until the flights that have ended are complete, and the catalogue knows how all stand."""
+        self._ledger.settle()
 
     def close(self, now_ns: int) -> None:
-        """End every flight: the service stops."""
+        """End every flight: the service stops. What is fed after it is counted as not recorded."""
+        self.end_flights(now_ns)
         with self._lock:
-            for name, source in self._sources.items():
-                self._flush(name, source, now_ns)
-            for live in list(self._live):
-                self._end(live, "service stopped", now_ns)
-            self._list()
+            self._closed = True
+            for live in list(self._live):  # begun in between
+                self._end(live, "service stopped")
+        self._ledger.close()
 
     def live_flights(self) -> list[str]:
         """Ids of the flights being recorded now."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gcs.crc import Int
 from gcs.framing import MAGIC_V2
+from gcs.linkaccount import MOST_SENDERS
 from sim_vehicle.jit import jit
 
 KEPT = 600  # seconds, and round trips
@@ -118,7 +119,8 @@ def take_stamps(
 ) -> tuple[Int, Int]:
     """Take frames from `start` on; (rows in use, the frame to go on with, or the number of frames when all are taken).
 
-    It stops where there is no row left, and where a record is to be saved before it starts anew.
+    It stops where there is no row left, and where a record is to be saved before it starts anew. Of senders beyond
+    MOST_SENDERS nothing is kept.
 
     wanted: (messages, 2) what to read of each message and where. row_of: (65536,) row + 1 of a sender. state:
     (R, STATE_WIDTH). seconds: (R, KEPT, 2) reception and stamp. trips: (R, KEPT, 3) reception, tc1 and ts1. All ns.
@@ -149,6 +151,8 @@ def take_stamps(
             continue
         row = row_of[sender] - 1
         if row < 0:
+            if rows == MOST_SENDERS:
+                continue
             if rows == state.shape[0]:
                 return rows, i
             row = rows

@@ -13,7 +13,8 @@ from gcs.dialect import Dialect
 from gcs.forwarding import Forwarder
 from gcs.links import Link
 from gcs.linkstats import merged
-from gcs.recorder import FlightRecorder, RecorderState
+from gcs.recorder import FlightRecorder
+from gcs.recorderstate import RecorderState
 from gcs.sources import FORWARD
 from gcs.voice import StationVoice
 

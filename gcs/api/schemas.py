@@ -123,6 +123,7 @@ class LinkStatus(BaseModel):
     raw_bytes: int = Field(description="Bytes that belong to no frame")
     bad_crc: int
     unknown_messages: int
+    other_senders: int = Field(description="Frames of senders beyond the 256 that are accounted for one by one")
     signed_good: int
     signed_bad: int = Field(description="Wrong signature, or a stamp that does not increase")
     signed_replayed: int = Field(description="Those of signed_bad whose signature is right")

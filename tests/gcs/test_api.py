@@ -63,7 +63,7 @@ class Bench:
                 frames.append(vehicle.attitude(0.01 * (50 * second + i)))
                 vehicle.boot_ms += 20
             self.recorder.feed("udpin:test", batch(frames, start_ns + second * SECOND))
-        self.recorder.close(start_ns + seconds * SECOND)
+        self.recorder.end_flights(start_ns + seconds * SECOND)
         return self.catalogue.flights()[0].id
 
 

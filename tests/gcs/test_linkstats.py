@@ -1,6 +1,7 @@
 """Statistics of links against what was sent, dropped, doubled and delayed on purpose."""
 
 import random
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -99,3 +100,20 @@ def test_noise_and_broken_frames_are_counted_and_sources_add_up() -> None:
     assert whole["raw_bytes"] == 5 + len(broken) + 1
     assert whole["unsigned"] == 4
     assert [(entry["system"], entry["source"]) for entry in whole["systems"]] == [(1, "udpin:x"), (2, "udpin:x#2")]
+
+
+def test_a_source_that_names_thousands_of_senders_costs_little_memory_and_no_frame() -> None:
+    sent = [Vehicle(system, component).system_time for system in range(1, 65) for component in range(1, 65)]
+    batches = [[make() for make in sent[i : i + 512]] for i in range(0, len(sent), 512)]
+    fed([Vehicle().system_time()])  # what is loaded once is not counted
+    tracemalloc.start()
+    try:
+        statistics = fed(*batches)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert statistics["frames"] == 4096
+    assert statistics["other_senders"] == 4096 - 256
+    systems: list[dict[str, object]] = statistics["systems"]  # type: ignore[assignment]
+    assert sum(len(system["components"]) for system in systems) == 256  # type: ignore[arg-type]
+    assert most < 24e6

@@ -1,13 +1,17 @@
 """Where flights begin and end, on a clock that the test holds."""
 
+import os
+import threading
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
 
 from gcs.catalogue import Catalogue, Flight
+from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.recorder import FlightRecorder
 from gcs.recording.reader import Recording
@@ -37,6 +41,7 @@ class Rig:
             self.recorder.feed(link, batch(part, self.now + i * step, step * len(part)))
         self.now += span_ns
         self.recorder.tick(self.now)
+        self.recorder.settle()
         self.sent[link] = self.sent.get(link, b"") + b"".join(datagrams)
 
     def wait(self, seconds: float) -> None:
@@ -45,6 +50,7 @@ class Rig:
         while self.now < end:
             self.now = min(self.now + SECOND // 4, end)
             self.recorder.tick(self.now)
+        self.recorder.settle()
 
     def finish(self) -> list[Flight]:
         """All flights in the order of their start."""
@@ -238,3 +244,116 @@ def test_a_flight_is_named_after_the_autopilot_among_the_first_frames(rig: Rig) 
     rig.feed([radio.frame(status), *Vehicle(7).second()])
     (flight,) = rig.finish()
     assert flight.id.endswith("-7")
+
+
+def test_a_clock_set_back_ends_the_flight_and_the_next_has_times_of_its_own(rig: Rig) -> None:
+    vehicle = Vehicle()
+    rig.feed(vehicle.second())
+    rig.feed(vehicle.second(), "/dev/ttyUSB0,57600")
+    rig.now -= 3600 * SECOND
+    began = rig.now
+    rig.feed(vehicle.second())
+    rig.feed(vehicle.second(), "/dev/ttyUSB0,57600")
+    rig.wait(11.0)
+    first, second = sorted(rig.ended, key=lambda flight: -flight.start_ns)
+    assert (first.end_reason, second.end_reason) == ("clock set back", "silence")
+    assert second.start_ns == began
+    log_times = [columns.log_time for columns in rig.recording(second).columns("ATTITUDE")]
+    assert np.ptp(np.concatenate(log_times)) > SECOND
+    assert min(times[0] for times in log_times) < began + SECOND // 5
+    for link in rig.sent:
+        pieces = [rig.recording(flight).wire_streams()[link] for flight in (first, second)]
+        assert b"".join(data for part in pieces for _, data in part) == rig.sent[link]
+
+
+def test_a_clock_set_back_by_a_moment_or_one_late_link_ends_nothing(rig: Rig) -> None:
+    vehicle = Vehicle()
+    rig.feed(vehicle.second())
+    rig.now -= SECOND * 9 // 10
+    rig.feed(vehicle.second())
+    rig.now -= 5 * SECOND  # of another link, whose bytes come late
+    rig.recorder.feed("serial", batch([vehicle.attitude()], rig.now))
+    assert len(rig.finish()) == 1
+
+
+def test_ticks_while_halves_of_frames_arrive_neither_lose_nor_double_a_byte(rig: Rig) -> None:
+    vehicle = Vehicle()
+    frames = [frame for _ in range(8) for frame in vehicle.second()]
+    over = threading.Event()
+    failed: list[Exception] = []
+
+    def hammer() -> None:
+        while not over.is_set():
+            try:
+                rig.recorder.tick(rig.now + 2 * SECOND)
+            except Exception as error:
+                failed.append(error)
+
+    threads = [threading.Thread(target=hammer) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    sent = b""
+    try:
+        for frame in frames:
+            for piece in (frame[:17], frame[17:]):
+                rig.recorder.feed(LINK, Batch.of([(piece, rig.now)]))
+                rig.now += SECOND // 100
+                sent += piece
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+    rig.finish()
+    assert not failed
+    assert rig.stream() == sent
+
+
+def test_the_end_of_one_flight_on_a_slow_disk_does_not_hold_up_another(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = Vehicle(1), Vehicle(2)
+    rig.feed(first.second())
+    rig.feed(second.second(), "other")
+    ready = threading.Event()
+    monkeypatch.setattr(os, "fdatasync", lambda handle: ready.wait())
+
+    def go_on() -> None:
+        for _ in range(15):  # the first falls silent and ends
+            rig.recorder.feed("other", batch(second.second(), rig.now))
+            rig.now += SECOND
+            rig.recorder.tick(rig.now)
+
+    thread = threading.Thread(target=go_on, daemon=True)
+    thread.start()
+    thread.join(30.0)
+    held_up = thread.is_alive()
+    assert len(rig.recorder.live_flights()) == 1
+    assert [flight.id for flight in rig.ended] == []
+    ready.set()
+    assert not held_up
+    thread.join()
+    flights = rig.finish()
+    assert [flight.end_reason for flight in flights] == ["silence", "service stopped"]
+    assert flights[1].messages == 16 * 52
+
+
+def test_many_systems_at_once_are_not_so_many_files_and_none_is_lost(rig: Rig) -> None:
+    vehicles = [Vehicle(system) for system in range(1, 61)]
+    for _ in range(2):
+        rig.feed([vehicle.heartbeat() for vehicle in vehicles])
+    assert len(rig.recorder.live_flights()) == 32
+    flights = rig.finish()
+    assert sum(flight.messages for flight in flights) == 120
+    assert max(flight.messages for flight in flights) == 2 * 29
+
+
+def test_what_comes_after_the_end_is_counted_as_not_recorded(rig: Rig) -> None:
+    vehicle = Vehicle()
+    rig.feed(vehicle.second())
+    (flight,) = rig.finish()
+    late = vehicle.attitude()
+    rig.recorder.feed(LINK, batch([late], rig.now))
+    rig.recorder.tick(rig.now + SECOND)
+    assert rig.recorder.live_flights() == []
+    assert rig.recorder.state.unrecorded_bytes == len(late)
+    assert [path.stem for path in rig.folder.glob("*.mcap")] == [flight.id]
