@@ -29,7 +29,7 @@ Decompress = Callable[[ChunkInfo, bytes], bytes]
 
 
 def decompress(chunk: ChunkInfo, stored: bytes) -> bytes:
-    """What a chunk's stored bytes hold, never more than it announces.
+    """What a chunk's stored bytes hold; of more than it announces one byte more at most, and not the rest.
 
     ValueError, RuntimeError or zstandard.ZstdError if they are not what was written.
     """
@@ -40,7 +40,7 @@ def decompress(chunk: ChunkInfo, stored: bytes) -> bytes:
             raise ValueError("a chunk's lengths are damaged")
         return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
     if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1))
     if chunk.compression == "":
         return stored
     raise ValueError(f"compression {chunk.compression!r} is not known")
