@@ -21,12 +21,11 @@ from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.framing import Framer
 from gcs.link import Link
+from gcs.outbox import STALE_S
 
 _QUEUE_BYTES = 4 * 1024 * 1024
 # An unfinished frame that nothing follows is let go: what noise in front of good frames had hidden is passed on.
 _IDLE_S = 1.0
-# Old telemetry helps nobody, and a command that comes late is a danger.
-_STALE_S = 5.0
 # Well above what a frame may take round a ring of stations, each of which passes nothing on that is stale.
 _MEMORY_S = 30.0
 _MEMORY_FRAMES = 32768
@@ -143,7 +142,7 @@ class Forwarder:
         if name == _OWN:
             self._memory.is_copy(data, name, now)
             return
-        if now - offered > _STALE_S:
+        if now - offered > STALE_S:
             self._dropped += len(data)
             return
         source = self._sources.get(name)

@@ -6,6 +6,7 @@ loses its peer goes on trying; nothing that happens on a link raises out of `rec
 
 from __future__ import annotations
 
+import select
 import socket
 import threading
 import time
@@ -86,10 +87,10 @@ class Link(ABC):
         with self._counting:
             self.counters.bytes_sent += count
 
-    def _unsent(self) -> None:
-        """Count a piece that could not be sent."""
+    def _unsent(self, count: int = 1) -> None:
+        """Count frames that could not be sent."""
         with self._counting:
-            self.counters.send_errors += 1
+            self.counters.send_errors += count
 
     @abstractmethod
     def close(self) -> None:
@@ -109,6 +110,13 @@ class Link(ABC):
             **asdict(self.counters),
             "sources": self.sources.to_json(),
         }
+
+
+def readable(descriptor: int, timeout_s: float) -> bool:
+    """Whether there is something to read, or an end to see, within `timeout_s`; of a descriptor of any number."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(1000.0 * timeout_s))
 
 
 def resolve(url: LinkUrl, kind: socket.SocketKind) -> tuple[int, tuple[str, int]]:

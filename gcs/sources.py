@@ -20,12 +20,6 @@ PEER_MEMORY_S = 30.0
 MOST_PEERS = 32
 
 
-def link_of(source: str) -> str:
-    """The link that a source belongs to."""
-    name, mark, number = source.rpartition("#")
-    return name if mark and number.isdecimal() else source
-
-
 @dataclass
 class Source:
     """One peer of a link: host and port, or device and baud. `heard`: monotonic time of its last bytes, s."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import glob
 import os
-import select
 import socket
 import sys
+import termios
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import serial
 
 from gcs.datagrams import Batch, Peer
-from gcs.link import Backoff, Link, address_text
+from gcs.link import Backoff, Link, address_text, readable
 from gcs.linkurl import LinkUrl
 from gcs.outbox import Outbox
 
@@ -88,7 +88,7 @@ class StreamLink(Link):
             self.problem = error.strerror or str(error)
             return False
         self._source = self.sources.of(peer, address)
-        self._outbox = Outbox(self._write, self._sent)
+        self._outbox = Outbox(self._write, self._sent, self._unsent)
         self.connected, self.problem = True, ""
         self.counters.reconnects += self.counters.connections > 0
         self.counters.connections += 1
@@ -98,30 +98,37 @@ class StreamLink(Link):
     def _lose(self, problem: str) -> None:
         self.connected = False
         self.problem = problem
-        self._outbox = None
+        self._end_outbox()
         self.sources.forget(self._source.peer)
         self._disconnect()
 
+    def _end_outbox(self) -> None:
+        """From here on nothing is written, whatever thread is about to."""
+        outbox, self._outbox = self._outbox, None
+        if outbox is not None:
+            outbox.close()
+
     def send(self, data: bytes, wait_s: float = 0.0) -> None:
-        outbox = self._outbox
-        if outbox is None:
-            self._unsent()
-            return
-        try:
-            if not outbox.offer(data, wait_s):
-                self._unsent()
-        except OSError:  # reading says what became of the stream
-            self._unsent()
+        self._offer([data], wait_s)
 
     def send_frames(self, frames: Sequence[bytes]) -> None:
         """Send frames behind one another; waits for nothing."""
-        self.send(b"".join(frames))
+        self._offer(frames, 0.0)
+
+    def _offer(self, frames: Sequence[bytes], wait_s: float) -> None:
+        outbox = self._outbox
+        if outbox is None:
+            return
+        taken = 0
+        with contextlib.suppress(OSError):  # reading says what became of the stream
+            taken = outbox.offer(frames, wait_s)
+        self._unsent(len(frames) - taken)
 
     def close(self) -> None:
         if self._outbox:
             with contextlib.suppress(OSError):
                 self._outbox.flush(LINGER_S)
-        self._outbox = None
+        self._end_outbox()
         self.connected = False
         self._disconnect()
 
@@ -163,7 +170,7 @@ class TcpClientLink(StreamLink):
         sock = self._socket
         if sock is None:
             return None
-        if not select.select([sock], [], [], timeout_s)[0]:
+        if not readable(sock.fileno(), timeout_s):
             return b""
         return sock.recv(READ_BYTES) or None
 
@@ -203,17 +210,19 @@ class SerialLink(StreamLink):
         try:
             # Exclusive: a second program on the device would take bytes away from this one.
             self._port = serial.Serial(device, self.url.baud, exclusive=True)
-        except ValueError as error:  # a baud rate that the device refuses
-            raise OSError(str(error)) from error
+        except (ValueError, OverflowError, termios.error) as error:  # a baud rate that the device refuses
+            reason = " ".join(str(error.args[-1]).split())
+            raise OSError(f"{device} cannot be used at {self.url.baud} baud: {reason}") from error
         return (device, self.url.baud), device
 
     def _read(self, timeout_s: float) -> bytes | None:
         port = self._port
         if port is None:
             return None
-        port.timeout = timeout_s
-        first = port.read(1)
-        return bytes(first + port.read(port.in_waiting)) if first else b""
+        # pyserial's own read waits by `select`, which takes no descriptor from 1024 on.
+        if not readable(port.fileno(), timeout_s):
+            return b""
+        return os.read(port.fileno(), READ_BYTES) or None
 
     def _write(self, data: memoryview) -> int:
         port = self._port

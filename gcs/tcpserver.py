@@ -6,7 +6,7 @@ import contextlib
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from gcs.datagrams import Batch, Peer
 from gcs.errors import LinkError
@@ -20,11 +20,18 @@ from gcs.streamlinks import CLOSED, GATHER_S, LINGER_S, READ_BYTES, prepare_sock
 class _Client:
     """One connection."""
 
-    def __init__(self, sock: socket.socket, peer: Peer, taken: Callable[[int], None]) -> None:
+    def __init__(
+        self, sock: socket.socket, peer: Peer, taken: Callable[[int], None], dropped: Callable[[int], None]
+    ) -> None:
         prepare_socket(sock)
         self.socket = sock
         self.peer = peer
-        self.outbox = Outbox(lambda data: write_some(sock, data), taken)
+        self.outbox = Outbox(lambda data: write_some(sock, data), taken, dropped)
+
+    def close(self) -> None:
+        """End the connection."""
+        self.outbox.close()
+        self.socket.close()
 
 
 class TcpServerLink(Link):
@@ -70,15 +77,19 @@ class TcpServerLink(Link):
 
     def _ready_clients(self, timeout_s: float) -> list[_Client]:
         """Clients with bytes to read; takes in new ones, and gives those that read slowly what they take."""
-        readers: list[int] = [*self._clients]
+        poll = select.poll()
+        listener = self._listener.fileno()
         if len(self._clients) < MOST_PEERS:
-            readers.append(self._listener.fileno())
-        writers = [number for number, client in self._clients.items() if len(client.outbox)]
-        readable, writable, _ = select.select(readers, writers, [], timeout_s)
-        for number in writable:
-            with contextlib.suppress(OSError):
-                self._clients[number].outbox.flush()
-        if self._listener.fileno() in readable:
+            poll.register(listener, select.POLLIN)
+        for number, client in self._clients.items():
+            poll.register(number, select.POLLIN | (select.POLLOUT if len(client.outbox) else 0))
+        found = poll.poll(1000.0 * timeout_s)
+        readable = [number for number, events in found if events & ~select.POLLOUT]
+        for number, events in found:
+            if events & select.POLLOUT and number in self._clients:
+                with contextlib.suppress(OSError):
+                    self._clients[number].outbox.flush()
+        if listener in readable:
             self._accept()
         return [self._clients[number] for number in readable if number in self._clients]
 
@@ -87,7 +98,7 @@ class TcpServerLink(Link):
             sock, address = self._listener.accept()
         except OSError:  # gone again before it was taken in
             return
-        client = _Client(sock, address[:2], self._sent)
+        client = _Client(sock, address[:2], self._sent, self._unsent)
         self._clients = {**self._clients, sock.fileno(): client}
         self.connected, self.problem = True, ""
         self.counters.connections += 1
@@ -103,7 +114,7 @@ class TcpServerLink(Link):
             data, problem = b"", error.strerror or str(error)
         if not data:
             self._clients = {number: one for number, one in self._clients.items() if one is not client}
-            client.socket.close()
+            client.close()
             self.connected = bool(self._clients)
             if not self.connected:
                 self.problem = problem
@@ -116,18 +127,24 @@ class TcpServerLink(Link):
                 self.sources.forget(source.peer)
 
     def send(self, data: bytes, wait_s: float = 0.0) -> None:
+        self._offer([data], wait_s)
+
+    def send_frames(self, frames: Sequence[bytes]) -> None:
+        """Send frames behind one another; waits for nothing."""
+        self._offer(frames, 0.0)
+
+    def _offer(self, frames: Sequence[bytes], wait_s: float) -> None:
         for client in list(self._clients.values()):
-            try:
-                if not client.outbox.offer(data, wait_s):
-                    self._unsent()
-            except OSError:  # reading says what became of the client
-                self._unsent()
+            taken = 0
+            with contextlib.suppress(OSError):  # reading says what became of the client
+                taken = client.outbox.offer(frames, wait_s)
+            self._unsent(len(frames) - taken)
 
     def close(self) -> None:
         for client in self._clients.values():
             with contextlib.suppress(OSError):
                 client.outbox.flush(LINGER_S)
-            client.socket.close()
+            client.close()
         self._clients = {}
         self.connected = False
         self._listener.close()

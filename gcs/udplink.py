@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import select
 import socket
 import struct
 import sys
@@ -13,7 +12,7 @@ from dataclasses import replace
 
 from gcs.datagrams import Batch, DatagramReceiver, Peer
 from gcs.errors import LinkError
-from gcs.link import Backoff, Link, address_text, resolve
+from gcs.link import Backoff, Link, address_text, readable, resolve
 from gcs.linkurl import LinkKind, LinkUrl
 
 # Holds over a minute of ordinary telemetry while the process is held up. The system grants a quarter of it or less to
@@ -123,7 +122,7 @@ class UdpLink(Link):
         if self._flowing:
             time.sleep(min(self._wait_s, timeout_s))
             arrived = self._drain()
-        if not arrived and select.select([self._socket], [], [], timeout_s)[0]:
+        if not arrived and readable(self._socket.fileno(), timeout_s):
             arrived = self._drain()
         self._flowing = bool(arrived)
         if not arrived:

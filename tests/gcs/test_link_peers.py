@@ -12,7 +12,7 @@ from gcs.capture import Capture
 from gcs.dialect import Dialect
 from gcs.links import Link, TcpServerLink, UdpLink, open_link
 from gcs.recording.reader import Recording
-from gcs.sources import MOST_PEERS, PEER_MEMORY_S, Sources, link_of
+from gcs.sources import MOST_PEERS, PEER_MEMORY_S, Sources
 
 Streams = dict[str, bytes]
 
@@ -215,8 +215,6 @@ def test_names_are_few_however_many_peers_come_and_go() -> None:
     assert len(together) == MOST_PEERS
     assert sources.of(("h", 1000), "").name == f"tcpin:h:1#{MOST_PEERS}"
     assert len(sources.recent()) == MOST_PEERS
-    assert {link_of(name) for name in together} == {"tcpin:h:1"}
-    assert link_of("/dev/tty#usb") == "/dev/tty#usb"
     for entry in sources._slots:
         entry.heard -= PEER_MEMORY_S + 1
     assert sources.recent() == []
