@@ -108,6 +108,7 @@ class RecordingSink:
         self._attachment_index: list[bytes] = []
         self._metadata_index: list[bytes] = []
         self._unsynced_since: float | None = None
+        self._name_lasts = False
         self._free: queue.SimpleQueue[ChunkBuffer] = queue.SimpleQueue()
         self._may_wait = threading.Semaphore(waiting + 1)
         self._orders: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -226,6 +227,9 @@ class RecordingSink:
         self._unsynced_since = None
         try:
             os.fdatasync(self._file.fileno())
+            if not self._name_lasts:
+                _sync_folder(self.path.parent)
+                self._name_lasts = True
         except OSError as error:
             self._fail(error)
 
@@ -330,7 +334,6 @@ class RecordingSink:
         self._put(tail + records.summary_section(self._summary(schemas, channels), self.position + len(tail)))
         if self._sync.at_close:
             self._synchronise()
-            _sync_folder(self.path.parent)
 
     def _summary(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> list[tuple[int, bytes]]:
         counts = {
@@ -378,9 +381,10 @@ def _give_way() -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the file's name last as well."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    """Make the file's name last as well, where the file system can; that it cannot is no reason to stop recording."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

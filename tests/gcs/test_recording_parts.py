@@ -115,12 +115,19 @@ def test_the_disk_is_asked_as_often_as_the_policy_says(
 
 def test_an_idle_recording_is_forced_to_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
+    folders: list[str] = []
     monkeypatch.setattr(os, "fdatasync", calls.append)
+    monkeypatch.setattr(os, "fsync", lambda handle: folders.append(os.readlink(f"/proc/self/fd/{handle}")))
     stream = Stream()
     with McapWriter(tmp_path / "a.mcap", DIALECT, sync=SyncPolicy.parse("0.05")) as writer:
         stream.feed(writer, 10)
         writer.tick(stream.time + SECOND)
         wait_until(lambda: len(calls) == 1 and messages_on_disk(tmp_path / "a.mcap") == 10)
+        wait_until(lambda: folders == [str(tmp_path)])  # its name too, which a power cut would else take
+        stream.feed(writer, 10)
+        writer.tick(stream.time + SECOND)
+        wait_until(lambda: len(calls) == 2)
+    assert folders == [str(tmp_path)]
 
 
 def test_parts_feign_no_loss_and_join_to_the_stream(tmp_path: Path) -> None:
