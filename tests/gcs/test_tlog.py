@@ -127,7 +127,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
 def test_a_megabyte_of_noise_is_refused_soon(tmp_path: Path, seed: int) -> None:
     source, recording = tmp_path / "a.tlog", tmp_path / "a.mcap"
     source.write_bytes(as_bytes(a_log(5)))
-    import_tlog(source, recording)  # what is compiled is loaded
+    import_tlog(source, tmp_path / "b.mcap")  # what is compiled is loaded
     source.write_bytes(random.Random(seed).randbytes(1_000_000))
     started = process_time()  # of the processor: a busy machine does not change it
     with pytest.raises(ImportFileError, match=r"a\.tlog holds no MAVLink frame"):
@@ -183,6 +183,7 @@ def test_what_any_mix_of_frames_and_noise_holds_comes_out_frame_for_frame(
     log, data, noise = mixed
     source, recording, out = tmp_path / "a.tlog", tmp_path / "a.mcap", tmp_path / "b.tlog"
     source.write_bytes(data)
+    recording.unlink(missing_ok=True)
     counts = import_tlog(source, recording)
     assert counts.messages + counts.unknown_frames == len(log)
     assert counts.raw_bytes == noise
