@@ -13,7 +13,7 @@ from gcs.errors import ImportFileError, RecordingError
 Progress = Callable[[float], None]
 
 
-def _copy(source: Path, target: Path, progress: Progress, dialect: str) -> None:
+def _copy(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     """A recording is taken as it is, once it has opened; one that was cut off is completed."""
     from gcs.recording.container import Container
     from gcs.recording.repair import repair
@@ -24,22 +24,22 @@ def _copy(source: Path, target: Path, progress: Progress, dialect: str) -> None:
         shutil.copyfile(source, target)
 
 
-def _import_tlog(source: Path, target: Path, progress: Progress, dialect: str) -> None:
+def _import_tlog(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.tlog import import_tlog
 
-    import_tlog(source, target, Dialect.load(dialect), progress)
+    import_tlog(source, target, Dialect.load(dialect), progress, name)
 
 
-def _import_dataflash(source: Path, target: Path, progress: Progress, dialect: str) -> None:
+def _import_dataflash(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.importers.ardupilot import import_dataflash
 
-    import_dataflash(source, target, progress)
+    import_dataflash(source, target, progress, name)
 
 
-def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str) -> None:
+def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.importers.ulog import import_ulog
 
-    import_ulog(source, target, progress)
+    import_ulog(source, target, progress, name)
 
 
 def _export_tlog(source: Path, target: Path) -> None:
@@ -66,7 +66,7 @@ def _export_attached(source: Path, target: Path) -> None:
     export_original(source, target)
 
 
-IMPORTS: dict[str, Callable[[Path, Path, Progress, str], None]] = {
+IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".mcap": _copy,
     ".tlog": _import_tlog,
     ".bin": _import_dataflash,
@@ -95,11 +95,13 @@ def import_file(
     ending: str | None = None,
     progress: Progress = lambda share: None,
     dialect: str = DEFAULT_DIALECT,
+    name: str = "",
 ) -> None:
     """Write the recording `source` as MCAP to `target`, which must not exist.
 
     ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
-    frames. Raises ImportFileError, RecordingError, DialectError; no file is left behind then.
+    frames. name: by which the file is remembered, where `source` has another. Raises ImportFileError, RecordingError,
+    DialectError; no file is left behind then.
     """
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
@@ -111,7 +113,7 @@ def import_file(
         raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
     _check_new(target)
     try:
-        IMPORTS[ending](source, target, progress, dialect)
+        IMPORTS[ending](source, target, progress, dialect, name or source.name)
     except BaseException:
         target.unlink(missing_ok=True)
         raise

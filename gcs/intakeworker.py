@@ -36,7 +36,7 @@ def main() -> int:
     target = Path(order["target"])
     _stand_back(order["memory_bytes"])
     try:
-        import_file(Path(order["source"]), target, order["ending"])
+        import_file(Path(order["source"]), target, order["ending"], name=order["name"])
         report(flight=asdict(describe([target], "", order["name"], "upload", "recording")))
     except (GcsError, SimVehicleError) as error:
         report(error=str(error))

@@ -98,8 +98,9 @@ def import_tlog(
     out_mcap: str | os.PathLike[str],
     dialect: Dialect | None = None,
     progress: Callable[[float], None] = lambda share: None,
+    name: str = "",
 ) -> Counts:
-    """Turn a .tlog into a recording, block by block; what was found.
+    """Turn a .tlog, called `name` there, into a recording, block by block; what was found.
 
     Bytes that belong to no frame and no stamp are kept as noise. ImportFileError if the file cannot be read or
     holds no frame. progress: told the share of the file that is done.
@@ -111,7 +112,7 @@ def import_tlog(
     except OSError as error:
         raise ImportFileError(f"{source} cannot be read: {error.strerror}") from None
     with file, McapWriter(out_mcap, dialect, chunk_seconds=_CHUNK_SECONDS) as writer:
-        writer.metadata("import", {"source": source.name, "format": "tlog"})
+        writer.metadata("import", {"source": name or source.name, "format": "tlog"})
         total = max(os.fstat(file.fileno()).st_size, 1)
         tail = b""
         previous = -1

@@ -42,9 +42,9 @@ _WEEK_S = 604_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 
 
-def import_dataflash(source: Path, target: Path, progress: Progress = lambda share: None) -> None:
-    """Write a .bin log as a recording. ImportFileError where there is nothing in it to use."""
-    write_recording(_Mapping(read_dataflash(source)).log(), source, target, progress)
+def import_dataflash(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
+    """Write a .bin log as a recording, called `name` there. ImportFileError where there is nothing in it to use."""
+    write_recording(_Mapping(read_dataflash(source)).log(), source, target, progress, name)
 
 
 def _utc_us(week: NDArray[Any], milliseconds: NDArray[Any]) -> Ints:

@@ -193,8 +193,10 @@ def _frames(log: ImportedLog, dialect: Dialect) -> Iterator[tuple[Bytes, Ints]]:
         yield out[:used], times[block]
 
 
-def write_recording(log: ImportedLog, source: Path, target: Path, progress: Progress = lambda share: None) -> None:
-    """Write the recording of an imported log, with the log itself attached.
+def write_recording(
+    log: ImportedLog, source: Path, target: Path, progress: Progress = lambda share: None, name: str = ""
+) -> None:
+    """Write the recording of an imported log, with the log itself attached; it is called `name` there.
 
     Raises ImportFileError where the log holds nothing that MAVLink has a message for; nothing is left behind then.
     """
@@ -203,12 +205,13 @@ def write_recording(log: ImportedLog, source: Path, target: Path, progress: Prog
         raise ImportFileError(f"{source} holds no message that can be read; check that it is a whole {log.format} log")
     dialect = Dialect.load()
     offset_us = 0 if log.utc_offset_us is None else log.utc_offset_us
+    name = name or source.name
     done = 0
     with McapWriter(target, dialect, chunk_seconds=_CHUNK_SECONDS) as writer:
-        notes = {"source": source.name, "format": log.format, "note": NOTE, **log.notes}
+        notes = {"source": name, "format": log.format, "note": NOTE, **log.notes}
         writer.metadata("import", {**notes, "utc": "unknown" if log.utc_offset_us is None else "by GPS"})
         for data, times in _frames(log, dialect):
             writer.write(log.format, data, scan(data, dialect, final=True), (times + offset_us) * 1000)
             done += times.size
             progress(done / total)
-        writer.attach(f"{source.name}.zst", "application/zstd", zstandard.compress(source.read_bytes(), 3))
+        writer.attach(f"{name}.zst", "application/zstd", zstandard.compress(source.read_bytes(), 3))

@@ -36,9 +36,9 @@ _SLOWEST_SPEED = 5.0  # m/s, below which the ratio of two airspeeds is mostly no
 _EARLIEST_UTC_US = 946_684_800_000_000  # the year 2000; a receiver without a fix may say 1980
 
 
-def import_ulog(source: Path, target: Path, progress: Progress = lambda share: None) -> None:
-    """Write a .ulg log as a recording. ImportFileError where there is nothing in it to use."""
-    write_recording(_Mapping(read_ulog(source)).log(), source, target, progress)
+def import_ulog(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
+    """Write a .ulg log as a recording, called `name` there. ImportFileError where there is nothing in it to use."""
+    write_recording(_Mapping(read_ulog(source)).log(), source, target, progress, name)
 
 
 class _Mapping:

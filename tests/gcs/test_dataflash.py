@@ -320,5 +320,6 @@ def test_an_uploaded_log_is_a_flight(tmp_path: Path) -> None:
     with closing(Catalogue(tmp_path / "catalogue.sqlite")) as catalogue:
         flight = Uploads(settings, catalogue).take_in(upload, "C:\\logs\\00000042.BIN")
     assert (flight.name, flight.system, flight.start_ns) == ("00000042.BIN", 7, UTC_US * 1000)
+    assert Recording(settings.flights / flight.file).metadata()["import"]["source"] == "00000042.BIN"
     export_file(settings.flights / flight.file, tmp_path / "again.bin")
     assert (tmp_path / "again.bin").read_bytes() == a_log().data
