@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,8 +44,8 @@ class Candidate:
 def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None) -> FlightSignals:
     """Every signal that the vehicle's messages carry, in SI units on the vehicle's clock from its first stamp.
 
-    recording: an open recording, or anything with its `path` and `columns`. system: MAVLink system number, needed where
-    several vehicles are in it. Besides the table's signals: de, da, dr, throttle (rad; 0 to 1) from the servos through
+    recording: an open recording, or anything with its `path`, `metadata` and `columns`. system: MAVLink system number,
+    needed where several vehicles are in it. Besides the table's signals: de, da, dr, throttle (rad; 0 to 1) from the servos through
     the vehicle's controls; air_density (kg/m^3); and whatever the vehicle file adds or calibrates. `airspeed` is
     calibrated airspeed unless the vehicle file says that its source gives true airspeed; Signal.source says which.
     Raises SignalMapError where there is no vehicle, no stamp, or a field that a vehicle file names does not exist.
@@ -61,6 +61,7 @@ def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None
     flight.add_calibrated()
     flight.add_airspeed()
     flight.add_air_density()
+    flight.add_import_notes(recording.metadata().get("import", {}))
     if vehicle.environment.air_density is None and "airspeed" in flight.signals and "air_density" not in flight.signals:
         flight.warn("no static pressure and temperature: air density is unknown; give environment.air_density")
     return FlightSignals(recording.path.stem, flight.signals, tuple(dict.fromkeys(flight.warnings)))
@@ -222,6 +223,13 @@ class _Flight:
             typical = float(np.nanmedian(density))
             if not 0.3 < typical < 1.6:
                 self.warn(f"air_density: {typical:.3g} kg/m^3 from {source} is no air's; check their units")
+
+    def add_import_notes(self, notes: Mapping[str, str]) -> None:
+        """What an import says of signals that the log does not hold as they are used here."""
+        fixed = self.vehicle.environment.air_density is not None
+        for name in ("airspeed", "temperature"):
+            if name in notes and name in self.signals and not (fixed and name == "temperature"):
+                self.warn(f"{name}: {notes[name]}")
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:

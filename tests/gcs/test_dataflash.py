@@ -162,11 +162,13 @@ def test_the_barometers_own_temperature_stands_in_only_where_the_air_is_unknown(
         log.add("ARSP", BOOT_US + 100_000 * i, 0, 15.0, 140.0, pitot, 0.0, 0.0, 1, 1, 0)
         log.add("BARO", BOOT_US + 100_000 * i + 50, 0, 12.0, 95_000.0, 36.5, 0.0)
     recording = imported(tmp_path, log)
-    signals = extract(recording, load_vehicle("iitb-mav")).signals
+    flight = extract(recording, load_vehicle("iitb-mav"))
+    signals = flight.signals
     np.testing.assert_allclose(signals["air_density"].values, 95_000.0 / (287.05287 * (celsius + 273.15)), rtol=1e-4)
     (airspeed,) = recording.columns("AIRSPEED")
     assert set(airspeed["temperature"].tolist()) == {32767 if unknown else 525}
     assert ("density comes out too low" in recording.metadata()["import"].get("temperature", "")) == unknown
+    assert any("density comes out too low" in warning for warning in flight.warnings) == unknown
 
 
 def test_the_instance_that_the_autopilot_used_counts(tmp_path: Path) -> None:
