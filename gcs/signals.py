@@ -44,10 +44,11 @@ class Candidate:
 def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None) -> FlightSignals:
     """Every signal that the vehicle's messages carry, in SI units on the vehicle's clock from its first stamp.
 
-    recording: an open recording, or anything with its `path`, `metadata` and `columns`. system: MAVLink system number,
-    needed where several vehicles are in it. Besides the table's signals: de, da, dr, throttle (rad; 0 to 1) from the servos through
-    the vehicle's controls; air_density (kg/m^3); and whatever the vehicle file adds or calibrates. `airspeed` is
-    calibrated airspeed unless the vehicle file says that its source gives true airspeed; Signal.source says which.
+    recording: an open recording, or anything with its `path`, `metadata` and `columns`. system: MAVLink system
+    number, needed where several vehicles are in it. Besides the table's signals: de, da, dr, throttle (rad; 0 to 1)
+    from the servos through the vehicle's controls; air_density (kg/m^3); and whatever the vehicle file adds or
+    calibrates. `airspeed` is calibrated airspeed unless the vehicle file says that its source gives true airspeed;
+    Signal.source says which.
     Raises SignalMapError where there is no vehicle, no stamp, or a field that a vehicle file names does not exist.
     """
     extra = [source.message for source in vehicle.signals.values()]
