@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs.framing import MAGIC_V2, SIGNED
 from gcs.recording.reader import RUN_NOISE, Recording
-from gcs.signing import SignatureChecker, SignatureCounts
+from gcs.signing import SignatureChecker, SignatureCounts, SignatureMemory
 
 _RADIO_MESSAGES = ("RADIO_STATUS", "RADIO")
 _LEVELS = ("rssi", "remrssi", "noise", "remnoise", "txbuf")
@@ -31,18 +32,23 @@ class LinkCounts:
 
 def link_counts(recording: Recording, key: bytes | None) -> dict[str, LinkCounts]:
     """What each link brought, signatures judged anew with `key`; only counted where there is none."""
-    checkers = {link: SignatureChecker(key) for link in recording.links()}
+    memory = SignatureMemory()
+    checkers = {link: SignatureChecker(key, memory) for link in recording.links()}
     counts = {link: LinkCounts(0, checker.counts) for link, checker in checkers.items()}
-    for part in recording.wire_pieces():
-        checker = checkers[part.link]
-        noise = part.pieces[:, 3] == RUN_NOISE
-        counts[part.link].raw_bytes += int(part.pieces[noise, 2].sum())
-        frames = part.pieces[~noise]
-        start = frames[:, 1]
-        signed = (part.data[start] == MAGIC_V2) & (part.data[start + 2] == SIGNED)
-        checker.counts.unsigned += int(np.count_nonzero(~signed))
-        for at, first, length in frames[signed, :3].tolist():
-            checker.judge(part.data[first : first + length].tobytes(), at)
+    for _, parts in groupby(recording.wire_pieces(), lambda part: part.chunk):
+        arrived: list[tuple[int, str, bytes]] = []
+        for part in parts:
+            noise = part.pieces[:, 3] == RUN_NOISE
+            counts[part.link].raw_bytes += int(part.pieces[noise, 2].sum())
+            frames = part.pieces[~noise]
+            start = frames[:, 1]
+            signed = (part.data[start] == MAGIC_V2) & (part.data[start + 2] == SIGNED)
+            checkers[part.link].counts.unsigned += int(np.count_nonzero(~signed))
+            for at, first, length in frames[signed, :3].tolist():
+                arrived.append((at, part.link, part.data[first : first + length].tobytes()))
+        # Links stand behind one another in a chunk; judged is what came first.
+        for at, link, frame in sorted(arrived, key=lambda entry: entry[0]):
+            checkers[link].judge(frame, at)
     return counts
 
 

@@ -15,7 +15,7 @@ from gcs.clocktrack import ClockState, ClockTracker
 from gcs.dialect import Dialect
 from gcs.framing import Frames
 from gcs.linkaccount import SenderAccount
-from gcs.signing import SignatureChecker, SignatureCounts
+from gcs.signing import SignatureChecker, SignatureCounts, SignatureMemory
 
 _RATE_WINDOW_S = 5
 _SUMS = (
@@ -27,13 +27,14 @@ _SUMS = (
 class LinkStatistics:
     """Statistics of one source (a peer of a link), fed with what its framer found. Thread-safe.
 
-    key: what signatures are checked with; without one, signed frames are only counted.
+    key: what signatures are checked with; without one, signed frames are only counted. memory: of the
+    stamps, shared by all sources.
     """
 
-    def __init__(self, dialect: Dialect, key: bytes | None = None) -> None:
+    def __init__(self, dialect: Dialect, key: bytes | None = None, memory: SignatureMemory | None = None) -> None:
         self._lock = threading.Lock()
         self._account = SenderAccount()
-        self._signatures = SignatureChecker(key)
+        self._signatures = SignatureChecker(key, memory)
         self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
         self._clocks = ClockTracker(dialect)

@@ -31,6 +31,7 @@ from gcs.recorderstate import RecorderState
 from gcs.recording.parts import Metadata, Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
 from gcs.segmentation import FlightSegmenter, Heartbeat, heartbeats
+from gcs.signing import SignatureMemory
 from gcs.sizes import size_text
 from gcs.sources import FORWARD
 
@@ -94,6 +95,7 @@ class FlightRecorder:
         self._storage = storage or StorageOptions()
         self._provenance = provenance or Provenance()
         self._key = key
+        self._signatures = SignatureMemory()
         self._blocked_until_ns = 0
         self.state = RecorderState()
         self._ledger = FlightLedger(catalogue, on_flight_end, self.state.report, self.state.add_unrecorded)
@@ -106,7 +108,7 @@ class FlightRecorder:
     def _source(self, name: str) -> _Source:
         with self._lock:
             if name not in self._sources:
-                statistics = LinkStatistics(self._dialect, self._key)
+                statistics = LinkStatistics(self._dialect, self._key, self._signatures)
                 overheard = name.startswith(FORWARD)
                 self._sources[name] = _Source(Framer(self._dialect), statistics, overheard)
             return self._sources[name]

@@ -2,13 +2,16 @@
 
 As in the MAVLink guide, "Message Signing": 13 bytes stand behind the checksum: a link id, a time stamp (48 bits,
 10 us units since 2015-01-01 UTC) and the first 6 bytes of SHA-256 over key, frame, link id and stamp. The stamps of
-a stream (link id, system, component) must increase; those of a new stream may lie a minute back at most.
+a stream (link id, system, component) must increase, whatever way the frames come; those of a new stream may lie a
+minute back at most. Where the same stream comes over several links of the station, a stamp that one link had before
+is no replay when another brings it soon after.
 """
 
 from __future__ import annotations
 
 import hashlib
 import hmac
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
@@ -25,6 +28,8 @@ _EPOCH_NS = 1_420_070_400 * 1_000_000_000
 _UNIT_NS = 10_000
 _NEW_STREAM_UNITS = 60 * 100_000
 _SIGNATURE_BYTES = 6
+# How far one link of the station may be behind another.
+_LATE_COPY_UNITS = 5 * 100_000
 
 
 def load_key(path: Path) -> bytes:
@@ -55,12 +60,14 @@ class SignatureCounts:
     """Frames by their signatures.
 
     bad: wrong signature, or a right one whose stamp does not increase (those are in `replayed` too).
+    repeated: signature right, and the stamp new on this link, but another link of the station was ahead.
     unverified: signed, but there is no key to check with.
     """
 
     good: int = 0
     bad: int = 0
     replayed: int = 0
+    repeated: int = 0
     unverified: int = 0
     unsigned: int = 0
 
@@ -71,7 +78,9 @@ class SignatureCounts:
         """The counts in words."""
         replayed = f" ({self.replayed} of them replayed)" if self.replayed else ""
         unverified = f", {self.unverified} not checked for want of a key" if self.unverified else ""
-        return f"signatures: {self.good} good, {self.bad} bad{replayed}, {self.unsigned} frames unsigned{unverified}"
+        repeated = f", {self.repeated} that another link had brought" if self.repeated else ""
+        told = f"{self.good} good, {self.bad} bad{replayed}{repeated}"
+        return f"signatures: {told}, {self.unsigned} frames unsigned{unverified}"
 
     @classmethod
     def of(cls, values: Mapping[str, int]) -> SignatureCounts:
@@ -84,17 +93,43 @@ class SignatureCounts:
             "signed_good": self.good,
             "signed_bad": self.bad,
             "signed_replayed": self.replayed,
+            "signed_repeated": self.repeated,
             "signed_unverified": self.unverified,
             "unsigned": self.unsigned,
         }
 
 
-class SignatureChecker:
-    """Judges the frames of one source, in their order. Nothing is kept back: what fails is counted."""
+class SignatureMemory:
+    """The newest stamps of every stream, over all sources that are checked with one key. Thread-safe."""
 
-    def __init__(self, key: bytes | None) -> None:
-        self._key = key
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._newest = 0
+        self._streams: dict[bytes, int] = {}
+
+    def take(self, stream: bytes, stamp: int, now: int) -> int | None:
+        """None if the stamp is new, which it is not any more then; else the newest of its stream, 0 if it has none.
+
+        now: the stamp of this moment.
+        """
+        with self._lock:
+            last = self._streams.get(stream)
+            if stamp <= last if last is not None else stamp + _NEW_STREAM_UNITS < max(self._newest, now):
+                return last or 0
+            self._streams[stream] = stamp
+            self._newest = max(self._newest, stamp)
+            return None
+
+
+class SignatureChecker:
+    """Judges the frames of one source, in their order. Nothing is kept back: what fails is counted.
+
+    memory: shared by all sources of a station, so that none takes what another has had.
+    """
+
+    def __init__(self, key: bytes | None, memory: SignatureMemory | None = None) -> None:
+        self._key = key
+        self._memory = memory or SignatureMemory()
         self._streams: dict[bytes, int] = {}
         self.counts = SignatureCounts()
 
@@ -121,15 +156,16 @@ class SignatureChecker:
             return
         stamp = int.from_bytes(frame[-12:-6], "little")
         stream = frame[-13:-12] + frame[5:7]
-        last = self._streams.get(stream)
-        now = max(self._newest, signing_time(now_ns))
-        if stamp <= last if last is not None else stamp + _NEW_STREAM_UNITS < now:
+        ahead = self._memory.take(stream, stamp, signing_time(now_ns))
+        here = self._streams.get(stream, -1)
+        self._streams[stream] = max(here, stamp)
+        if ahead is None:
+            self.counts.good += 1
+        elif here < stamp and ahead <= stamp + _LATE_COPY_UNITS and ahead > 0:
+            self.counts.repeated += 1
+        else:
             self.counts.bad += 1
             self.counts.replayed += 1
-            return
-        self._streams[stream] = stamp
-        self._newest = max(self._newest, stamp)
-        self.counts.good += 1
 
 
 class SigningClock:

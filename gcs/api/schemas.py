@@ -127,6 +127,7 @@ class LinkStatus(BaseModel):
     signed_good: int
     signed_bad: int = Field(description="Wrong signature, or a stamp that does not increase")
     signed_replayed: int = Field(description="Those of signed_bad whose signature is right")
+    signed_repeated: int = Field(description="Signature right; another link of the station had brought it before")
     signed_unverified: int = Field(description="Signed, but there is no key")
     unsigned: int
     radio: RadioStatus | None

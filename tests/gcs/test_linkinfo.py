@@ -53,6 +53,20 @@ def test_signatures_in_a_recording_are_checked_with_the_key_given_then(tmp_path:
     assert (without["signed_unverified"], without["unsigned"]) == (21, 2)
 
 
+def test_copies_over_a_second_link_are_judged_in_the_order_in_which_they_came(tmp_path: Path) -> None:
+    path, frames = tmp_path / "signed.mcap", signed(40)
+    made = Capture(path, Dialect.load(), key=KEY)
+    for i, frame in enumerate(frames):
+        for link, late in (("radio", 0), ("wifi", 1_000_000)):
+            made.take(link, batch([frame], NOW + 50_000_000 * i + late))
+    made.close(NOW + 3_000_000_000)
+    radio, wifi = describe_recording(path, KEY)["links"]
+    assert (radio["signed_good"], radio["signed_bad"]) == (40, 0)
+    assert (wifi["signed_good"], wifi["signed_repeated"], wifi["signed_bad"]) == (0, 40, 0)
+    live = made.signatures
+    assert (live.good, live.repeated, live.bad) == (40, 40, 0)
+
+
 def test_radios_reports_are_summed_up(tmp_path: Path) -> None:
     radio = Vehicle(51, 68)
     reports = [

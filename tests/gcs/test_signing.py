@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.dialect import Dialect
 from gcs.errors import SettingsError
 from gcs.framing import Framer
-from gcs.signing import SignatureChecker, SignatureCounts, SigningClock, load_key, signing_time
+from gcs.signing import SignatureChecker, SignatureCounts, SignatureMemory, SigningClock, load_key, signing_time
 
 DIALECT = Dialect.load()
 KEY = hashlib.sha256(b"a passphrase").digest()
@@ -91,6 +91,30 @@ def test_a_new_stream_may_lie_a_minute_back(age_s: float, accepted: bool) -> Non
     frames = signed(3, at_s=age_s)
     assert judge(frames).good == (3 if accepted else 0)
     assert pymavlinks_verdict(frames) == [accepted] * 3
+
+
+def test_a_frame_that_was_heard_is_no_better_from_another_port_and_a_second_link_no_worse() -> None:
+    memory, framer = SignatureMemory(), Framer(DIALECT)
+    first, second, stranger = (SignatureChecker(KEY, memory) for _ in range(3))
+
+    def give(checker: SignatureChecker, frames: list[bytes]) -> None:
+        _, found = framer.feed(b"".join(frames))
+        checker.add(found, np.full(len(found), NOW), len(found))
+
+    stream = [frame for at in range(0, 60, 2) for frame in signed(1, at_s=at)]
+    for k in range(0, 30, 2):  # the second link brings the same a little later, but for what it loses
+        give(first, stream[k : k + 2])
+        give(second, stream[k : k + 1])
+    assert first.counts == SignatureCounts(good=30)
+    assert second.counts == SignatureCounts(repeated=15)
+    give(stranger, stream[:20])
+    assert stranger.counts == SignatureCounts(bad=20, replayed=20)
+    give(first, stream[-1:])
+    give(second, stream[-1:] * 2)
+    assert (first.counts.replayed, second.counts.repeated, second.counts.replayed) == (1, 16, 1)
+    # The second link goes on alone when the first falls silent.
+    give(second, signed(5, at_s=61))
+    assert second.counts.good == 5
 
 
 def test_signatures_of_unknown_messages_are_checked_too() -> None:
