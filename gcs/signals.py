@@ -116,7 +116,7 @@ class _Flight:
                 continue
             for stream in streams:
                 signal = self.read(row.unit, source, stream, declared=declared)
-                absent = name in ZERO_MEANS_ABSENT and signal is not None and not np.any(signal.values)
+                absent = name in ZERO_MEANS_ABSENT and signal is not None and not np.any(np.nan_to_num(signal.values))
                 if signal is not None and not absent:
                     yield Candidate(signal, is_steady(signal, row.rate_hz, self.duration_s))
 

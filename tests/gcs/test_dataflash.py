@@ -209,6 +209,18 @@ def test_a_sensor_of_turns_that_is_not_healthy_says_nothing(tmp_path: Path) -> N
     np.testing.assert_array_equal(turns["rpm1"], [5000.0, np.nan, np.nan, np.nan, 0.0])
 
 
+def test_a_sensor_of_turns_that_never_saw_any_is_none(tmp_path: Path) -> None:
+    log = DataflashWriter()
+    log.declare("RPM", "QBffB", "TimeUS,I,RPM,Qual,H")
+    log.declare("ATT", "QccccC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,Yaw")
+    for i, rpm in enumerate([-1.0, 0.0, 0.0]):
+        log.add("RPM", BOOT_US + 100_000 * i, 0, rpm, 0.9, 1)
+        log.add("ATT", BOOT_US + 100_000 * i, 0.0, 10.0, 0.0, -2.5, 350.0)
+    signals = extract(imported(tmp_path, log), load_vehicle("iitb-mav")).signals
+    assert "phi" in signals
+    assert "rpm" not in signals
+
+
 def test_what_is_left_out_is_named_and_the_log_itself_is_kept(recording: Recording, tmp_path: Path) -> None:
     notes = recording.metadata()["import"]
     assert notes["format"] == "dataflash"
