@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from sysid.errors import SysidError
 from sysid.flight import FlightSignals, Signal
 
 _KEPT_FLIGHTS = 4
+_KEPT_SUMMARIES = 64
+#: Name, size and time of change of each file of a recording.
+_Version = tuple[tuple[str, int, int], ...]
 
 
 class FlightViewer:
@@ -28,6 +32,7 @@ class FlightViewer:
         self._settings = settings
         self._lock = threading.Lock()
         self._kept: OrderedDict[tuple[str, int], FlightSignals] = OrderedDict()
+        self._contents: OrderedDict[_Version, dict[str, Any]] = OrderedDict()
 
     def summary(self, flight: Flight) -> dict[str, Any]:
         """Messages per topic, losses, damage, and the names that `series` accepts.
@@ -35,7 +40,7 @@ class FlightViewer:
         Of a flight that is being recorded it tells what is on disk already.
         """
         try:
-            recording = Recording(flight.kept_files(self._settings.flights))
+            contents = self._contents_of(flight.kept_files(self._settings.flights))
         except CatalogueError:
             raise
         except GcsError as error:
@@ -48,13 +53,26 @@ class FlightViewer:
                 names, warnings = list(signals.signals), list(signals.warnings)
             except (GcsError, SysidError, SimVehicleError) as error:
                 warnings = [str(error)]
-        return {
+        return {**contents, "signals": names, "warnings": warnings}
+
+    def _contents_of(self, paths: list[Path]) -> dict[str, Any]:
+        """Topics, losses and damage of a recording; its files are read again only when they have changed."""
+        version = tuple((path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in paths)
+        with self._lock:
+            if version in self._contents:
+                self._contents.move_to_end(version)
+                return self._contents[version]
+        recording = Recording(paths)
+        found = {
             "topics": recording.counts(),
             "lost": sum(recording.lost().values()),
             "damage": list(recording.damage.notes),
-            "signals": names,
-            "warnings": warnings,
         }
+        with self._lock:
+            self._contents[version] = found
+            while len(self._contents) > _KEPT_SUMMARIES:
+                self._contents.popitem(last=False)
+        return found
 
     def signals(self, flight: Flight) -> FlightSignals:
         """All signals of a flight by the configured vehicle file; SignalMapError without one."""
