@@ -222,6 +222,14 @@ class Catalogue:
         )
         return {row["flight_id"] for row in rows}
 
+    def unidentified_flights(self) -> list[Flight]:
+        """Flights of vehicles, recorded here to their end and kept, for which no identification was ever queued."""
+        rows = self._rows(
+            "SELECT * FROM flights WHERE source = 'live' AND state != 'recording' AND system IS NOT NULL AND deleted_ns"
+            " IS NULL AND id NOT IN (SELECT flight_id FROM jobs WHERE kind = 'identify') ORDER BY start_ns, id"
+        )
+        return [Flight(**row) for row in rows]
+
     def mark_deleted(self, flight_id: str) -> bool:
         """Note that the recording is being deleted; False, and nothing noted, while a job needs it."""
         with self._transaction() as db:
@@ -366,8 +374,10 @@ def _named_failures() -> Iterator[None]:
     """A disk that is full or broken is an error with a name, not one of the database's."""
     try:
         yield
-    except (sqlite3.OperationalError, sqlite3.ProgrammingError) as error:
-        raise CatalogueFileError(f"the catalogue cannot be read or written ({error}); is the disk full?") from error
+    except sqlite3.Error as error:
+        raise CatalogueFileError(
+            f"the catalogue cannot be read or written ({error}); is the disk full, or catalogue.sqlite damaged?"
+        ) from error
 
 
 def _job(row: sqlite3.Row, log: list[str]) -> Job:

@@ -11,6 +11,7 @@ not passed on, nor after 5 s, and counted; reception and recording never wait fo
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import OrderedDict, deque
@@ -19,9 +20,12 @@ from dataclasses import dataclass
 
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
+from gcs.errors import in_words
 from gcs.framing import Framer
 from gcs.link import Link
 from gcs.outbox import STALE_S
+
+_log = logging.getLogger(__name__)
 
 _QUEUE_BYTES = 4 * 1024 * 1024
 # An unfinished frame that nothing follows is let go: what noise in front of good frames had hidden is passed on.
@@ -85,7 +89,7 @@ class Forwarder:
         self._queued_bytes = 0
         self._changed = threading.Condition()
         self._stopping = False
-        self._frames = self._copies = self._dropped = 0
+        self._frames = self._copies = self._dropped = self._failed = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     @property
@@ -134,9 +138,14 @@ class Forwarder:
                 if taken is not None:
                     self._queued_bytes -= len(taken[2])
             now = time.monotonic()
-            if taken is not None:
-                self._pass_on(*taken, now)
-            self._let_go(now)
+            try:
+                if taken is not None:
+                    self._pass_on(*taken, now)
+                self._let_go(now)
+            except Exception as error:  # the thread goes on whatever happens
+                self._failed += 1
+                if self._failed == 1:
+                    _log.error("frames are not passed on: %s", in_words(error))
 
     def _pass_on(self, name: str, from_vehicle: bool, data: bytes, offered: float, now: float) -> None:
         if name == _OWN:

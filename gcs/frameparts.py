@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from gcs.datagrams import Batch
 from gcs.framing import Frames
 
-_AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
-_LAST_VEHICLE = 249  # ground stations count down from 255
+AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
+LAST_VEHICLE = 249  # ground stations count down from 255
 
 
 def likely_vehicle(frames: Frames) -> int:
     """The system to name a recording by before any HEARTBEAT: the first autopilot among the frames, else the first."""
     if len(frames) == 0:
         return 0
-    autopilots = np.flatnonzero(frames.compid == _AUTOPILOT)
+    autopilots = np.flatnonzero(frames.compid == AUTOPILOT)
     return int(frames.sysid[autopilots[0] if autopilots.size else 0])
 
 
 def autopilots(frames: Frames) -> set[int]:
     """Systems whose autopilot sent one of the frames; those numbered as ground stations are left out."""
-    sent = (frames.compid == _AUTOPILOT) & (frames.sysid <= _LAST_VEHICLE) & (frames.message >= 0)
+    sent = (frames.compid == AUTOPILOT) & (frames.sysid <= LAST_VEHICLE) & (frames.message >= 0)
     return set(frames.sysid[sent].tolist())
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.catalogue import Catalogue, Job
-from gcs.errors import CatalogueFileError, GcsError, JobError
+from gcs.errors import CatalogueFileError, GcsError, JobError, in_words
 from gcs.jsontext import dumps
 from gcs.settings import Settings
 from sim_vehicle.errors import SimVehicleError
@@ -109,8 +110,8 @@ class JobRunner:
         while not self._stopping.is_set():
             try:
                 self._run_next()
-            except CatalogueFileError as error:
-                _log.error("jobs wait: %s", error)
+            except Exception as error:  # the thread goes on whatever happens
+                _log.error("jobs wait: %s", in_words(error))
                 self._stopping.wait(_RETRY_S)
                 with contextlib.suppress(CatalogueFileError):
                     self._catalogue.requeue_interrupted_jobs()  # whichever ran has no result now
@@ -133,6 +134,9 @@ class JobRunner:
             raise
         except (GcsError, SimVehicleError, OSError) as error:
             self._catalogue.fail_job(job.id, str(error))
+        except Exception as error:  # as a worker that answers what nobody expects
+            _log.error("job %s failed: %s", job.id, in_words(error))
+            self._catalogue.fail_job(job.id, in_words(error))
 
     def _execute(self, job: Job, folder: Path) -> dict[str, Any] | None:
         """The result, None if the service is being stopped; JobError with the worker's reason."""
@@ -159,6 +163,10 @@ class JobRunner:
                 process.stdin.flush()
             last = self._follow(job, process.stdout)
             code = process.wait()
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
         finally:
             with contextlib.suppress(BrokenPipeError):  # closing writes what the dead worker did not take
                 process.stdin.close()
@@ -186,7 +194,7 @@ class JobRunner:
             if not isinstance(report, dict):
                 continue
             last |= {key: str(report[key]) for key in ("error", "nothing") if key in report}
-            self._catalogue.report_progress(job.id, float(report.get("progress", 0.0)), str(report.get("log", "")))
+            self._catalogue.report_progress(job.id, _share(report.get("progress")), str(report.get("log", "")))
         return last
 
     def _order(self, job: Job, folder: Path) -> dict[str, Any]:
@@ -214,6 +222,11 @@ class JobRunner:
 
     def _recordings(self, flight_id: str) -> list[Path]:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
+
+
+def _share(told: object) -> float:
+    """Progress as a worker tells it; 0, which changes nothing, for anything else."""
+    return float(told) if isinstance(told, int | float) and math.isfinite(told) else 0.0
 
 
 def python_path() -> str:

@@ -1,7 +1,7 @@
 """Which recordings are deleted to make room: the oldest of those that have been worked on.
 
 A flight's entry, results and models stay. Never deleted: a flight that is being recorded, one with no identification
-that is done or was skipped, one that a waiting or running job needs, an upload.
+that is done or was skipped (unless no vehicle speaks in it), one that a waiting or running job needs, an upload.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs.catalogue import Catalogue, Flight
-from gcs.errors import CatalogueFileError
+from gcs.errors import CatalogueError, RecordingError, in_words
+from gcs.frameparts import AUTOPILOT, LAST_VEHICLE
+from gcs.recording.reader import Recording
 from gcs.sizes import size_text
 
 _log = logging.getLogger(__name__)
@@ -63,13 +65,13 @@ class Retention:
         try:
             for flight in self._catalogue.deleted_flights():
                 self._unlink(flight)  # the service may have been stopped between the note and the deed
-        except (CatalogueFileError, OSError) as error:
-            _log.error("recordings cannot be deleted: %s", error)
+        except Exception as error:
+            _log.error("recordings cannot be deleted: %s", in_words(error))
         while not self._stopping.is_set():
             try:
                 self.apply()
-            except (CatalogueFileError, OSError) as error:
-                _log.error("recordings cannot be deleted: %s", error)
+            except Exception as error:  # the thread goes on whatever happens
+                _log.error("recordings cannot be deleted: %s", in_words(error))
             self._stopping.wait(_PERIOD_S)
 
     def apply(self) -> list[str]:
@@ -83,7 +85,9 @@ class Retention:
                 continue
             old = self._rule.keep_days is not None and self._age_ns(flight) > self._rule.keep_days * _DAY_NS
             crowded = self._rule.keep_bytes is not None and total > self._rule.keep_bytes
-            if not (old or crowded) or not self._catalogue.mark_deleted(flight.id):
+            if not (old or crowded) or (flight.id not in identified and self._may_hold_a_vehicle(flight)):
+                continue
+            if not self._catalogue.mark_deleted(flight.id):
                 continue
             self._unlink(flight)
             total -= flight.bytes
@@ -94,6 +98,14 @@ class Retention:
 
     def _age_ns(self, flight: Flight) -> int:
         return self._clock() - flight.end_ns
+
+    def _may_hold_a_vehicle(self, flight: Flight) -> bool:
+        """Whether an autopilot speaks in the recording, though no HEARTBEAT told of one; also if it is unreadable."""
+        try:
+            heard = Recording(flight.kept_files(self._folder)).systems()
+        except (RecordingError, CatalogueError, OSError):
+            return True
+        return any(component == AUTOPILOT and system <= LAST_VEHICLE for system, component in heard)
 
     def _unlink(self, flight: Flight) -> None:
         for path in flight.files(self._folder):

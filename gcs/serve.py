@@ -99,6 +99,8 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     ):
         jobs = JobRunner(settings, catalogue)
         identify = _identify_when_over(settings, jobs)
+        for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
+            identify(flight)
         recovery = Recovery(leftovers(settings, catalogue), catalogue, identify)
         dialect = Dialect.load(settings.link.dialect)
         warm_up(dialect)

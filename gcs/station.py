@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -10,6 +11,7 @@ from dataclasses import asdict
 from gcs import timesync
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
+from gcs.errors import in_words
 from gcs.forwarding import Forwarder
 from gcs.links import Link
 from gcs.linkstats import merged
@@ -24,13 +26,31 @@ _HEARTBEAT_S = 1.0
 _STOP_TIMEOUT_S = 5.0
 _DRAIN_S = 1.0
 _LAST_LOOK_S = 0.01
+_AFTER_ERROR_S = 0.01
+_MOST_ERRORS = 100
+
+_log = logging.getLogger(__name__)
+
+
+def _say_once() -> Callable[[Exception], None]:
+    """Logs each error in a line, but not one that was logged before."""
+    said: set[str] = set()
+
+    def say(error: Exception) -> None:
+        words = in_words(error)
+        if words not in said and len(said) < _MOST_ERRORS:
+            said.add(words)
+            _log.error("the station goes on after an error: %s", words)
+
+    return say
 
 
 class Station:
     """Links in, bytes to `take`, frames on to the links of `forward` and what these say back to the vehicles.
 
     take: called with (source name, batch) from the thread of that link; the sources of forward links have names that
-    begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself.
+    begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself. report:
+    called with an error that nobody thought of; the threads go on behind it.
     """
 
     def __init__(
@@ -43,11 +63,15 @@ class Station:
         *,
         voice: StationVoice | None = None,
         dialect: Dialect | None = None,
+        report: Callable[[Exception], None] | None = None,
     ) -> None:
         self.links = tuple(links)
         self.forward = tuple(forward)
+        self._report = report or _say_once()
+        several = len(self.links) + len(self.forward) > 1
         for link in (*links, *forward):
-            link.prompt = bool(forward)
+            # Else what gathers on one link would be recorded behind what came later on another.
+            link.prompt = several
         self.voice = voice or StationVoice()
         self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
         self._take = take
@@ -92,23 +116,32 @@ class Station:
             self._take_from(link, _RECEIVE_TIMEOUT_S, FORWARD)
 
     def _take_from(self, link: Link, timeout_s: float, prefix: str) -> bool:
-        batch = link.receive(timeout_s)
-        if batch is None:
-            return False
-        source = prefix + (batch.source or link.name)
-        self._take(source, batch)
-        if self._forwarder is not None:
-            self._forwarder.offer(source, batch, from_vehicle=not prefix)
+        try:
+            batch = link.receive(timeout_s)
+            if batch is None:
+                return False
+            source = prefix + (batch.source or link.name)
+            try:
+                self._take(source, batch)
+            finally:
+                if self._forwarder is not None:
+                    self._forwarder.offer(source, batch, from_vehicle=not prefix)
+        except Exception as error:
+            self._report(error)
+            self._stopping.wait(_AFTER_ERROR_S)  # it may come back at once, for ever
         return True
 
     def _keep_time(self) -> None:
         next_heartbeat = time.monotonic()
         while not self._stopping.wait(_TICK_S):
-            self._tick(self._clock())
-            if time.monotonic() >= next_heartbeat:
-                next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
-                self._say(self.voice.heartbeat())
-                self._say(self.voice.frame(timesync.request(self._clock())))
+            try:
+                self._tick(self._clock())
+                if time.monotonic() >= next_heartbeat:
+                    next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
+                    self._say(self.voice.heartbeat())
+                    self._say(self.voice.frame(timesync.request(self._clock())))
+            except Exception as error:
+                self._report(error)
 
     def _say(self, frame: bytes) -> None:
         if self._forwarder is not None:
@@ -130,7 +163,16 @@ class RecordingStation(Station):
         voice: StationVoice | None = None,
         dialect: Dialect | None = None,
     ) -> None:
-        super().__init__(links, recorder.feed, recorder.tick, forward, clock, voice=voice, dialect=dialect)
+        super().__init__(
+            links,
+            recorder.feed,
+            recorder.tick,
+            forward,
+            clock,
+            voice=voice,
+            dialect=dialect,
+            report=recorder.state.report,
+        )
         self._recorder = recorder
 
     def stop(self) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gcs.catalogue import Catalogue, Flight
-from gcs.errors import CatalogueError
+from gcs.errors import CatalogueError, CatalogueFileError
 
 
 def flight(number: int, state: str = "complete") -> Flight:
@@ -124,3 +124,29 @@ def test_a_catalogue_of_an_older_version_is_taken_over(tmp_path: Path) -> None:
         assert flight.files(tmp_path) == [tmp_path / "a.mcap"]
         catalogue.put_flight(replace(flight, parts=2))
         assert catalogue.flight("a").files(tmp_path) == [tmp_path / "a.mcap", tmp_path / "a.part2.mcap"]
+
+
+def test_a_damaged_file_is_an_error_with_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "c.sqlite"
+    with closing(Catalogue(path)) as catalogue:
+        for number in range(500):
+            catalogue.put_flight(flight(number))
+    pages = path.read_bytes()
+    path.write_bytes(pages[:4096] + b"\xa5" * (len(pages) - 4096))
+    with closing(sqlite3.connect(path)) as raw, pytest.raises(sqlite3.DatabaseError):
+        raw.execute("SELECT * FROM flights").fetchall()
+    with pytest.raises((CatalogueError, CatalogueFileError), match="catalogue"), closing(Catalogue(path)) as catalogue:
+        catalogue.flights()
+
+
+def test_flights_without_any_identification_are_found(catalogue: Catalogue) -> None:
+    for number in range(1, 7):
+        catalogue.put_flight(flight(number, "recording" if number == 6 else "complete"))
+    catalogue.put_flight(replace(flight(2), system=None))
+    catalogue.put_flight(replace(flight(3), source="upload"))
+    catalogue.put_flight(replace(flight(4), state="recovered"))
+    assert catalogue.mark_deleted("f5")
+    assert [entry.id for entry in catalogue.unidentified_flights()] == ["f1", "f4"]
+    catalogue.fail_job(catalogue.add_job("f1", "identify", {"kind": "identify"}).id, "no")
+    catalogue.add_job("f4", "discrepancy", {"kind": "discrepancy"})
+    assert [entry.id for entry in catalogue.unidentified_flights()] == ["f4"]

@@ -36,6 +36,18 @@ NOTHING = """
 import json
 print(json.dumps({"nothing": "the aircraft never flew"}), flush=True)
 """
+ODD_PROGRESS = """
+import sys
+sys.stdin.readline()
+for odd in ('"n/a"', "NaN", "[]", "1e999", "null"):
+    print('{"progress": %s, "log": "odd"}' % odd, flush=True)
+raise SystemExit("gave up")
+"""
+NOT_TEXT = r"""
+import os, sys
+os.write(1, b"\xff\xfe\n")
+sys.stdin.read()
+"""
 CRASH = "raise RuntimeError('boom')"
 KILLED = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 ENDLESS = """
@@ -105,13 +117,21 @@ def test_a_model_reaches_the_worker_by_id_and_as_json(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("program", "words"),
-    [(NAMED_ERROR, "no airborne part"), (CRASH, "RuntimeError: boom"), (KILLED, "signal 9")],
+    [
+        (NAMED_ERROR, "no airborne part"),
+        (CRASH, "RuntimeError: boom"),
+        (KILLED, "signal 9"),
+        (ODD_PROGRESS, "gave up"),
+        (NOT_TEXT, "UnicodeDecodeError"),
+    ],
 )
 def test_a_job_that_fails_says_why(bench: Bench, program: str, words: str) -> None:
     job = bench.run(program, {"kind": "identify"})
     assert job.state == "failed"
     assert words in (job.error or "")
     assert "\n" not in (job.error or "")
+    following = bench.runners[0].submit(bench.flight, {"kind": "identify"})  # the thread is still there
+    assert wait_until(lambda: bench.ended(following.id)).state == "failed"
 
 
 def test_a_worker_that_dies_before_it_has_read_its_order_leaves_nothing_open(bench: Bench) -> None:

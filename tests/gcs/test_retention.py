@@ -7,10 +7,12 @@ from pathlib import Path
 import httpx
 import pytest
 from processes import service
-from traffic import wait_until
+from traffic import Vehicle, batch, ground_station_heartbeat, wait_until
 
+from gcs.capture import Capture
 from gcs.catalogue import Catalogue, Flight
 from gcs.cli import main
+from gcs.dialect import Dialect
 from gcs.errors import JobError, RecordingDeletedError
 from gcs.jobs import JobRunner
 from gcs.recording.parts import part_path
@@ -96,8 +98,22 @@ def test_what_was_not_worked_on_or_is_needed_is_never_deleted(store: Store) -> N
     before = store.files
     assert store.apply(keep_days=1.0, keep_bytes=1) == []
     assert store.files == before
-    store.add("no vehicle was heard", 100.0, None, system=None)
-    assert store.apply(keep_days=1.0) == ["no vehicle was heard"]
+
+
+def test_a_recording_goes_without_identification_only_if_no_autopilot_speaks_in_it(store: Store) -> None:
+    for name, frame in (
+        ("a ground station alone", ground_station_heartbeat()),
+        ("a radio alone", Vehicle(51, 68).heartbeat()),
+        ("an autopilot without a heartbeat", Vehicle(1, 1).attitude()),
+    ):
+        path = store.add(name, 100.0, None, system=None)
+        path.unlink()
+        capture = Capture(path, Dialect.load())
+        capture.take("udp", batch([frame], NOW - 200 * DAY))
+        capture.close(NOW - 200 * DAY)
+    store.add("nobody can read it", 100.0, None, system=None)
+    assert store.apply(keep_days=1.0) == ["a ground station alone", "a radio alone"]
+    assert store.files == ["an autopilot without a heartbeat", "nobody can read it"]
 
 
 def test_what_is_left_of_a_deleted_flight(store: Store) -> None:
