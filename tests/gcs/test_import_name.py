@@ -21,7 +21,7 @@ def a_tlog() -> bytes:
     return (1_760_000_000_000_000).to_bytes(8, "big") + Sender().send("ATTITUDE").frame
 
 
-@pytest.mark.parametrize(("ending", "content"), [(".bin", a_bin()), (".tlog", a_tlog())])
+@pytest.mark.parametrize(("ending", "content"), [(".bin", a_bin()), (".tlog", a_tlog())], ids=["bin", "tlog"])
 def test_the_given_name_is_kept_else_that_of_the_file(tmp_path: Path, ending: str, content: bytes) -> None:
     source = tmp_path / f"upload{ending}"
     source.write_bytes(content)
