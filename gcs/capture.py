@@ -9,22 +9,38 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.clocktrack import ClockTracker, clock_metadata
 from gcs.datagrams import Batch
 from gcs.dialect import Dialect
 from gcs.errors import RecordingError
 from gcs.frameparts import frame_times
-from gcs.framing import Framer
+from gcs.framing import Framer, Frames
 from gcs.linkoptions import LinkOptions
 from gcs.links import Link
 from gcs.provenance import provenance
 from gcs.recording.parts import Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
-from gcs.signing import SignatureChecker, SignatureCounts
+from gcs.signing import SignatureChecker, SignatureCounts, SignatureMemory
 from gcs.station import Station
 from gcs.voice import StationVoice
 from gcs.warmup import warm_up
+
+# Held-back bytes of an unfinished frame are taken as they are once the link has been idle this long.
+_IDLE_NS = 1_000_000_000
+# A clock that steps back by more was set; less may be one datagram that overtook another.
+_SET_BACK_NS = 1_000_000_000
+
+
+@dataclass
+class _Source:
+    """One source. checker: where there is a key. last_ns: newest time of reception."""
+
+    framer: Framer
+    clocks: ClockTracker
+    checker: SignatureChecker | None = None
+    last_ns: int = 0
 
 
 class Capture:
@@ -44,10 +60,11 @@ class Capture:
     ) -> None:
         self._writer = RecordingParts(path, dialect, storage or StorageOptions(), origin or Provenance(), now_ns)
         self._dialect = dialect
-        self._framers: dict[str, Framer] = {}
         self._key = key
-        self._checkers: dict[str, SignatureChecker] = {}
-        self._clocks: dict[str, ClockTracker] = {}
+        self._signatures = SignatureMemory()
+        self._sources: dict[str, _Source] = {}
+        self._ticked_ns = 0
+        self._closed = False
         self._lock = threading.Lock()
         self.problem: RecordingError | None = None
 
@@ -70,49 +87,77 @@ class Capture:
     def signatures(self) -> SignatureCounts:
         """Frames by their signatures, where there is a key to check them with."""
         total = SignatureCounts()
-        for checker in self._checkers.values():
-            total = total + checker.counts
+        for source in list(self._sources.values()):
+            if source.checker is not None:
+                total = total + source.checker.counts
         return total
 
     def take(self, link: str, batch: Batch) -> None:
         """Record what a link received. A file that cannot be written shows in `problem`."""
         with self._lock:
-            framer = self._framers.setdefault(link, Framer(self._dialect))
-            held = framer.pending
-            buffer, frames = framer.feed(batch.data)
-            times: np.ndarray[tuple[int], np.dtype[np.int64]] | int
-            times = frame_times(frames, batch, held) if len(frames) else int(batch.received_ns[-1])
-            if self._key is not None and len(frames):
-                checker = self._checkers.setdefault(link, SignatureChecker(self._key))
-                checker.add(frames, np.broadcast_to(times, len(frames)), int(np.count_nonzero(frames.incompat)))
+            if self._closed:
+                return
+            source = self._sources.setdefault(link, _Source(Framer(self._dialect), ClockTracker(self._dialect)))
+            now_ns, before_ns = int(batch.received_ns[0]), source.last_ns
+            source.last_ns = int(batch.received_ns.max())
+            if now_ns < before_ns - _SET_BACK_NS:
+                self._clock_set_back(now_ns)
+            held = source.framer.pending
+            buffer, frames = source.framer.feed(batch.data)
+            times = frame_times(frames, batch, held)
             if len(frames):
-                tracker = self._clocks.setdefault(link, ClockTracker(self._dialect))
-                tracker.add(frames, np.asarray(times, np.int64))
-            try:
-                self._writer.write(link, buffer, frames, times)
-            except RecordingError as error:
-                self.problem = error
+                source.clocks.add(frames, times)
+                if self._key is not None:
+                    source.checker = source.checker or SignatureChecker(self._key, self._signatures)
+                    source.checker.add(frames, times, int(np.count_nonzero(frames.incompat)))
+            self._write(link, buffer, frames, times if len(frames) else int(batch.received_ns[-1]))
 
     def tick(self, now_ns: int) -> None:
-        """Put what waits on disk."""
+        """Put what waits on disk, the unfinished ends of idle links too."""
         with self._lock:
+            if self._closed:
+                return
+            if now_ns < self._ticked_ns - _SET_BACK_NS:
+                self._clock_set_back(now_ns)
+            self._ticked_ns = now_ns
+            for link, source in self._sources.items():
+                if source.framer.pending and abs(now_ns - source.last_ns) > _IDLE_NS:
+                    buffer, frames = source.framer.flush()
+                    self._write(link, buffer, frames, min(source.last_ns, now_ns))
             try:
                 self._writer.tick(now_ns)
             except RecordingError as error:
                 self.problem = error
 
+    def _write(
+        self, link: str, buffer: NDArray[np.uint8], frames: Frames, received_ns: int | NDArray[np.int64]
+    ) -> None:
+        try:
+            self._writer.write(link, buffer, frames, received_ns)
+        except RecordingError as error:
+            self.problem = error
+
+    def _clock_set_back(self, now_ns: int) -> None:
+        """This computer's clock shows an earlier time than before: within a file the times shall not step back."""
+        try:
+            if self._writer.newest_ns > now_ns + _SET_BACK_NS:
+                self._writer.clock_set_back(now_ns)
+        except RecordingError as error:
+            self.problem = error
+
     def close(self, now_ns: int) -> None:
         """Take the unfinished ends of all links and complete the file. Errors show in `problem`."""
         with self._lock:
+            self._closed = True
             try:
-                for link, framer in self._framers.items():
-                    buffer, frames = framer.flush()
+                for link, source in self._sources.items():
+                    buffer, frames = source.framer.flush()
                     if buffer.size:
                         self._writer.write(link, buffer, frames, now_ns)
                 counts = self._writer.counts
                 numbers = {"messages": counts.messages, "bytes": counts.bytes, "raw_bytes": counts.raw_bytes}
                 statistics = {"statistics": {name: str(value) for name, value in numbers.items()}}
-                clocks = (clock_metadata(link, tracker.states()) for link, tracker in self._clocks.items())
+                clocks = (clock_metadata(link, source.clocks.states()) for link, source in self._sources.items())
                 self._writer.close({**statistics, **{name: told for part in clocks for name, told in part.items()}})
             except RecordingError as error:
                 self.problem = self.problem or error
