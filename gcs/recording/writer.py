@@ -31,6 +31,8 @@ from gcs.sequence import sequence_states
 
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
 _LAST_CHANNEL = 65535
+# Chunks after which all channels are described again; more where there are more channels, so that it stays cheap.
+_DESCRIBED_EVERY = 32
 
 Bytes = NDArray[np.uint8]
 
@@ -108,6 +110,7 @@ class McapWriter:
         self._chunk[kernel.PERIOD] = round(chunk_seconds * 1e9)
         self._chunk_seconds = chunk_seconds
         self._opened: float | None = None
+        self._undescribed = 0
 
     def __enter__(self) -> McapWriter:
         return self
@@ -157,6 +160,8 @@ class McapWriter:
         RecordingError if an earlier chunk could not be written; nothing of this call is taken then.
         """
         self._check()
+        if self._undescribed >= max(_DESCRIBED_EVERY, len(self._channels)):
+            self._describe()
         account = self._links.get(link) or self._add_link(link)
         times = self._times(frames, received_ns)
         chunk = self._chunk
@@ -238,10 +243,7 @@ class McapWriter:
         self._wire_counts = dict.fromkeys(self._wire_counts, 0)
         if new_time:
             self._chunk[kernel.LAST_LOG] = 0
-        for schema in self._schemas.values():
-            self._append(records.schema_record(schema))
-        for channel in self._channels:
-            self._append(records.channel_record(channel))
+        self._describe()
 
     def close(self) -> None:
         """Write what is open, the summary and the footer, and wait for it. Closing twice does nothing."""
@@ -324,6 +326,14 @@ class McapWriter:
         self._append(records.channel_record(channel))
         return number
 
+    def _describe(self) -> None:
+        """Say what all channels are, so that the file can be read without the chunk that said it first."""
+        for schema in self._schemas.values():
+            self._append(records.schema_record(schema))
+        for channel in self._channels:
+            self._append(records.channel_record(channel))
+        self._undescribed = 0
+
     def _append(self, content: bytes) -> None:
         """Put a record into the open chunk, which grows if it must."""
         start = int(self._chunk[kernel.OUT_POS])
@@ -380,6 +390,7 @@ class McapWriter:
         chunk[kernel.OUT_POS] = chunk[kernel.INDEX_COUNT] = 0
         chunk[kernel.CHUNK_START] = -1
         self._opened = None
+        self._undescribed += 1
 
 
 __all__ = ["Counts", "Lost", "McapWriter"]

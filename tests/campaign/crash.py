@@ -106,11 +106,11 @@ def damages(cuts: int, flips: int, unfinished: int) -> dict[str, list[str]]:
         data = whole.unfinished
         for _ in range(unfinished):
             at, bit = chance.randrange(len(data)), chance.randrange(8)
-            expected = whole.expected_after_damage(at, finished=False)
+            expected = whole.expected_after_damage(at)
             flip_unfinished.append(damage_trial(whole, flipped(data, at, bit), expected, trial, complete))
         for _ in range(unfinished):
             at, length = chance.randrange(len(data)), chance.choice(ZEROED)
-            expected = whole.expected_after_damage(at, length, finished=False)
+            expected = whole.expected_after_damage(at, length)
             zeros.append(damage_trial(whole, zeroed(data, at, length), expected, trial, complete))
     return {
         "file cut off at a random byte": cut,

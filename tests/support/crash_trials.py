@@ -91,8 +91,8 @@ def kill_trial(
 ) -> Killed:
     """Start a station under load, kill it at a random moment, and look at what it leaves. begin: how to start both.
 
-    keeping_up: kill it only when the file holds what came at most half of `allowed_s` ago, so that a machine that is too
-    busy to run the station does not count against it; one that never gets so far fails.
+    keeping_up: kill it only when the file holds what came at most half of `allowed_s` ago, so that a machine too busy to
+    run the station does not count against it; one that never gets so far fails.
     """
     chance = random.Random(seed)
     command = ("record", "serve")[seed % 2]
@@ -210,14 +210,9 @@ class Undamaged:
         ends = [end for offset, length, _, end in self.chunks if offset + length <= size]
         return {key for key in self.messages if ends and key[1] <= ends[-1]}
 
-    def expected_after_damage(self, place: int, size: int = 1, finished: bool = True) -> set[tuple[str, int]]:
-        """Messages of all chunks but those that the damaged bytes are in.
-
-        Where a file is not finished, its first chunk alone says what the channels are, and none can do without.
-        """
+    def expected_after_damage(self, place: int, size: int = 1) -> set[tuple[str, int]]:
+        """Messages of all chunks but those that the damaged bytes are in."""
         hit = [chunk for chunk in self.chunks if chunk[0] < place + size and place < chunk[0] + chunk[1]]
-        if not finished and self.chunks[0] in hit:
-            return set()
         return {key for key in self.messages if not any(start <= key[1] <= end for _, _, start, end in hit)}
 
 
