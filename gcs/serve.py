@@ -126,12 +126,13 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             with closing(Retention(settings.flights, catalogue, rule)) as retention:
                 retention.start()
                 recovery.start()
+                _stop_on_signals(server, recovery)
                 announce(f"http://{host}:{listener.getsockname()[1]}")
-                _run(server, listener, recovery)
+                server.run(sockets=[listener])
 
 
-def _run(server: uvicorn.Server, listener: socket.socket, recovery: Recovery) -> None:
-    """Run until a signal; being told to stop is a good end, so the signal must not be raised again behind it."""
+def _stop_on_signals(server: uvicorn.Server, recovery: Recovery) -> None:
+    """Being told to stop is a good end, so the signal that the server raises again behind it must not be a bad one."""
 
     def stopped(number: int, frame: FrameType | None) -> None:
         server.should_exit = True
@@ -139,4 +140,3 @@ def _run(server: uvicorn.Server, listener: socket.socket, recovery: Recovery) ->
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stopped)
-    server.run(sockets=[listener])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import service
 from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.catalogue import Catalogue, Job
@@ -185,3 +186,10 @@ def test_the_real_worker_reports_a_recording_without_a_flight_in_words(bench: Be
     assert ended.error
     assert "Error" not in ended.error
     assert "Traceback" not in json.dumps(ended.to_json())
+
+
+def test_a_flight_that_ended_just_before_the_service_did_is_identified_after_its_next_start(bench: Bench) -> None:
+    assert bench.catalogue.jobs_of(bench.flight) == []
+    with service("--data", bench.settings.data, "--vehicle", "iitb-mav"):
+        (job,) = wait_until(lambda: bench.catalogue.jobs_of(bench.flight))
+    assert (job.kind, job.request["automatic"], job.request["system"]) == ("identify", True, 1)
