@@ -162,9 +162,24 @@ def _module_from_xml(path: Path) -> ModuleType:
     return module
 
 
+def definition_files(path: Path) -> list[Path]:
+    """A dialect's XML and all that it includes, one by another, of those beside it. DialectError for bad XML."""
+    files = [path]
+    for file in files:
+        files += [other for name in _includes(file) if (other := path.parent / name).is_file() and other not in files]
+    return files
+
+
+def _includes(path: Path) -> list[str]:
+    try:
+        return [entry.text or "" for entry in ElementTree.parse(path).iter("include")]
+    except ElementTree.ParseError as error:
+        raise DialectError(f"dialect {path} cannot be used: {error}") from None
+
+
 def _with_includes(path: Path, folder: Path) -> Path:
     """The definition where everything it includes lies beside it: a copy with what pymavlink ships if need be."""
-    included = [entry.text or "" for entry in ElementTree.parse(path).iter("include")]
+    included = [name for file in definition_files(path) for name in _includes(file)]
     if all((path.parent / name).is_file() for name in included):
         return path
     shipped = Path(importlib.import_module("pymavlink.dialects.v20").__path__[0])

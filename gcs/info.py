@@ -13,6 +13,7 @@ from gcs.conversion import check_file, import_file
 from gcs.dialect import DEFAULT_DIALECT
 from gcs.linkinfo import link_counts, radio_text, radios
 from gcs.pace import Pace, paces
+from gcs.recording.joined import all_parts
 from gcs.recording.reader import Recording
 from gcs.signing import SignatureCounts
 from gcs.utctext import utc_text
@@ -38,9 +39,10 @@ def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator
 def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
     """Counts, rates, losses and clocks of an MCAP recording, ready for JSON. Raises RecordingError.
 
-    key: what signatures are checked with.
+    path: its file, or the first of its parts, all of which are read then. key: what signatures are checked with.
     """
-    recording = Recording(path)
+    files = all_parts(path)
+    recording = Recording(files)
     counts = recording.counts()
     damage = recording.damage
     duration_s = (recording.end_ns - recording.start_ns) / 1e9
@@ -49,7 +51,8 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
     start_ns = recording.start_ns
     return {
         "file": str(path),
-        "size_bytes": path.stat().st_size,
+        "files": [file.name for file in files],
+        "size_bytes": sum(file.stat().st_size for file in files),
         "start": utc_text(recording.start_ns) if recording.start_ns else None,
         "end": utc_text(recording.end_ns) if recording.end_ns else None,
         "duration_s": duration_s,
@@ -59,7 +62,7 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
         ],
         "components": _components(recording, counts),
         "links": [
-            {"link": link, **counts.to_json(), **_link_pace(link_paces[link], start_ns)}
+            {"link": link, **counts.to_json(), **_link_pace(link_paces[link], counts.bytes, start_ns)}
             for link, counts in links.items()
         ],
         "radios": radios(recording),
@@ -91,10 +94,11 @@ def _topic(recording: Recording, topic: str, count: int, pace: Pace, start_ns: i
     }
 
 
-def _link_pace(pace: Pace, start_ns: int) -> dict[str, Any]:
+def _link_pace(pace: Pace, size: int, start_ns: int) -> dict[str, Any]:
     gap_s, gap_at_s = pace.gap(start_ns)
     return {
         "messages": pace.count,
+        "bytes_per_s": size / pace.duration_s if pace.duration_s > 0 else None,
         "duration_s": pace.duration_s,
         "longest_silence_s": gap_s,
         "longest_silence_at_s": gap_at_s,
@@ -156,7 +160,10 @@ def _note_lines(info: dict[str, Any]) -> list[str]:
 
 
 def _link_text(entry: dict[str, Any]) -> str:
-    line = f"{entry['link']}: {entry['messages']} messages, {entry['raw_bytes']} bytes in no frame"
+    line = f"{entry['link']}: {entry['messages']} messages, {entry['bytes']} bytes"
+    line += "" if entry["bytes_per_s"] is None else f" ({entry['bytes_per_s']:.0f}/s)"
+    line += f", {entry['raw_bytes']} bytes in no frame"
+    line += "" if entry["bad_crc"] is None else f", {entry['bad_crc']} checksum failures"
     silence = _gap_text(entry["longest_silence_s"], entry["longest_silence_at_s"])
     line += f", longest silence {silence} s" if silence else ""
     counts = SignatureCounts.of(entry)

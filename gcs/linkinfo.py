@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.framing import MAGIC_V2, SIGNED
+from gcs.dialect import Dialect
+from gcs.errors import DialectError
+from gcs.framing import MAGIC_V2, SIGNED, Framer
 from gcs.recording.reader import RUN_NOISE, Recording
 from gcs.signing import SignatureChecker, SignatureCounts, SignatureMemory
 
@@ -20,25 +25,48 @@ _COUNTERS = ("rxerrors", "fixed")
 
 @dataclass
 class LinkCounts:
-    """One link's bytes in no frame, and its frames by their signatures."""
+    """One link's bytes, those in no frame, its checksum failures, and its frames by their signatures.
 
-    raw_bytes: int
+    bad_crc: None where the dialect that tells them from other noise is neither in the recording nor known by its name.
+    """
+
     signatures: SignatureCounts
+    bytes: int = 0
+    raw_bytes: int = 0
+    bad_crc: int | None = None
 
-    def to_json(self) -> dict[str, int]:
+    def to_json(self) -> dict[str, int | None]:
         """The counts by the names that REST uses."""
-        return {"raw_bytes": self.raw_bytes, **self.signatures.to_json()}
+        return {
+            "bytes": self.bytes,
+            "raw_bytes": self.raw_bytes,
+            "bad_crc": self.bad_crc,
+            **self.signatures.to_json(),
+        }
+
+
+def dialect_of(recording: Recording) -> Dialect | None:
+    """The dialect that its frames were found by: of the definition that is attached, or of its name."""
+    for name in recording.dialects():
+        with TemporaryDirectory(prefix="gcs-") as folder, suppress(DialectError):
+            for file in recording.attachments():
+                if file.name == Path(file.name).name and file.name.endswith(".xml"):
+                    (Path(folder) / file.name).write_bytes(file.data)
+            own = Path(folder) / f"{name}.xml"
+            return Dialect.load(str(own) if own.is_file() else name)
+    return None
 
 
 def link_counts(recording: Recording, key: bytes | None) -> dict[str, LinkCounts]:
     """What each link brought, signatures judged anew with `key`; only counted where there is none."""
     memory = SignatureMemory()
     checkers = {link: SignatureChecker(key, memory) for link in recording.links()}
-    counts = {link: LinkCounts(0, checker.counts) for link, checker in checkers.items()}
+    counts = {link: LinkCounts(checker.counts) for link, checker in checkers.items()}
     for _, parts in groupby(recording.wire_pieces(), lambda part: part.chunk):
         arrived: list[tuple[int, str, bytes]] = []
         for part in parts:
             noise = part.pieces[:, 3] == RUN_NOISE
+            counts[part.link].bytes += part.data.size
             counts[part.link].raw_bytes += int(part.pieces[noise, 2].sum())
             frames = part.pieces[~noise]
             start = frames[:, 1]
@@ -49,7 +77,29 @@ def link_counts(recording: Recording, key: bytes | None) -> dict[str, LinkCounts
         # Links stand behind one another in a chunk; judged is what came first.
         for at, link, frame in sorted(arrived, key=lambda entry: entry[0]):
             checkers[link].judge(frame, at)
+    _count_bad(recording, counts)
     return counts
+
+
+def _count_bad(recording: Recording, counts: dict[str, LinkCounts]) -> None:
+    """Count what looks like a frame but for its checksum, as the recorder did: of the links that had noise."""
+    for entry in counts.values():
+        entry.bad_crc = 0
+    noisy = {link for link, entry in counts.items() if entry.raw_bytes}
+    if not noisy:
+        return
+    dialect = dialect_of(recording)
+    if dialect is None:
+        for link in noisy:
+            counts[link].bad_crc = None
+        return
+    framers = {link: Framer(dialect) for link in noisy}
+    found = dict.fromkeys(noisy, 0)
+    for part in recording.wire_pieces():
+        if part.link in noisy:
+            found[part.link] += framers[part.link].feed(part.data.tobytes())[1].bad_crc
+    for link in noisy:
+        counts[link].bad_crc = found[link] + framers[link].flush()[1].bad_crc
 
 
 def radios(recording: Recording) -> list[dict[str, Any]]:

@@ -7,11 +7,12 @@ import mimetypes
 import platform
 import sys
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
-from gcs.dialect import Dialect
+from gcs.dialect import Dialect, definition_files
 from gcs.errors import RecordingError
 from gcs.linkurl import link_names, parse_url
 from gcs.recording.parts import Provenance
@@ -37,12 +38,14 @@ def provenance(dialect: Dialect, urls: Sequence[str], vehicle: str | None, diale
     """Metadata and files that go into every recording of a run.
 
     urls: the links' connection strings. vehicle: vehicle file or name of a built-in one. dialect_name: as the user
-    gave it; a file of that name goes in too. Raises LinkUrlError, VehicleFileError, RecordingError.
+    gave it; a file of that name goes in too, with what it includes from beside it (what pymavlink ships is told by its
+    version). Raises LinkUrlError, VehicleFileError, RecordingError.
     """
     software = {
         "gcs": VERSION,
         "python": platform.python_version(),
         "numpy": np.__version__,
+        "pymavlink": metadata.version("pymavlink"),
         "dialect": dialect.name,
         "log_time": f"UTC by this computer's clock ({clock_state()} at the start)",
     }
@@ -52,7 +55,7 @@ def provenance(dialect: Dialect, urls: Sequence[str], vehicle: str | None, diale
         files = [craft.path, *(entry.points for entry in craft.calibration.values() if isinstance(entry.points, Path))]
         software["vehicle"] = craft.path.name
     if dialect_name.lower().endswith(".xml"):
-        files.append(Path(dialect_name))
+        files += definition_files(Path(dialect_name))
     links = {name: parse_url(url).kind.value for name, url in zip(link_names(urls), urls, strict=True)}
     return Provenance({"recording": software, "links": links}, tuple(map(_attachment, dict.fromkeys(files))))
 

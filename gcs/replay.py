@@ -15,6 +15,7 @@ from pathlib import Path
 
 from gcs.errors import LinkError, RecordingError
 from gcs.links import Link, open_link
+from gcs.recording.joined import all_parts
 from gcs.recording.reader import Recording, WirePieces
 
 _CONNECT_TIMEOUT_S = 30.0
@@ -151,7 +152,7 @@ def replay_in_lock_step(
 
     Raises RecordingError; LinkError also if no answer comes within `answer_timeout_s`.
     """
-    recording = Recording(path)
+    recording = Recording(all_parts(path))
     span = max(recording.end_ns - recording.start_ns, 1)
     out = open_link(url)
     try:
@@ -193,7 +194,7 @@ def replay_file(
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Replayed:
     """Replay a recording to a connection string. Raises RecordingError, LinkError."""
-    recording = Recording(path)
+    recording = Recording(all_parts(path))
     span = max(recording.end_ns - recording.start_ns, 1)
     pieces = timeline(recording, link)
     out = open_link(url)

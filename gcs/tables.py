@@ -15,6 +15,7 @@ import pyarrow.parquet as parquet
 
 from gcs.dialect import Dialect
 from gcs.errors import DialectError, RecordingError
+from gcs.recording.joined import all_parts
 from gcs.recording.reader import MessageColumns, Recording
 
 _BLOCK_ROWS = 4096
@@ -33,7 +34,7 @@ def export_csv(recording: Path, target: Path) -> None:
     Columns: log_time_ns, system, component, message, field, value. Arrays give one row per element (`data[3]`),
     texts one row.
     """
-    source = Recording(recording)
+    source = Recording(all_parts(recording))
     try:
         with target.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -74,7 +75,7 @@ def export_parquet(recording: Path, target: Path) -> None:
     column per element, texts one of text. A column's metadata names its unit. Rows of one message stand together, so
     a reader of few columns reads only what it needs.
     """
-    source = Recording(recording)
+    source = Recording(all_parts(recording))
     units = _Units(source)
     fields = [pa.field("message", pa.string())]
     for name in source.messages():
@@ -104,7 +105,7 @@ def export_messages(recording: Path, folder: Path, ending: str) -> list[Path]:
     ending: csv or parquet. Columns: log_time_ns, publish_time_ns, system, component, sequence and the message's
     fields. RecordingError if the folder is there already, or cannot be written.
     """
-    source = Recording(recording)
+    source = Recording(all_parts(recording))
     units = _Units(source)
     written = []
     try:

@@ -20,6 +20,7 @@ from gcs.crc import Int
 from gcs.dialect import Dialect
 from gcs.errors import ImportFileError, RecordingError
 from gcs.framing import UNKNOWN, Frames, scan
+from gcs.recording.joined import all_parts
 from gcs.recording.reader import RUN_NOISE, Recording, WirePieces
 from gcs.recording.writer import Counts, McapWriter
 from sim_vehicle.jit import jit
@@ -174,7 +175,7 @@ def export_tlog(mcap: str | os.PathLike[str], path: str | os.PathLike[str]) -> i
     Frames of several links stand in the order of reception; noise is left out. RecordingError if a file cannot be
     read or written.
     """
-    recording = Recording(mcap)
+    recording = Recording(all_parts(Path(mcap)))
     count = 0
     try:
         with open(path, "wb") as file:

@@ -25,6 +25,8 @@ def run(args: argparse.Namespace) -> int:
 
     key = None if args.signing_key is None else load_key(args.signing_key)
     with as_recordings([args.file], args.dialect) as (path,):
-        info = {**describe_recording(path, key), "file": str(args.file), "size_bytes": args.file.stat().st_size}
+        info = {**describe_recording(path, key), "file": str(args.file)}
+        if path != args.file:
+            info |= {"files": [args.file.name], "size_bytes": args.file.stat().st_size}
     print(dumps(info, indent=2) if args.json else info_text(info))
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 import zstandard
 
 from gcs.errors import RecordingError
+from gcs.recording.joined import all_parts
 from gcs.recording.reader import Recording
 
 _ENDINGS = {"dataflash": ".bin", "ulog": ".ulg"}
@@ -14,7 +15,7 @@ _ENDINGS = {"dataflash": ".bin", "ulog": ".ulg"}
 
 def export_original(recording: Path, target: Path) -> None:
     """Write the log that is attached, if it is of the ending of `target`. RecordingError where there is none."""
-    opened = Recording(recording)
+    opened = Recording(all_parts(recording))
     notes = opened.metadata().get("import", {})
     wanted = target.suffix.lower()
     if _ENDINGS.get(notes.get("format", "")) != wanted:

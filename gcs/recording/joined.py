@@ -93,3 +93,12 @@ def by_recording(paths: Sequence[Path]) -> list[list[Path]]:
         stem, number = part_of(path)
         recordings.setdefault((path.parent, stem), {})[number] = path
     return [[parts[number] for number in sorted(parts)] for parts in recordings.values()]
+
+
+def all_parts(path: Path) -> list[Path]:
+    """The files of the recording whose first is `path`, in order; of a later part that alone."""
+    stem, number = part_of(path)
+    if number != 1 or not path.is_file():
+        return [path]
+    others = [(part_of(other), other) for other in path.parent.glob("*.mcap")]
+    return [path, *(other for (name, part), other in sorted(others) if name == stem and part > 1)]

@@ -1,5 +1,6 @@
 """What `gcs info` says of links: signatures checked anew, radios, and one vehicle heard over two lossy links."""
 
+import json
 import random
 import socket
 from contextlib import ExitStack, closing
@@ -14,14 +15,17 @@ from traffic import Vehicle, batch, ground_station_heartbeat
 
 from gcs.capture import Capture
 from gcs.catalogue import Catalogue
+from gcs.cli import main
 from gcs.dialect import Dialect
 from gcs.errors import DialectError
 from gcs.framing import Framer
 from gcs.info import describe_recording, info_text
 from gcs.links import UdpLink, open_link
 from gcs.linkstats import LinkStatistics
+from gcs.provenance import provenance
 from gcs.recorder import FlightRecorder
 from gcs.recording.reader import Recording
+from gcs.recording.storage import StorageOptions
 
 
 def capture(path: Path, streams: dict[str, list[bytes]]) -> Recording:
@@ -65,6 +69,88 @@ def test_copies_over_a_second_link_are_judged_in_the_order_in_which_they_came(tm
     assert (wifi["signed_good"], wifi["signed_repeated"], wifi["signed_bad"]) == (0, 40, 0)
     live = made.signatures
     assert (live.good, live.repeated, live.bad) == (40, 40, 0)
+
+
+def damaged(frames: list[bytes], every: int) -> tuple[list[bytes], int]:
+    """The frames with a byte of every n-th payload changed, and how many those are; none looks like two."""
+    changed = [
+        frame[:12] + bytes([frame[12] ^ 1]) + frame[13:] if i % every == 0 else frame for i, frame in enumerate(frames)
+    ]
+    kept = [frame for frame in changed if not set(frame[1:]) & {0xFD, 0xFE}]
+    return kept, sum(frame not in frames for frame in kept)
+
+
+def test_checksum_failures_and_rates_are_told_for_each_link(tmp_path: Path) -> None:
+    vehicle = Vehicle()
+    frames, bad = damaged([vehicle.attitude(0.01 * i) for i in range(200)], 7)
+    assert bad > 10
+    clean = [Vehicle(2).attitude()] * 2
+    made = Capture(tmp_path / "a.mcap", Dialect.load())
+    statistics, framer = LinkStatistics(Dialect.load()), Framer(Dialect.load())
+    for i, frame in enumerate(frames):
+        piece = batch([frame], NOW + 50_000_000 * i)
+        made.take("radio", piece)
+        found = framer.feed(piece.data)[1]
+        statistics.add(found, np.full(len(found), NOW))
+    for at, frame in enumerate(clean):
+        made.take("cable", batch([frame], NOW + (20 + 5 * at) * 1_000_000_000))
+    made.close(NOW + 30_000_000_000)
+    info = describe_recording(tmp_path / "a.mcap")
+    links = {entry["link"]: entry for entry in info["links"]}
+    size = sum(map(len, frames))
+    assert (links["radio"]["bytes"], links["radio"]["bad_crc"]) == (size, bad)
+    assert statistics.to_json(0)["bad_crc"] == bad
+    assert links["radio"]["bytes_per_s"] == pytest.approx(size / links["radio"]["duration_s"])
+    assert (links["cable"]["bad_crc"], links["cable"]["bytes_per_s"]) == (0, pytest.approx(2 * len(clean[0]) / 5.0))
+    assert f"{bad} checksum failures" in info_text(info)
+
+
+def test_checksum_failures_are_told_by_the_definition_in_the_recording(tmp_path: Path) -> None:
+    xml = tmp_path / "mine.xml"
+    xml.write_text("<mavlink><include>minimal.xml</include><messages></messages></mavlink>")
+    dialect = Dialect.load(str(xml))
+    heartbeat = Vehicle().heartbeat()
+    bad = heartbeat[:-1] + bytes([heartbeat[-1] ^ 1])
+    for name, origin, told in (
+        ("with", provenance(dialect, [], None, str(xml)), 1),
+        ("without", provenance(dialect, [], None), None),
+    ):
+        made = Capture(tmp_path / f"{name}.mcap", dialect, StorageOptions(), origin, NOW)
+        made.take("radio", batch([heartbeat, bad, heartbeat], NOW))
+        made.close(NOW)
+        (link,) = describe_recording(tmp_path / f"{name}.mcap")["links"]
+        assert (link["raw_bytes"], link["bad_crc"]) == (len(bad), told)
+
+
+def test_a_split_recording_is_one_for_info_export_and_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, vehicle = tmp_path / "a.mcap", Vehicle()
+    made = Capture(path, Dialect.load(), StorageOptions(split_bytes=20_000))
+    frames: list[bytes] = []
+    for second in range(40):
+        frames += (sent := vehicle.second())
+        made.take("udp", batch(sent, NOW + second * 1_000_000_000))
+        made.tick(NOW + (second + 1) * 1_000_000_000)
+    made.close(NOW + 40_000_000_000)
+    assert len(made.parts) > 2
+    assert main(["info", str(path), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert info["files"] == [part.name for part in made.parts]
+    assert info["size_bytes"] == sum(part.stat().st_size for part in made.parts)
+    assert (info["messages"], info["links"][0]["bytes"]) == (len(frames), sum(map(len, frames)))
+    assert [entry["lost"] for entry in info["components"]] == [0]
+    assert main(["export", str(path), "-o", str(tmp_path / "a.tlog")]) == 0
+    log = (tmp_path / "a.tlog").read_bytes()
+    assert len(log) == sum(8 + len(frame) for frame in frames)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        url = f"udpout:127.0.0.1:{listener.getsockname()[1]}"
+        assert main(["replay", str(path), "--out", url, "--speed", "0"]) == 0
+    assert f"{sum(map(len, frames))} bytes" in capsys.readouterr().out
+    # A later part by itself is what it is.
+    assert main(["info", str(made.parts[1]), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["messages"] < len(frames)
 
 
 def test_radios_reports_are_summed_up(tmp_path: Path) -> None:

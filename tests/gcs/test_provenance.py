@@ -1,5 +1,6 @@
 """What every recording says of itself, in every part, from its first byte on; and its options as people write them."""
 
+import importlib.metadata
 import shutil
 from contextlib import closing
 from pathlib import Path
@@ -85,6 +86,17 @@ def test_a_users_dialect_goes_into_the_recording(tmp_path: Path) -> None:
     )
     (file,) = provenance(Dialect.load(str(xml)), [], None, str(xml)).attachments
     assert (file.name, file.data) == ("own.xml", xml.read_bytes())
+
+
+def test_what_a_users_dialect_includes_goes_in_too(tmp_path: Path) -> None:
+    include = "<mavlink><include>{}</include><messages></messages></mavlink>"
+    for name, other in (("top", "middle.xml"), ("middle", "low.xml"), ("low", "minimal.xml")):
+        (tmp_path / f"{name}.xml").write_text(include.format(other))
+    (tmp_path / "stranger.xml").write_text(include.format("minimal.xml"))
+    top = str(tmp_path / "top.xml")
+    made = provenance(Dialect.load(top), [], None, top)
+    assert [file.name for file in made.attachments] == ["top.xml", "middle.xml", "low.xml"]
+    assert made.metadata["recording"]["pymavlink"] == importlib.metadata.version("pymavlink")
 
 
 def test_a_long_flight_is_several_files_and_one_flight(tmp_path: Path) -> None:
