@@ -91,8 +91,8 @@ def kill_trial(
 ) -> Killed:
     """Start a station under load, kill it at a random moment, and look at what it leaves. begin: how to start both.
 
-    keeping_up: kill it only when the file holds what came at most half of `allowed_s` ago, so that a machine too busy to
-    run the station does not count against it; one that never gets so far fails.
+    keeping_up: kill it only when the file holds what came at most half of `allowed_s` ago, so that a machine that is
+    too busy to run the station does not count against it; one that never gets so far fails.
     """
     chance = random.Random(seed)
     command = ("record", "serve")[seed % 2]
