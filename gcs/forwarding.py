@@ -77,7 +77,10 @@ class _Source:
 
 
 class Forwarder:
-    """Carries frames from `vehicles` to `stations` and back. Bytes are handed in by `offer`."""
+    """Carries frames from `vehicles` to `stations` and back. Bytes are handed in by `offer`.
+
+    problem: why the last of them were not passed on, empty when all is well.
+    """
 
     def __init__(self, vehicles: Sequence[Link], stations: Sequence[Link], dialect: Dialect) -> None:
         self._vehicles = tuple(vehicles)
@@ -89,7 +92,8 @@ class Forwarder:
         self._queued_bytes = 0
         self._changed = threading.Condition()
         self._stopping = False
-        self._frames = self._copies = self._dropped = self._failed = 0
+        self._frames = self._copies = self._dropped = 0
+        self.problem = ""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     @property
@@ -143,9 +147,9 @@ class Forwarder:
                     self._pass_on(*taken, now)
                 self._let_go(now)
             except Exception as error:  # the thread goes on whatever happens
-                self._failed += 1
-                if self._failed == 1:
+                if not self.problem:
                     _log.error("frames are not passed on: %s", in_words(error))
+                self.problem = f"frames are not passed on: {in_words(error)}"
 
     def _pass_on(self, name: str, from_vehicle: bool, data: bytes, offered: float, now: float) -> None:
         if name == _OWN:
@@ -176,3 +180,4 @@ class Forwarder:
         self._frames += len(fresh)
         for link in source.targets:
             link.send_frames(fresh)
+        self.problem = ""

@@ -40,7 +40,10 @@ class NothingToDoError(JobError):
 
 
 class JobRunner:
-    """Takes queued jobs from the catalogue. `worker` is the command that runs one."""
+    """Takes queued jobs from the catalogue. `worker` is the command that runs one.
+
+    problem: why they wait, in words, empty when all is well.
+    """
 
     def __init__(
         self,
@@ -51,6 +54,7 @@ class JobRunner:
         self._settings = settings
         self._catalogue = catalogue
         self._worker = tuple(worker)
+        self.problem = ""
         self._wake = threading.Event()
         self._stopping = threading.Event()
         self._process: subprocess.Popen[str] | None = None
@@ -111,7 +115,8 @@ class JobRunner:
             try:
                 self._run_next()
             except Exception as error:  # the thread goes on whatever happens
-                _log.error("jobs wait: %s", in_words(error))
+                self.problem = f"jobs wait: {in_words(error)}"
+                _log.error("%s", self.problem)
                 self._stopping.wait(_RETRY_S)
                 with contextlib.suppress(CatalogueFileError):
                     self._catalogue.requeue_interrupted_jobs()  # whichever ran has no result now
@@ -119,6 +124,7 @@ class JobRunner:
     def _run_next(self) -> None:
         """Run the oldest queued job, or wait for one."""
         job = self._catalogue.take_job()
+        self.problem = ""
         if job is None:
             self._wake.wait()
             self._wake.clear()

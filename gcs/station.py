@@ -185,6 +185,11 @@ class RecordingStation(Station):
         """What went wrong, and who was heard."""
         return self._recorder.state
 
+    @property
+    def problem(self) -> str:
+        """What goes wrong now, in words; empty when all is well."""
+        return self.state.problem or (self._forwarder.problem if self._forwarder is not None else "")
+
     def live_flights(self) -> list[str]:
         """Ids of the flights being recorded now."""
         return self._recorder.live_flights()

@@ -19,10 +19,11 @@ def health(service: Serving) -> Health:
     """Whether the service records: links, disk, version. Needs no token."""
     links = service.recorder.links
     state = service.recorder.state
+    problem = service.recorder.problem or service.jobs.problem
     forwarding = service.recorder.forwarding()
     disk = shutil.disk_usage(service.settings.data)
     return Health(
-        status="degraded" if state.problem else "ok",
+        status="degraded" if problem else "ok",
         version=VERSION,
         uptime_s=time.monotonic() - service.started,
         links_connected=sum(link.connected for link in links),
@@ -32,7 +33,7 @@ def health(service: Serving) -> Health:
         recording=service.recorder.live_flights(),
         unrecorded_bytes=state.unrecorded_bytes,
         forwarding=None if forwarding is None else Forwarding.model_validate(forwarding),
-        problem=state.problem,
+        problem=problem,
     )
 
 

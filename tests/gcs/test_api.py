@@ -23,7 +23,7 @@ from gcs.catalogue import Catalogue
 from gcs.decimate import decimate
 from gcs.dialect import Dialect
 from gcs.jobs import JobRunner
-from gcs.links import open_link
+from gcs.links import UdpLink, open_link
 from gcs.recorder import FlightRecorder
 from gcs.settings import Settings
 from gcs.station import RecordingStation
@@ -127,6 +127,44 @@ def test_health_and_links(client: httpx.Client) -> None:
     (link,) = client.get("/api/links").json()
     assert link["connected"] is True
     assert link["frames"] == link["raw_bytes"] == 0
+
+
+def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(
+    make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.jobs._RETRY_S", 0.01)
+    bench = make_bench()
+    other = open_link("udpin:127.0.0.1:0")
+    bench.station = RecordingStation([bench.link], bench.recorder, [other], clock=lambda: START + 30 * SECOND)
+    jobs = JobRunner(bench.settings, bench.catalogue, (sys.executable, "-c", WORKER))
+    app = create_app(bench.settings, bench.catalogue, bench.station, jobs)
+    broken = threading.Event()
+    take_job, send_frames = bench.catalogue.take_job, other.send_frames
+
+    def unless_broken(do: Callable[..., Any], *arguments: Any) -> Any:
+        if broken.is_set():
+            raise ValueError("out of order")
+        return do(*arguments)
+
+    monkeypatch.setattr(bench.catalogue, "take_job", lambda: unless_broken(take_job))
+    monkeypatch.setattr(other, "send_frames", lambda frames: unless_broken(send_frames, frames))
+    with serving(app) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        assert isinstance(bench.link, UdpLink)
+        sender.connect(("127.0.0.1", bench.link.port))
+        vehicle = Vehicle()
+
+        def health(words: str) -> bool:
+            sender.send(vehicle.attitude())
+            told = client.get("/api/health").json()
+            return words in told["problem"] and (told["status"] == "degraded") == bool(words)
+
+        broken.set()
+        wait_until(lambda: health("frames are not passed on: ValueError: out of order"))
+        monkeypatch.setattr(other, "send_frames", send_frames)
+        jobs._wake.set()
+        wait_until(lambda: health("jobs wait: ValueError: out of order"))
+        broken.clear()
+        wait_until(lambda: client.get("/api/health").json()["status"] == "ok")
 
 
 def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) -> None:
