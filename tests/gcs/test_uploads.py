@@ -22,7 +22,7 @@ from gcs.uploads import Uploads
 GREEDY = """
 import numpy, sys
 import gcs.intakeworker as worker
-def greedy(source, target, ending):
+def greedy(*given, **named):
     kept = [numpy.ones(1 << 24) for _ in range(1 << 12)]
 worker.import_file = greedy
 sys.exit(worker.main())
