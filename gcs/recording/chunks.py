@@ -38,9 +38,13 @@ def decompress(chunk: ChunkInfo, stored: bytes) -> bytes:
         announced = zstandard.get_frame_parameters(stored).content_size
         if announced not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise ValueError("a chunk's lengths are damaged")
-        return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
+        return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size, allow_extra_data=False)
     if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1))
+        frame = lz4.frame.LZ4FrameDecompressor()
+        data = bytes(frame.decompress(stored, max_length=size + 1))
+        if frame.unused_data:
+            raise ValueError("a chunk's lengths are damaged")
+        return data
     if chunk.compression == "":
         return stored
     raise ValueError(f"compression {chunk.compression!r} is not known")

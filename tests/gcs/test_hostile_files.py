@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from gcs.errors import RecordingError
 from gcs.recording import records
+from gcs.recording.chunks import find_chunk
 from gcs.recording.container import Container
 from gcs.recording.reader import Recording
 from gcs.recording.repair import complete
@@ -125,6 +126,17 @@ def test_a_chunk_takes_no_more_memory_than_it_announces(compression: str, announ
         tracemalloc.stop()
     assert "damaged inside" in complete(path)
     assert path.read_bytes() == whole + bomb
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_does_not_swallow_what_is_behind_it(compression: str, tmp_path: Path) -> None:
+    content = bytes(range(100))
+    stored = (zstandard.compress if compression == "zstd" else lz4.frame.compress)(content)
+    path = tmp_path / "a"
+    for extra in (b"", b"the next chunk"):
+        path.write_bytes(records.chunk_record(1, 1, memoryview(content), compression, stored + extra))
+        found, wrong = find_chunk(np.fromfile(path, np.uint8), 0, path.stat().st_size)
+        assert (found is None, wrong) == (bool(extra), len(extra) and 1)
 
 
 def test_a_file_of_heads_of_chunks_that_are_none_is_given_up_on(tmp_path: Path) -> None:
