@@ -26,7 +26,8 @@ def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
     interval = f"{_number(low)} … {_number(high)}" if low is not None else ""
     error = f"± {_number(std, 3)}" if std is not None else ""
     moved = entry.get("systematic")
-    systematic = f"± {_number(math.hypot(*moved.values()), 2)}" if moved else ""
+    parts = [part for part in (moved or {}).values() if part is not None]
+    systematic = f"± {_number(math.hypot(*parts), 2)}" if parts else ""
     return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {systematic or unit}".rstrip()
 
 

@@ -8,6 +8,7 @@ the estimation is repeated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -67,7 +68,7 @@ LINEAR = (
     Perturbation("linkage_5pct", record=_more_travel),
 )
 LATE = "timing_10ms"
-_REPEATED_STEPS = 8
+_REPEATED_STEPS = 12
 
 
 def systematic_errors(
@@ -79,21 +80,25 @@ def systematic_errors(
 ) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
+    NaN for late commands where the repeated estimation did not come to an end.
+
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
     start = warmed(problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
+    # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
+    unfinished = _moved(start, model, coefficients, effects, values, result)
     for change in LINEAR:
         changed = replace(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
         for name, value in _moved(changed, model, coefficients, effects, values, result).items():
-            moved[name][change.name] = value / SHARE
+            moved[name][change.name] = (value - unfinished[name]) / SHARE
     late = replace(start, records=tuple(map(_later_commands, start.records)))
     again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
     for name, value in values.items():
-        moved[name][LATE] = again.value(name) - value
+        moved[name][LATE] = again.value(name) - value if again.converged else math.nan
     return moved
 
 
