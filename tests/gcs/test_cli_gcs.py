@@ -301,13 +301,20 @@ def test_a_flight_cut_off_by_a_crash_is_listed_after_the_restart(
     process.wait(60)
     again = start(["serve", "--data", str(data), "--port", "0"], environment)
     with again:
-        assert again.stdout is not None
-        url = again.stdout.readline().split()[-1]
-        (flight,) = httpx.get(f"{url}/api/flights", timeout=60).json()["flights"]
-        assert (flight["state"], flight["system"]) == ("recovered", 5)
-        assert flight["messages"] > 0
-        summary = httpx.get(f"{url}/api/flights/{flight['id']}", timeout=60).json()
-        assert sum(summary["topics"].values()) == flight["messages"]
-        again.terminate()
-        again.wait(60)
+        try:
+            assert again.stdout is not None
+            url = again.stdout.readline().split()[-1]
+
+            def completed() -> dict[str, object] | None:
+                (flight,) = httpx.get(f"{url}/api/flights", timeout=60).json()["flights"]
+                return flight if flight["messages"] else None
+
+            flight = wait_until(completed)  # links open first, what a crash left behind comes after
+            assert (flight["state"], flight["system"]) == ("recovered", 5)
+            summary = httpx.get(f"{url}/api/flights/{flight['id']}", timeout=60).json()
+            assert sum(summary["topics"].values()) == flight["messages"]
+            again.terminate()
+            again.wait(60)
+        finally:
+            again.kill()
     assert again.returncode == 0
