@@ -63,13 +63,15 @@ class UdpLink(Link):
         self._wait_s = _SHORTEST_WAIT_S
         self._flowing = False
         self._retry = Backoff()
-        if url.kind is LinkKind.UDP_IN:
-            try:
-                self._open()
-            except OSError as error:
+        # At once, so that what is sent before the first reception is not lost.
+        try:
+            self._open()
+        except OSError as error:
+            if url.kind is LinkKind.UDP_IN:
                 raise LinkError(
                     f"{url.text}: cannot listen there ({error.strerror or error}); choose another port"
                 ) from error
+            self.problem = error.strerror or str(error)
 
     @property
     def port(self) -> int:

@@ -168,6 +168,7 @@ def judge(stream: Stream, cuts: Iterable[int], path: Path, dialect: Dialect) -> 
         reaches = before >= 0 and int(frames.offset[before] + frames.length[before]) > start
         assert reaches, (start, size)
         assert frames.kind[before] != UNKNOWN, (start, size)
+    path.unlink(missing_ok=True)  # of the stream before
     record(stream.data, cuts, path, dialect, frames)
     placed = list(map(tuple, stream.placed.tolist()))
     return Verdict(
