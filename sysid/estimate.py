@@ -26,7 +26,7 @@ from sysid.parameterisation import (
     free_states,
     sensor_error,
 )
-from sysid.records import LATERAL, LONGITUDINAL, SURFACES, Record
+from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
@@ -46,17 +46,20 @@ Progress = Callable[[float, str], None]
 class Motion:
     """Which part of the motion is simulated freely; the other part's states are taken from the measurement.
 
-    still: surfaces (of de, da, dr) that never moved; nothing they multiply can be told.
+    still: surfaces (of de, da, dr) that never moved; nothing they multiply can be told. ground: whether velocity over
+    ground counts, with the wind unknown: where a vane is missing it tells the flow's direction.
     """
 
     longitudinal: bool
     lateral: bool
     still: frozenset[str] = frozenset()
+    ground: bool = False
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Outputs that enter the likelihood."""
-        return (*(LONGITUDINAL if self.longitudinal else ()), *(LATERAL if self.lateral else ()))
+        own = (*(LONGITUDINAL if self.longitudinal else ()), *(LATERAL if self.lateral else ()))
+        return (*own, *GROUND) if self.ground else own
 
     def takes(self, name: str) -> bool:
         """Whether a coefficient belongs to this motion."""
@@ -88,7 +91,14 @@ def excited_motion(records: Sequence[Record]) -> Motion:
     travel = np.max([np.ptp(record.commands[:, :3], axis=0) for record in records], axis=0)
     lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
     still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
-    return Motion(bool(travel[0] > QUIET_SURFACE) or not lateral, lateral, still)
+    longitudinal = bool(travel[0] > QUIET_SURFACE) or not lateral
+    wanted = (*(("alpha",) if longitudinal else ()), *(("beta",) if lateral else ()))
+    ground = any(not _measured(record, wanted) and _measured(record, (*GROUND, "psi")) for record in records)
+    return Motion(longitudinal, lateral, still, ground)
+
+
+def _measured(record: Record, names: Sequence[str]) -> bool:
+    return all(np.isfinite(record.z[:, OUTPUTS.index(name)]).any() for name in names)
 
 
 def split_runs(

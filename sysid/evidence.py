@@ -32,7 +32,7 @@ class Weight:
 def log_likelihood_ratio(simple: OutputErrorResult, richer: OutputErrorResult, inflation: Array) -> float:
     """Twice the log likelihood of `richer` over `simple`, residuals counted as samples / inflation.
 
-    inflation: (12,) factor by which coloured residuals carry less than their number (OutputErrorResult.inflation).
+    inflation: (15,) factor by which coloured residuals carry less than their number (OutputErrorResult.inflation).
     """
     used = np.isfinite(simple.sigma) & np.isfinite(richer.sigma)
     count = simple.samples[used] / inflation[used]

@@ -41,13 +41,13 @@ def windows(record: Record) -> list[Record]:
 
 
 def free_run(record: Record, states: Array, model: Fixed, gusts: Array = STILL_AIR) -> Array:
-    """Outputs (N, 12) of a free run from nine initial states."""
+    """Outputs (N, 15) of a free run from nine initial states."""
     predictor = Predictor(model.flat, (), (record,), command_first=model.command_first)
     return predictor.outputs(0, model.flat, dict(model.errors), states, gusts)
 
 
 def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list[tuple[Record, Array]]:
-    """Measured minus free-running simulation, (N, 12), for every window of a record."""
+    """Measured minus free-running simulation, (N, 15), for every window of a record."""
     states = smoothed_states(record, layout, dict(model.errors))
     path = np.stack([states[name] for name in STATES], axis=1)
     result = []
@@ -85,7 +85,7 @@ def noise_floor(
 ) -> dict[str, float]:
     """Median gap of the model on data generated from itself with the estimated noise.
 
-    records: runs; starts: per run nine initial states. sigma: (12,) output noise; thrust_sigma: N; gust_sigma: m/s.
+    records: runs; starts: per run nine initial states. sigma: (15,) output noise; thrust_sigma: N; gust_sigma: m/s.
     """
     found: list[dict[str, float]] = []
     for _ in range(repeats):

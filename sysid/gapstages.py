@@ -77,7 +77,7 @@ def _thrust_noise_left(records: Sequence[Any]) -> float:
 
 
 def _output_noise(records: Sequence[Record]) -> Array:
-    """(12,) noise of the outputs from the measurement alone: a wrong model would hide in its own residuals."""
+    """(15,) noise of the outputs from the measurement alone: a wrong model would hide in its own residuals."""
     sigma = np.zeros(len(OUTPUTS))
     for j in range(len(OUTPUTS)):
         noise = [noise_sigma(r.z[:, j], r.interval_s) for r in records if np.isfinite(r.z[:, j]).all()]

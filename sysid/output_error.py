@@ -31,9 +31,9 @@ class OutputErrorResult:
     """Estimates and what they rest on.
 
     theta: (P + states,) estimates. covariance: the same squared, statistical, corrected for coloured residuals;
-    covariance_white: as if residuals were white (the Cramer-Rao bound). sigma: (12,) noise of each output, NaN where
-    unused. residuals: per record (N, 12), measured minus predicted, NaN where missing. cost: the concentrated
-    negative log likelihood, prior included. samples: (12,) measurements used per output. inflation: (12,) factor by
+    covariance_white: as if residuals were white (the Cramer-Rao bound). sigma: (15,) noise of each output, NaN where
+    unused. residuals: per record (N, 15), measured minus predicted, NaN where missing. cost: the concentrated
+    negative log likelihood, prior included. samples: (15,) measurements used per output. inflation: (15,) factor by
     which the residual spectrum at low frequency exceeds that of white noise of the same power. converged: whether the
     cost stopped falling.
     """
@@ -69,7 +69,7 @@ class OutputErrorResult:
 
 
 def angle_wrap(residual: Array) -> Array:
-    """Residuals (N, 12) with those of phi and psi brought to [-pi, pi]."""
+    """Residuals (N, 15) with those of phi and psi brought to [-pi, pi]."""
     for name in ("phi", "psi"):
         j = OUTPUTS.index(name)
         residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
@@ -80,7 +80,7 @@ class OutputError:
     """One estimation problem: a predictor, a start, and the outputs that count.
 
     guesses: per record the nine initial states to start from. used: names of OUTPUTS in the likelihood.
-    sigma: (12,) known noise to use instead of estimating it, or None.
+    sigma: (15,) known noise to use instead of estimating it, or None.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class OutputError:
         return total + 0.5 * float(np.sum(self.prior_weight * (theta[:p] - self.prior_mean) ** 2))
 
     def sensitivities(self, theta: Array, predicted: Sequence[Array]) -> list[Array]:
-        """Derivatives of every record's outputs, (N, 12, P + its own initial states)."""
+        """Derivatives of every record's outputs, (N, 15, P + its own initial states)."""
         jobs = [
             _POOL.submit(
                 self.predictor.derivatives, k, theta, self.predictor.initial_states(k, theta, self.guesses[k]), y

@@ -14,14 +14,15 @@ from sim_vehicle.parameters import FlatModel
 from sim_vehicle.plantstate import quaternion
 from sim_vehicle.simulation import simulate_variants
 from sysid.flight import Array
-from sysid.records import OUTPUTS, Record
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
 _STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
 
 STILL_AIR = np.zeros((0, 3))
 
-# Sensor errors: name -> (output it acts on, "bias" or "scale", unit, size a cheap sensor may plausibly have).
+# Sensor errors, and the wind that velocity over ground holds: name -> (output it acts on, "bias" or "scale", unit, size
+# a cheap sensor or a day fit to fly may plausibly have).
 SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
     "accel_bias_x": ("ax", "bias", "m/s^2", 0.5),
     "accel_bias_y": ("ay", "bias", "m/s^2", 0.5),
@@ -38,6 +39,9 @@ SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
     "phi_bias": ("phi", "bias", "rad", 0.02),
     "theta_scale": ("theta", "scale", "1", 0.05),
     "theta_bias": ("theta", "bias", "rad", 0.02),
+    "wind_north": ("vn", "bias", "m/s", 3.0),
+    "wind_east": ("ve", "bias", "m/s", 3.0),
+    "wind_down": ("vd", "bias", "m/s", 0.5),
 }
 
 
@@ -91,8 +95,8 @@ def _state_vector(states: Array) -> Array:
 
 
 def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
-    """Readings (N, 12) from ideal ones (N, 19): (1 + scale) true + bias."""
-    out = y[:, : len(OUTPUTS)].copy()
+    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias."""
+    out = y[:, OUTPUT_PLACES]
     for name, value in errors.items():
         output, form, _, _ = SENSOR_ERRORS[name]
         column = OUTPUTS.index(output)
@@ -101,7 +105,7 @@ def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
 
 
 def _sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
-    """Derivative of the outputs by one sensor error, written into `out` (N, 12)."""
+    """Derivative of the outputs by one sensor error, written into `out` (N, 15)."""
     output, form, _, _ = SENSOR_ERRORS[name]
     column = OUTPUTS.index(output)
     if form == "bias":
@@ -175,7 +179,7 @@ class Predictor:
     def outputs(
         self, index: int, flat: FlatModel, errors: dict[str, float], states: Array, gusts: Array = STILL_AIR
     ) -> Array:
-        """Predicted OUTPUTS (N, 12) of a record from nine initial states u v w p q r phi theta psi.
+        """Predicted OUTPUTS (N, 15) of a record from nine initial states u v w p q r phi theta psi.
 
         gusts: (M, 3) body-axis velocity of the air at every sample of the commands, m/s; (0, 3) for still air.
         """
@@ -198,9 +202,9 @@ class Predictor:
         )  # fmt: skip
 
     def derivatives(self, index: int, theta: Array, states: Array, predicted: Array) -> Array:
-        """Derivatives of a record's outputs by the parameters and its own free initial states, (P + states, N, 12).
+        """Derivatives of a record's outputs by the parameters and its own free initial states, (P + states, N, 15).
 
-        theta: unknowns; states: the record's nine initial states; predicted: (N, 12) outputs there. Sensor errors enter
+        theta: unknowns; states: the record's nine initial states; predicted: (N, 15) outputs there. Sensor errors enter
         in closed form, everything else by forward differences in one compiled call.
         """
         record, count = self.records[index], len(self.parameters)

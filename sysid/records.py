@@ -13,10 +13,13 @@ from sysid.flight import Array, FlightData
 from sysid.inputs import denoise_thrust
 from sysid.smoothing import fourier_smooth
 
-OUTPUTS = CHANNELS[:12]
+OUTPUTS = (*CHANNELS[:12], "vn", "ve", "vd")
+# Where they stand among what the simulation gives.
+OUTPUT_PLACES = np.array([CHANNELS.index(name) for name in OUTPUTS])
 ANGLES = ("phi", "theta", "psi")
 LONGITUDINAL = ("airspeed", "alpha", "q", "theta", "ax", "az")
 LATERAL = ("beta", "p", "r", "phi", "psi", "ay")
+GROUND = ("vn", "ve", "vd")
 SURFACES = ("de", "da", "dr")
 # Commands before a stretch that may still be under way in the actuators when it starts, s.
 PRE_ROLL_S = 0.6
@@ -32,7 +35,7 @@ class Record:
     """One stretch of one flight for a free-running simulation.
 
     commands: (M, 4) de, da, dr [rad] and throttle, held from each sample on, from `first` of the flight's samples on.
-    thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 12) measured OUTPUTS of the samples
+    thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 15) measured OUTPUTS of the samples
     `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s.
     held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
     measured ax, and so an accelerometer's bias too.

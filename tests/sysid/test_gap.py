@@ -49,7 +49,15 @@ def test_windows_are_five_seconds_and_half_a_one_counts(seconds: float, wanted: 
     n = round(seconds / 0.02)
     nothing = np.zeros((0, 9))
     record = Record(
-        "f", 0.02, 0.02 * np.arange(n), 0, np.zeros((n, 4)), np.zeros(n), np.ones(n), np.zeros((n, 12)), nothing
+        "f",
+        0.02,
+        0.02 * np.arange(n),
+        0,
+        np.zeros((n, 4)),
+        np.zeros(n),
+        np.ones(n),
+        np.zeros((n, len(OUTPUTS))),
+        nothing,
     )
     assert [part.length for part in windows(record)] == wanted
     # What was commanded more than 1.5 s before a window no longer matters to it.
@@ -108,7 +116,7 @@ def test_the_floor_is_what_the_truth_itself_leaves() -> None:
     records = [flown(mav.NOISE, seed) for seed in range(3)]
     states = np.zeros(9)
     states[[0, 2, 4, 7]] = mav.trim()[0]
-    sigma = np.array([mav.NOISE[name] for name in OUTPUTS])
+    sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
     floor = noise_floor(records[:1], [states], LAYOUT, fixed(), sigma, 0.0, 0.0, np.random.default_rng(1), repeats=5)
     real = gap(records, LAYOUT, fixed())
     for name in ("V", "alpha", "q", "theta", "ax", "az"):
@@ -119,7 +127,7 @@ def test_gusts_raise_the_floor() -> None:
     record = flown(mav.NOISE)
     states = np.zeros(9)
     states[[0, 2, 4, 7]] = mav.trim()[0]
-    sigma = np.array([mav.NOISE[name] for name in OUTPUTS])
+    sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
     calm, rough = (
         noise_floor([record], [states], LAYOUT, fixed(), sigma, 0.0, gust, np.random.default_rng(1), repeats=3)
         for gust in (0.0, 0.5)

@@ -183,7 +183,7 @@ def bias_alone(records: list[Record], entry: Parameter | None = None, sigma: flo
     """Estimate of the roll gyro's bias and of nothing else."""
     model = Model("mav", {name: Coefficient(value) for name, value in mav.COEFFICIENTS.items()})
     predictor = Predictor(flatten(vehicle(), model), [entry or sensor_error("gyro_bias_p")], records)
-    known = None if sigma is None else np.where(np.arange(12) == OUTPUTS.index("p"), sigma, np.nan)
+    known = None if sigma is None else np.where(np.arange(len(OUTPUTS)) == OUTPUTS.index("p"), sigma, np.nan)
     states = np.zeros(9)
     states[0] = 15.0
     return OutputError(predictor, [states] * len(records), ("p",), known).solve({})
@@ -248,7 +248,7 @@ def test_autocorrelation_of_an_ar1_series() -> None:
 
 
 def test_angles_are_compared_round_the_circle() -> None:
-    residual = np.zeros((2, 12))
+    residual = np.zeros((2, len(OUTPUTS)))
     residual[:, OUTPUTS.index("psi")] = 2.0 * np.pi - 0.01, -2.0 * np.pi + 0.02
     residual[:, OUTPUTS.index("theta")] = 3.5, -3.5
     wrapped = angle_wrap(residual)

@@ -59,8 +59,11 @@ def test_a_sensor_error_is_one_plus_scale_times_the_truth_plus_bias(name: str, r
 
 
 def test_sensor_errors_act_on_the_output_they_are_named_after() -> None:
+    over_ground = {"wind_north": "vn", "wind_east": "ve", "wind_down": "vd"}
     for name, (channel, form, unit, size) in SENSOR_ERRORS.items():
-        short = name.replace("accel_bias_", "a").replace("gyro_bias_", "").removesuffix("_bias").removesuffix("_scale")
+        short = over_ground.get(name) or name.replace("accel_bias_", "a").replace("gyro_bias_", "").removesuffix(
+            "_bias"
+        ).removesuffix("_scale")
         assert (channel, form) == (short, "scale" if name.endswith("_scale") else "bias")
         assert (unit == "1") == (form == "scale")
         assert size > 0.0
