@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock clean
+.PHONY: setup demo test check interop bench paper-tables campaign campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock clean
 
 setup: $(VENV)/.ready
 
@@ -43,6 +43,14 @@ bench: $(VENV)/.bench
 
 paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py
+
+# How near to the bound identification comes: 400 flights of each scenario take hours; what is there is kept. For less:
+# make campaign SEEDS=20 SCENARIOS=pulse,six-axis
+SEEDS ?= 400
+SCENARIOS ?= all
+
+campaign: setup
+	$(BIN)/python tests/campaign/identification.py --seeds $(SEEDS) --scenarios $(SCENARIOS)
 
 campaign-fuzz: setup
 	$(BIN)/python tests/campaign/fuzz.py

@@ -161,6 +161,7 @@ def identify(
     start_s: float | None = None,
     stop_s: float | None = None,
     sensors: Sequence[str] | None = None,
+    systematic: bool = True,
     progress: Progress = lambda share, text: None,
 ) -> Identification:
     """Identify a model.
@@ -169,6 +170,7 @@ def identify(
     coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: start values.
     method: "ee" equation error, "oe" output error; "auto" is "oe". start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
+    systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
     if method not in METHODS:
@@ -208,8 +210,9 @@ def identify(
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity)
-        progress(0.85, "systematic errors")
-        model = _with_systematic(model, systematic_errors(problem, start, names, free_effects, result))
+        if systematic:
+            progress(0.85, "systematic errors")
+            model = _with_systematic(model, systematic_errors(problem, start, names, free_effects, result))
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")

@@ -1,0 +1,180 @@
+"""How near to the Cramer-Rao bound identification comes, and whether its intervals hold. Run: make campaign
+
+Flies every scenario once per seed, identifies, and keeps one line per flight in
+campaign-output/identification/SCENARIO-FINGERPRINT.jsonl, so that a campaign that was stopped goes on where it was. The
+fingerprint is that of the estimator's and simulator's sources: other sources start other files. Ends with a table for
+each scenario: bias, RMS error over the bound, coverage of the 95 % intervals and share refused, per parameter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from scenarios import SCENARIOS, Scenario, bounds_of, fly_scenario, true_values
+from tables import render
+
+import sysid.identify as estimator
+from sysid.errors import SysidError
+
+ROOT = Path(__file__).resolve().parents[2]
+OUTPUT = ROOT / "campaign-output" / "identification"
+# Seeds that no test uses.
+FIRST_SEED = 10_000
+
+
+def trial(name: str, seed: int) -> dict[str, Any]:
+    """Fly and identify once: {"seed", "seconds", "failure", "estimates": name -> [value, std, low, high], ...}."""
+    scenario = SCENARIOS[name]
+    begin = time.monotonic()
+    signals, flown, vehicle = fly_scenario(scenario, seed)
+    line: dict[str, Any] = {"seed": seed, "failure": None, "estimates": {}, "refused": {}}
+    fitted: set[str] = set(scenario.sensors or ())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = estimator.identify(
+                [signals], vehicle, structure=scenario.asked(), sensors=scenario.sensors,
+                start_s=0.0 if name == "pulse" else None, systematic=False,
+            )  # fmt: skip
+    except SysidError as error:
+        line["failure"] = str(error)
+    else:
+        line["estimates"] = estimates_of(found, scenario)
+        line["refused"] = {refusal.name: refusal.reason for refusal in found.refused}
+        line["warnings"] = list(found.warnings)
+        if found.output_error is not None:
+            fitted = {parameter.name for parameter in found.output_error.parameters}
+    bounds = bounds_of(scenario, seed, flown, vehicle, fitted)
+    true = true_values(scenario, flown)
+    asked = {*line["estimates"], *bounds}
+    return {
+        **line,
+        "bounds": bounds,
+        "true": {key: value for key, value in true.items() if key in asked},
+        "seconds": round(time.monotonic() - begin, 2),
+    }
+
+
+def estimates_of(found: estimator.Identification, scenario: Scenario) -> dict[str, list[float]]:
+    """Value, standard error and 95 % interval of every number that the result tells."""
+    told: dict[str, list[float]] = {}
+    for name, entry in found.model.coefficients.items():
+        if entry.value is not None and entry.std is not None:
+            low, high = entry.extra.get("ci95", (entry.value - 1.96 * entry.std, entry.value + 1.96 * entry.std))
+            told[name] = [entry.value, entry.std, low, high]
+    for name, (value, std, *_) in found.sensor_errors.items():
+        if scenario.sensors is None or name in scenario.sensors:
+            told[name] = [value, std, value - 1.96 * std, value + 1.96 * std]
+    return told
+
+
+def fingerprint() -> str:
+    """Of the sources that make an estimate: the estimator's, the simulator's, and this campaign's flights."""
+    files = {
+        Path(module.__file__)
+        for key, module in sys.modules.items()
+        if key.split(".")[0] in ("sysid", "sim_vehicle", "scenarios", "flight_bounds", "gust_bounds")
+        and getattr(module, "__file__", None)
+    }
+    files |= set((ROOT / "sim_vehicle" / "vehicles").iterdir())
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def read_lines(path: Path) -> dict[int, dict[str, Any]]:
+    """Finished flights by seed; a last line that was cut off does not count."""
+    found = {}
+    if path.exists():
+        for text in path.read_text(encoding="utf-8").splitlines():
+            try:
+                line = json.loads(text)
+            except json.JSONDecodeError:
+                continue
+            found[int(line["seed"])] = line
+    return found
+
+
+def run(names: Sequence[str], seeds: Iterable[int], workers: int, mark: str) -> None:
+    """Fly what is missing, scenarios in turn for each seed, so that all grow alike."""
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    files = {name: OUTPUT / f"{name}-{mark}.jsonl" for name in names}
+    done = {name: read_lines(path) for name, path in files.items()}
+    jobs = [(name, seed) for seed in seeds for name in names if seed not in done[name]]
+    if not jobs:
+        return
+    for path in files.values():
+        _end_line(path)
+    begin = time.monotonic()
+    # One thread for each worker's linear algebra, since the workers share the cores; they load numpy afresh.
+    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        pending = {pool.submit(trial, *job): job for job in jobs}
+        try:
+            for count, future in enumerate(as_completed(pending), 1):
+                name, _ = pending[future]
+                with files[name].open("a", encoding="utf-8") as sink:
+                    sink.write(json.dumps(future.result()) + "\n")
+                _progress(count, len(jobs), time.monotonic() - begin)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _end_line(path: Path) -> None:
+    """A line that was cut off when a campaign was stopped must not swallow the next one."""
+    if path.exists() and (text := path.read_bytes()) and not text.endswith(b"\n"):
+        path.write_bytes(text + b"\n")
+
+
+def _progress(done: int, of: int, seconds: float) -> None:
+    left = seconds / done * (of - done)
+    text = f"{done} of {of} flights, {seconds / done:.1f} s each, {left / 60.0:.0f} min left"
+    if sys.stderr.isatty():
+        print(f"\r{text}   ", end="\n" if done == of else "", file=sys.stderr, flush=True)
+    elif done == of or done % 10 == 0:
+        print(text, file=sys.stderr, flush=True)
+
+
+def main() -> int:
+    """Fly, then print the tables of all flights of these sources."""
+    parser = argparse.ArgumentParser(description="Identification against the Cramer-Rao bound, over many flights.")
+    parser.add_argument("--seeds", type=int, default=400, help="flights of each scenario (default 400)")
+    parser.add_argument("--scenarios", default="all", help="names with commas between: " + ", ".join(SCENARIOS))
+    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--tables", action="store_true", help="fly nothing, print what is there")
+    given = parser.parse_args()
+    names = list(SCENARIOS) if given.scenarios in ("", "all") else given.scenarios.split(",")
+    unknown = [name for name in names if name not in SCENARIOS]
+    if unknown:
+        parser.error(f"no scenario {unknown[0]!r}; there are {', '.join(SCENARIOS)}")
+    if given.seeds < 1 or given.workers < 1:
+        parser.error("--seeds and --workers must be at least 1")
+    mark = fingerprint()
+    if not given.tables:
+        try:
+            run(names, range(FIRST_SEED, FIRST_SEED + given.seeds), given.workers, mark)
+        except KeyboardInterrupt:
+            print("stopped; the same command goes on from here", file=sys.stderr)
+            return 1
+    for name in names:
+        lines = list(read_lines(OUTPUT / f"{name}-{mark}.jsonl").values())
+        if lines:
+            print(render(SCENARIOS[name].title, lines, SCENARIOS[name].gust > 0.0), end="\n\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

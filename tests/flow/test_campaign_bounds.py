@@ -1,0 +1,180 @@
+"""The bounds and figures that the identification campaign judges by."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flight_bounds import (
+    GPS,
+    LATERAL_OUTPUTS,
+    LONGITUDINAL_OUTPUTS,
+    Experiment,
+    Slopes,
+    bounds,
+    calm_information,
+    slopes,
+    true_model,
+)
+from gust_bounds import gust_information, gust_model, linear_path
+
+from sim_vehicle.fly import fly
+from sim_vehicle.manoeuvres import manoeuvre
+from sim_vehicle.model import read_model
+from sim_vehicle.plan import Plan
+from sim_vehicle.plant import Plant
+from sim_vehicle.sensors import SensorSuite
+from sim_vehicle.wind import dryden_gusts, dryden_spectrum
+from sysid.structure import default_structure
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaign"))
+
+import paper_tables
+from tables import rows_of
+
+SIGMA, LENGTH = 0.3, 20.0
+
+
+def flight(seed, plan, vehicle, model):
+    generator = np.random.default_rng(seed)
+    plant = Plant(vehicle, model, max_step=0.0021)
+    return fly(plant, plan, suite=SensorSuite(vehicle, generator=generator), generator=generator)
+
+
+@pytest.fixture(scope="module")
+def short():
+    """A flight of 1 s with all surfaces moving."""
+    vehicle, model = paper_tables.paper_vehicle(True), read_model("iitb-mav")
+    segment = replace(manoeuvre("multisine"), duration=1.0, start=0.0, length=1.0, low=0.9, high=8.0)
+    flown = flight(3, Plan((segment,)), vehicle, model)
+    structure = default_structure(("de", "da", "dr"))
+    return Experiment(
+        flown, vehicle, true_model(model, structure), (*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS, *GPS), True
+    )
+
+
+def test_calm_bound_is_that_of_the_paper_tables():
+    vehicle, full = paper_tables.paper_vehicle(True), read_model("iitb-mav")
+    _, flown = paper_tables.fly_experiment(vehicle, full, 5, thrust_noise=True)
+    other = paper_tables.cramer_rao(flown, vehicle, full, thrust_noise=True)
+    model = true_model(full, paper_tables.COEFFICIENTS)
+    told = slopes(Experiment(flown, vehicle, model, LONGITUDINAL_OUTPUTS, False))
+    names = [*paper_tables.SENSORS, *paper_tables.COEFFICIENTS]
+    found = bounds(told.names, calm_information(told), names)
+    # Here the steps of gyros and accelerometers count as noise (1 %), and the size of the throttle's changes is unknown
+    # (1 %): the bound may be larger by both.
+    ratio = np.array([found[name] for name in names]) / other
+    assert ratio.min() > 0.995
+    assert ratio.max() < 1.025
+
+
+def test_gust_filters_have_drydens_spectrum():
+    gusts, dt, speed = gust_model(SIGMA, LENGTH, 15.0, 0.02), 0.02, 15.0
+    frequency = np.array([0.2, 1.0, 5.0, 20.0])
+    shaper = np.linalg.cholesky(gusts.Q)
+    for i, expected in enumerate(dryden_spectrum(frequency, SIGMA, LENGTH, speed).T):
+        shift = np.exp(1j * frequency[i] * dt) * np.eye(5) - gusts.F
+        answer = gusts.H @ np.linalg.solve(shift, shaper)
+        assert np.sum(np.abs(answer) ** 2, axis=1) * dt / np.pi == pytest.approx(expected, rel=0.03)
+
+
+def test_gust_bound_is_that_of_the_dense_covariance(short):
+    """The filter's information against S' (R + G G')^-1 S, G being whole simulations with one gust each."""
+    told, gusts = slopes(short), gust_model(SIGMA, LENGTH, short.vehicle.flight.airspeed, 0.02)
+    found = gust_information(told, linear_path(short), gusts)
+    count = short.flown.time_s.size
+    answers = gust_answers(short, count)
+    # Covariance of the gusts of all steps, calm before the first.
+    shaper, step = np.linalg.cholesky(gusts.Q), np.zeros((5, 5 * count))
+    rows = []
+    for k in range(count):
+        rows.append(gusts.H @ step)
+        step = gusts.F @ step
+        step[:, 5 * k : 5 * k + 5] += shaper
+    G = answers @ np.concatenate(rows)
+    used = np.isfinite(told.sigma).ravel()
+    covariance = (G @ G.T)[np.ix_(used, used)] + np.diag(told.sigma.ravel()[used] ** 2)
+    S = told.values.reshape(-1, len(told.names))[used]
+    dense = told.prior + S.T @ np.linalg.solve(covariance, S)
+    unknown = [*short.coefficients, "accel_bias_x", "gyro_bias_q", "alpha_scale"]
+    from_filter, from_dense = (bounds(told.names, one, unknown) for one in (found, dense))
+    calm = bounds(told.names, calm_information(told), unknown)
+    for name in unknown:
+        assert from_filter[name] == pytest.approx(from_dense[name], rel=0.02), name
+    assert np.median([from_filter[name] / calm[name] for name in unknown]) > 1.5
+
+
+def gust_answers(experiment, count):
+    """Outputs' answer to 1 m/s of gust in every single step, (N * outputs, 3 N), by flying the plant again."""
+    plant = Plant(experiment.vehicle, experiment.model, max_step=0.01)
+    columns = [paper_tables.OUTPUTS.index(n) if n not in GPS else 14 + GPS.index(n) for n in experiment.outputs]
+    still = np.zeros(3)
+
+    def fly_again(step, gust):
+        state = plant.trim().state
+        out = np.zeros((count, len(columns)))
+        for k in range(count):
+            out[k] = plant.read(state)[columns]
+            plant.step(state, experiment.flown.command[k], 0.02, still, gust if k == step else still)
+        return out.ravel()
+
+    answers = np.zeros((count * len(columns), 3 * count))
+    for k in range(count - 1):
+        for axis in range(3):
+            gust = 1e-3 * np.eye(3)[axis]
+            answers[:, 3 * k + axis] = (fly_again(k, gust) - fly_again(k, -gust)) / 2e-3
+    return answers
+
+
+def test_gusts_that_are_flown_have_the_spectrum_of_the_bound():
+    gusts = gust_model(SIGMA, LENGTH, 15.0, 0.02)
+    flown = dryden_gusts(400_000, 0.02, sigma=SIGMA, length=LENGTH, airspeed=15.0, generator=np.random.default_rng(1))
+    stationary = np.zeros((5, 5))
+    for _ in range(2000):
+        stationary = gusts.F @ stationary @ gusts.F.T + gusts.Q
+    for lag in (0, 10, 50):
+        expected = np.diag(gusts.H @ np.linalg.matrix_power(gusts.F, lag) @ stationary @ gusts.H.T)
+        seen = np.mean(flown[lag:] * flown[: flown.shape[0] - lag], axis=0)
+        # 400 000 samples are some 3000 times the correlation time: 3 sigma of a variance are 8 %.
+        assert seen == pytest.approx(expected, abs=0.08 * SIGMA**2)
+
+
+def test_an_unknown_error_costs_and_a_known_one_does_not(short):
+    told = slopes(short)
+    information = calm_information(told)
+    alone = bounds(told.names, information, short.coefficients)
+    with_error = bounds(told.names, information, [*short.coefficients, "alpha_scale", "accel_bias_z"])
+    assert all(with_error[name] >= (1.0 - 1e-6) * alone[name] for name in alone)
+    assert with_error["CL_0"] > 1.01 * alone["CL_0"]
+
+
+def test_information_of_samples_that_are_not_there_is_none():
+    values = np.arange(12.0).reshape(3, 2, 2)
+    sigma = np.full((3, 2), 0.5)
+    sigma[1] = np.inf
+    left = values[[0, 2]].reshape(-1, 2) / 0.5
+    told = Slopes(("a", "b"), values, sigma, np.eye(2))
+    assert calm_information(told) == pytest.approx(left.T @ left + np.eye(2))
+
+
+def test_figures_of_a_parameter():
+    def line(estimates, bound):
+        return {"estimates": estimates, "bounds": {"Cm_q": bound}, "true": {"Cm_q": -4.0}, "failure": None}
+
+    lines = [
+        line({"Cm_q": [-4.3, 0.1, -4.5, -4.1]}, 0.3),
+        line({"Cm_q": [-3.9, 0.1, -4.1, -3.7]}, 0.4),
+        line({}, 0.5),
+    ]
+    (row,) = rows_of(lines)
+    assert row.told == 2
+    assert row.refused == pytest.approx(1 / 3)
+    assert row.bias == pytest.approx(-0.1)
+    assert row.rms == pytest.approx(np.sqrt(0.05))
+    assert row.bound == pytest.approx(np.sqrt(0.5 / 3))
+    assert row.coverage == 0.5
+    assert row.identifiable
+    (vague,) = rows_of([line({"Cm_q": [-4.3, 0.1, -4.5, -4.1]}, 0.9)])
+    assert not vague.identifiable

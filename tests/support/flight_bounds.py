@@ -1,0 +1,225 @@
+"""Cramer-Rao bound of a simulated flight: what its sensors tell at most, from its noise-free truth.
+
+Nothing of the estimators is used: the flight is simulated again at the truth by the bundled simulator, and the outputs'
+derivatives are central differences of whole simulations. In calm air the errors of the outputs are the sensors' own
+(Maine & Iliff, NASA RP-1168, section 3.3); with gusts see `gust_bounds`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.flown import FlownFlight
+from sim_vehicle.layout import CHANNELS
+from sim_vehicle.model import Coefficient, Model
+from sim_vehicle.parameters import flatten
+from sim_vehicle.plantstate import quaternion
+from sim_vehicle.sensors import RATES_HZ, TABLE_II
+from sim_vehicle.simulation import simulate
+from sim_vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
+LONGITUDINAL_STATES = ("u", "w", "q", "theta")
+LONGITUDINAL_OUTPUTS = ("airspeed", "alpha", "q", "theta", "ax", "az")
+LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "psi", "ay")
+GPS = ("vn", "ve", "vd")
+# Sensor errors by the names of an identification's result: output, and whether a scale factor or a bias.
+ERRORS = {
+    **{f"accel_bias_{axis}": (f"a{axis}", False) for axis in "xyz"},
+    **{f"gyro_bias_{rate}": (rate, False) for rate in "pqr"},
+    **{f"{name}_scale": (name, True) for name in ("airspeed", "alpha", "beta", "theta")},
+    **{f"{name}_bias": (name, False) for name in ("airspeed", "alpha", "beta", "phi", "theta")},
+    **dict(zip(("wind_north", "wind_east", "wind_down"), ((name, False) for name in GPS), strict=True)),
+}
+_STEP = 1e-5  # of coefficients and states, relative where they exceed 1
+_THRUST_STEP = 1e-4  # N
+_SUB_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A flight flown, and what is to be told from it.
+
+    model: the true values of every coefficient of the structure, 0 where the aircraft has none, and its effects.
+    outputs: names of those that are measured and used. lateral: whether lateral motion is free; else it is known.
+    """
+
+    flown: FlownFlight
+    vehicle: Vehicle
+    model: Model
+    outputs: tuple[str, ...]
+    lateral: bool
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The motion's free states."""
+        return STATES if self.lateral else LONGITUDINAL_STATES
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """The coefficients that act on the free motion."""
+        return tuple(n for n in self.model.coefficients if self.lateral or n.split("_")[0] in ("CL", "CD", "Cm"))
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The errors that the outputs can have."""
+        return tuple(name for name, (output, _) in ERRORS.items() if output in self.outputs)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of the outputs at the truth.
+
+    names: P unknowns. values: (N, outputs, P). sigma: (N, outputs) noise, infinite where an output has no sample.
+    prior: (P, P) information from other measurements.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    sigma: Array
+    prior: Array
+
+
+def true_model(flown: Model, structure: Sequence[str]) -> Model:
+    """`flown` with a coefficient of 0 for each name of the structure that it lacks."""
+    entries = {name: flown.coefficients.get(name, Coefficient(0.0)) for name in structure}
+    return Model(flown.name, entries, flown.effects)
+
+
+def output_noise(name: str) -> float:
+    """Standard deviation of one sample: noise, and the rounding to a step."""
+    error = TABLE_II[name]
+    return math.hypot(error.noise, error.quantum / math.sqrt(12.0))
+
+
+def true_states(flown: FlownFlight) -> Array:
+    """The nine STATES over ground at every sample, (N, 9)."""
+    truth = flown.truth
+    speed, alpha, beta = truth["V"], truth["alpha"], truth["beta"]
+    air = np.stack(
+        [speed * np.cos(beta) * np.cos(alpha), speed * np.sin(beta), speed * np.cos(beta) * np.sin(alpha)], axis=1
+    )
+    # Without steady wind the air moves with the gusts alone.
+    ground = air + flown.gust_body
+    return np.hstack([ground, np.stack([truth[name] for name in STATES[3:]], axis=1)])
+
+
+def slopes(experiment: Experiment) -> Slopes:
+    """Derivatives by coefficients, sensor errors, initial states and what is not known of the thrust."""
+    flat = flatten(experiment.vehicle, experiment.model)
+    flown = experiment.flown
+    path, thrust = true_states(flown), flown.truth["thrust"]
+    columns = [CHANNELS.index(name) for name in experiment.outputs]
+    free = [STATES.index(name) for name in experiment.states]
+    held = np.zeros((0, 9))
+    if not experiment.lateral:
+        held = path.copy()
+        held[:, free] = np.nan
+
+    def fly(C: Array, states: Array, force: Array) -> Array:
+        x0 = np.zeros(14)
+        x0[3:6], x0[10:13], x0[13] = states[:3], states[3:6], np.nan
+        x0[6:10] = quaternion(*(float(angle) for angle in states[6:]))
+        count = path.shape[0]
+        y = np.empty((count, len(CHANNELS)))
+        dt = float(flown.time_s[1] - flown.time_s[0])
+        # What the flight calls the gust of a sample is that of the step which ends there.
+        gusts = np.vstack([flown.gust_body[1:], flown.gust_body[-1:]])
+        simulate(x0, 0, 0, count, np.ascontiguousarray(flown.command), force, flown.truth["rho"], dt, _SUB_STEPS,
+                 False, held, gusts, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
+        return y[:, columns]
+
+    found: dict[str, Array] = {}
+    for name in experiment.coefficients:
+        place = flat.names.index(name)
+        step = _STEP * max(1.0, abs(flat.C[place]))
+        moved = [flat.C.copy(), flat.C.copy()]
+        moved[0][place] += step
+        moved[1][place] -= step
+        found[name] = (fly(moved[0], path[0], thrust) - fly(moved[1], path[0], thrust)) / (2.0 * step)
+    for name, place in zip(experiment.states, free, strict=True):
+        unit = np.eye(9)[place] * _STEP
+        found[f"start {name}"] = (fly(flat.C, path[0] + unit, thrust) - fly(flat.C, path[0] - unit, thrust)) / (
+            2.0 * _STEP
+        )
+    true = fly(flat.C, path[0], thrust)
+    for name in experiment.errors:
+        output, is_scale = ERRORS[name]
+        column = experiment.outputs.index(output)
+        found[name] = np.zeros_like(true)
+        found[name][:, column] = true[:, column] if is_scale else 1.0
+    shapes = _thrust_shapes(thrust)
+    for name, shape in shapes.items():
+        force = _THRUST_STEP * shape
+        found[name] = (fly(flat.C, path[0], thrust + force) - fly(flat.C, path[0], thrust - force)) / (
+            2.0 * _THRUST_STEP
+        )
+    names = tuple(found)
+    values = np.stack(list(found.values()), axis=2)
+    return Slopes(names, values, _sigma(experiment), _thrust_information(names, shapes, experiment.vehicle))
+
+
+def calm_information(told: Slopes) -> Array:
+    """Fisher information of the unknowns (P, P) in calm air."""
+    rows = told.values / told.sigma[:, :, None]
+    information = told.prior + np.einsum("kjp,kjq->pq", rows, rows)
+    return np.asarray(information, dtype=np.float64)
+
+
+def bounds(names: Sequence[str], information: Array, unknown: Sequence[str]) -> dict[str, float]:
+    """Smallest standard deviation of every name of `unknown`, the starts and the thrust being unknown too.
+
+    A sensor error that is not among `unknown` counts as known; see `bound_of` for what it would have cost.
+    """
+    kept = [i for i, name in enumerate(names) if name in unknown or name.startswith(("start ", "thrust "))]
+    part = information[np.ix_(kept, kept)]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+    values, vectors = np.linalg.eigh(part * np.outer(scale, scale))
+    variance = np.sum(vectors**2 / np.maximum(values, 1e-15), axis=1) * scale**2
+    return {names[i]: float(np.sqrt(v)) for i, v in zip(kept, variance, strict=True) if names[i] in unknown}
+
+
+def bound_of(names: Sequence[str], information: Array, unknown: Sequence[str], name: str) -> float:
+    """The bound of `name` where it is unknown beside all of `unknown`."""
+    return bounds(names, information, [*unknown, name])[name]
+
+
+def _thrust_shapes(thrust: Array) -> dict[str, Array]:
+    """What the samples of the thrust sensor leave open, N: its mean, and the size of its changes."""
+    mean = float(thrust.mean())
+    shapes = {"thrust offset": np.ones(thrust.size)}
+    if np.ptp(thrust) > 1e-6:
+        shapes["thrust gain"] = (thrust - mean) / float(np.std(thrust))
+    return shapes
+
+
+def _thrust_information(names: Sequence[str], shapes: dict[str, Array], vehicle: Vehicle) -> Array:
+    """Information of the thrust sensor's samples: thrust is its reading plus the moving mass times measured ax."""
+    moving = vehicle.propulsion.moving_mass if vehicle.propulsion is not None else 0.0
+    spread = math.hypot(TABLE_II["thrust"].noise, moving * output_noise("ax"))
+    length = next(iter(shapes.values())).size
+    rows = np.zeros((length, len(names)))
+    for name, shape in shapes.items():
+        rows[:, names.index(name)] = shape
+    if "accel_bias_x" in names:
+        rows[:, names.index("accel_bias_x")] = moving
+    rows /= spread
+    return np.asarray(rows.T @ rows, dtype=np.float64)
+
+
+def _sigma(experiment: Experiment) -> Array:
+    time_s = experiment.flown.time_s
+    sigma = np.empty((time_s.size, len(experiment.outputs)))
+    for j, name in enumerate(experiment.outputs):
+        sigma[:, j] = output_noise(name)
+        if name in GPS:
+            tick = np.floor(time_s * RATES_HZ["gps"] + 1e-6)
+            sigma[1:, j] = np.where(np.diff(tick) > 0, sigma[1:, j], np.inf)
+    return sigma
