@@ -43,3 +43,8 @@ if "NUMBA_CACHE_DIR" not in os.environ:
 def jit(function: Function) -> Function:
     """Compile a numerical function on first call and keep the machine code on disk."""
     return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+
+
+def jit_fused(function: Function) -> Function:
+    """As `jit`, but a product and a sum may be rounded once instead of twice, as fused machine instructions do."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})(function))

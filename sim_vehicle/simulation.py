@@ -22,7 +22,7 @@ _LOSS = slot("thrust_speed_loss")
 
 
 @jit
-def _effects_flown(E: Array, thrust: float) -> Array:
+def effects_flown(E: Array, thrust: float) -> Array:
     """The effect vector less what measured thrust already holds: its own loss with speed."""
     if E[_LOSS] == 0.0 or np.isnan(thrust):
         return E
@@ -115,7 +115,7 @@ def simulate(
     W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
-    E = _effects_flown(E, thrust[first])
+    E = effects_flown(E, thrust[first])
     start_actuators(commands[first], actuators)
     step = dt / sub_steps
     surfaces_at_rest(commands[first], E, end)
@@ -173,7 +173,7 @@ def evaluate_path(
     """
     actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
     W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
-    E = _effects_flown(E, thrust[0])
+    E = effects_flown(E, thrust[0])
     start_actuators(commands[0], actuators)
     surfaces_at_rest(commands[0], E, end)
     x[6] = 1.0

@@ -15,6 +15,7 @@ from sim_vehicle.plantstate import quaternion
 from sim_vehicle.simulation import simulate_variants
 from sysid.flight import Array
 from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
+from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
 _STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
@@ -105,14 +106,14 @@ def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
 
 
 def _sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
-    """Derivative of the outputs by one sensor error, written into `out` (N, 15)."""
+    """Derivative of the outputs by one sensor error, added to `out` (N, outputs)."""
     output, form, _, _ = SENSOR_ERRORS[name]
     column = OUTPUTS.index(output)
     if form == "bias":
-        out[:, column] = 1.0
+        out[:, column] += 1.0
         return
     bias, scale = errors.get(f"{output}_bias", 0.0), errors.get(f"{output}_scale", 0.0)
-    out[:, column] = (predicted[:, column] - bias) / (1.0 + scale)
+    out[:, column] += (predicted[:, column] - bias) / (1.0 + scale)
 
 
 def free_states(record: Record) -> list[int]:
@@ -202,43 +203,90 @@ class Predictor:
         )  # fmt: skip
 
     def derivatives(self, index: int, theta: Array, states: Array, predicted: Array) -> Array:
-        """Derivatives of a record's outputs by the parameters and its own free initial states, (P + states, N, 15).
+        """Derivatives of a record's outputs by the parameters and its own free initial states.
 
-        theta: unknowns; states: the record's nine initial states; predicted: (N, 15) outputs there. Sensor errors enter
-        in closed form, everything else by forward differences in one compiled call.
+        Returns (P + states, N, outputs), in memory by sample, output, unknown.
+        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors enter in
+        closed form, parameters of effects by forward differences, all else by tangents of the simulation. Where lift
+        lags there are differences alone.
         """
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
-        result = np.zeros((count + len(self.free_states[index]), record.length, len(OUTPUTS)))
-        base, base_shift = _state_vector(states), self._thrust_shift(record, errors)
-        # Per variant: where its derivative goes, the step, state, effects, coefficients, thrust.
-        variants: list[tuple[int, float, Array, Array, Array, float]] = []
+        unknowns = count + len(self.free_states[index])
+        by_sample = np.zeros((record.length, len(OUTPUTS), unknowns))
+        result = np.moveaxis(by_sample, 2, 0)
+        simulated = [
+            i
+            for i in range(unknowns)
+            if i >= count
+            or self.parameters[i].kind != "sensor"
+            or (self.parameters[i].name == "accel_bias_x" and record.moving_mass > 0.0)
+        ]
+        if has_tangents(flat):
+            differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
+            self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
+        else:
+            differences = simulated
+        self._differences(index, theta, states, predicted, differences, result)
         for i, parameter in enumerate(self.parameters):
             if parameter.kind == "sensor":
                 _sensor_derivative(parameter.name, predicted, errors, result[i])
-                if parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
-                    # The thrust that the bias feigns, beside the bias itself.
-                    step = 1e-4 / record.moving_mass
-                    variants.append((i, step, base, flat.E, flat.C, base_shift - 1e-4))
-                continue
-            step = parameter.step * max(1.0, abs(theta[i]))
-            step = -step if theta[i] + step > parameter.high else step
-            shifted = theta.copy()
-            shifted[i] += step
-            moved, _ = self.apply(shifted)
-            variants.append((i, step, base, moved.E, moved.C, base_shift))
-        for j, (state, step) in enumerate(zip(self.free_states[index], self.state_steps(index), strict=True)):
-            moved_states = states.copy()
-            moved_states[state] += step
-            variants.append((count + j, float(step), _state_vector(moved_states), flat.E, flat.C, base_shift))
-        if not variants:
-            return result
-        places, steps, x0, E, C, shift = zip(*variants, strict=True)
+        return result
+
+    def _tangents(
+        self, index: int, flat: FlatModel, errors: Mapping[str, float], states: Array, places: Sequence[int], out: Array
+    ) -> None:
+        """Exact derivatives by the unknowns at `places`, into `out` (N, outputs, P + states); initial states last."""
+        record, count = self.records[index], len(self.parameters)
+        lanes = []
+        for i in places:
+            if i >= count:
+                lanes.append(Lane(i))
+            elif self.parameters[i].kind == "sensor":
+                lanes.append(Lane(i, thrust=-record.moving_mass))
+            else:
+                lanes.append(Lane(i, term=self._place[self.parameters[i].name]))
+        inputs = Inputs(
+            record.start, record.start + record.length, record.commands,
+            record.thrust + self._thrust_shift(record, errors), record.rho, record.interval_s, self.sub_steps,
+            self.command_first, record.held,
+        )  # fmt: skip
+        gains = [1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS]
+        tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)
+
+    def _differences(
+        self, index: int, theta: Array, states: Array, predicted: Array, places: Sequence[int], result: Array
+    ) -> None:
+        """Forward differences by the unknowns at `places`, added to `result`, in one compiled call."""
+        if not places:
+            return
+        record, count = self.records[index], len(self.parameters)
+        flat, errors = self.apply(theta)
+        base, base_shift = _state_vector(states), self._thrust_shift(record, errors)
+        # Per variant: the step, state, effects, coefficients, thrust.
+        variants: list[tuple[float, Array, Array, Array, float]] = []
+        for i in places:
+            if i >= count:
+                state = self.free_states[index][i - count]
+                step = float(_STATE_STEP[state])
+                moved_states = states.copy()
+                moved_states[state] += step
+                variants.append((step, _state_vector(moved_states), flat.E, flat.C, base_shift))
+            elif self.parameters[i].kind == "sensor":
+                # The thrust that a bias feigns, beside the bias itself.
+                variants.append((1e-4 / record.moving_mass, base, flat.E, flat.C, base_shift - 1e-4))
+            else:
+                step = self.parameters[i].step * max(1.0, abs(theta[i]))
+                step = -step if theta[i] + step > self.parameters[i].high else step
+                shifted = theta.copy()
+                shifted[i] += step
+                moved, _ = self.apply(shifted)
+                variants.append((step, base, moved.E, moved.C, base_shift))
+        steps, x0, E, C, shift = zip(*variants, strict=True)
         y = np.empty((len(variants), record.length, len(CHANNELS)))
         self._simulate(record, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
         for i, step, outputs in zip(places, steps, y, strict=True):
             result[i] += (with_errors(outputs, errors) - predicted) / step
-        return result
 
     def state_steps(self, index: int) -> Array:
         """Steps for difference quotients of the free initial states."""
