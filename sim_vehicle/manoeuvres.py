@@ -31,8 +31,8 @@ class Segment:
     duration: s, trimmed flight and free response included. start: s after which it is excited.
     amplitude: peak, rad at the surface; throttle 0 to 1; for `deceleration` the loss of speed, m/s.
     width: s, the unit pulse. length: s, the excitation (the base period of a multisine). low, high: Hz.
-    axes: controls that are excited. harmonics, phases, amplitudes: per axis, instead of the defaults of a
-    multisine.
+    axes: controls that are excited. harmonics, phases, weights, amplitudes: per axis, instead of the defaults of a
+    multisine; weights are the relative amplitudes of its harmonics.
     """
 
     manoeuvre: str
@@ -46,6 +46,7 @@ class Segment:
     axes: tuple[str, ...] = ()
     harmonics: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     phases: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    weights: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     amplitudes: Mapping[str, float] = field(default_factory=dict)
 
     def increments(self, time: Array) -> Array:
@@ -106,12 +107,13 @@ def _within(segment: Segment, time: Array) -> NDArray[np.bool_]:
 
 def _multisine(segment: Segment, axis: str, time: Array) -> Array:
     harmonics = segment.harmonic_set(axis)
-    phases = segment.phases.get(axis) or optimised_phases(harmonics)
+    weights = segment.weights.get(axis, ())
+    phases = segment.phases.get(axis) or optimised_phases(harmonics, weights)
     period = np.linspace(0.0, segment.length, 64 * max(harmonics), endpoint=False)
-    whole = synthesise(harmonics, phases, period, segment.length)
+    whole = synthesise(harmonics, phases, period, segment.length, weights or None)
     peak = segment.amplitudes.get(axis, segment.amplitude)
     scale = peak / (0.5 * (whole.max() - whole.min()))
-    values = scale * synthesise(harmonics, phases, time, segment.length)
+    values = scale * synthesise(harmonics, phases, time, segment.length, weights or None)
     return np.asarray(np.where(_within(segment, time), values, 0.0))
 
 
@@ -237,8 +239,11 @@ def _check_harmonics(segment: Segment) -> None:
         if seen & set(numbers):
             raise PlanError(f"{name}: harmonic {min(seen & set(numbers))} serves two axes; inputs must be orthogonal")
         seen |= set(numbers)
-        if axis in segment.phases and len(segment.phases[axis]) != len(numbers):
-            raise PlanError(f"{name}: {axis} has {len(numbers)} harmonics and {len(segment.phases[axis])} phases")
+        for what, rows in (("phases", segment.phases), ("weights", segment.weights)):
+            if axis in rows and len(rows[axis]) != len(numbers):
+                raise PlanError(f"{name}: {axis} has {len(numbers)} harmonics and {len(rows[axis])} {what}")
+        if min(segment.weights.get(axis, (1.0,))) <= 0.0:
+            raise PlanError(f"{name}: {axis} has a weight of 0 or less; leave that harmonic out")
 
 
 def peak_factors(segment: Segment) -> dict[str, float]:

@@ -33,55 +33,70 @@ def harmonic_sets(low: float, high: float, period: float, axes: int) -> list[tup
     return [tuple(range(first + axis, last + 1, axes)) for axis in range(axes)]
 
 
-def synthesise(harmonics: Sequence[int], phases: Sequence[float], time: Array, period: float) -> Array:
-    """sum of sin(2 pi k t / period + phi_k), (N,), at `time`, s."""
+def synthesise(
+    harmonics: Sequence[int],
+    phases: Sequence[float],
+    time: Array,
+    period: float,
+    weights: Sequence[float] | None = None,
+) -> Array:
+    """sum of w_k sin(2 pi k t / period + phi_k), (N,), at `time`, s; w_k = 1 where no weights are given."""
     angle = 2.0 * np.pi / period * np.outer(time, np.asarray(harmonics, dtype=np.float64))
-    return np.asarray(np.sin(angle + np.asarray(phases, dtype=np.float64)).sum(axis=1))
+    waves = np.sin(angle + np.asarray(phases, dtype=np.float64))
+    return np.asarray(waves.sum(axis=1) if weights is None else waves @ np.asarray(weights, dtype=np.float64))
 
 
 @lru_cache(maxsize=64)
-def optimised_phases(harmonics: tuple[int, ...]) -> tuple[float, ...]:
-    """Phases (rad) of equal-amplitude `harmonics` with a small relative peak factor, starting at a rising
-    zero.
+def optimised_phases(harmonics: tuple[int, ...], weights: tuple[float, ...] = ()) -> tuple[float, ...]:
+    """Phases (rad) of `harmonics` with a small relative peak factor, starting at a rising zero.
 
-    Deterministic. For ten harmonics or more the factor is below about 1.2.
+    weights: their relative amplitudes, all above 0; equal ones where none are given. Deterministic. For ten
+    harmonics or more of equal amplitude the factor is below about 1.2.
     """
     numbers = np.asarray(harmonics)
+    sizes = np.asarray(weights, dtype=np.float64) if weights else np.ones(numbers.size)
     count = numbers.size
     samples = 1 << int(np.ceil(np.log2(16 * numbers.max())))
     generator = np.random.default_rng(count)
-    index = np.arange(1, count + 1)
+    first = _schroeder(sizes)
     best: tuple[float, Array] = (np.inf, np.zeros(count))
     for start in range(_STARTS):
-        phases = -np.pi * index * (index - 1) / count
+        phases = first
         if start:
             phases = phases + generator.uniform(-1.0, 1.0, count) * start
         for level in _CLIP_LEVELS:
             for _ in range(_ITERATIONS):
-                signal, factor = _evaluate(numbers, phases, samples)
+                signal, factor = _evaluate(numbers, phases, samples, sizes)
                 if factor < best[0]:
                     best = (factor, phases)
                 middle, half = (signal.max() + signal.min()) / 2.0, (signal.max() - signal.min()) / 2.0
                 clipped = np.clip(signal, middle - level * half, middle + level * half)
                 phases = np.angle(np.fft.rfft(clipped)[numbers]) + np.pi / 2.0
-    return tuple(float(phase) for phase in _start_at_zero(numbers, best[1], samples))
+    return tuple(float(phase) for phase in _start_at_zero(numbers, best[1], samples, sizes))
 
 
-def _evaluate(numbers: NDArray[np.int64], phases: Array, samples: int) -> tuple[Array, float]:
+def _schroeder(sizes: Array) -> Array:
+    """Schroeder's phases: the signal dwells at each harmonic for as long as its share of the power."""
+    share = sizes**2 / np.sum(sizes**2)
+    before = np.concatenate(([0.0], np.cumsum(share)[:-1]))
+    return np.asarray(-2.0 * np.pi * np.concatenate(([0.0], np.cumsum(before[1:]))))
+
+
+def _evaluate(numbers: NDArray[np.int64], phases: Array, samples: int, sizes: Array) -> tuple[Array, float]:
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
-    spectrum[numbers] = 0.5 * samples * np.exp(1j * (phases - np.pi / 2.0))
+    spectrum[numbers] = 0.5 * samples * sizes * np.exp(1j * (phases - np.pi / 2.0))
     signal = np.fft.irfft(spectrum, samples)
     return signal, relative_peak_factor(signal)
 
 
-def _start_at_zero(numbers: NDArray[np.int64], phases: Array, samples: int) -> Array:
+def _start_at_zero(numbers: NDArray[np.int64], phases: Array, samples: int, sizes: Array) -> Array:
     """Shift the period so that it begins where the signal rises through zero (no step at start and end)."""
-    signal, _ = _evaluate(numbers, phases, samples)
+    signal, _ = _evaluate(numbers, phases, samples, sizes)
     crossing = int(np.argmax((signal <= 0.0) & (np.roll(signal, -1) > 0.0)))
     rise = signal[(crossing + 1) % samples] - signal[crossing]
     offset = (crossing - signal[crossing] / rise) / samples
     # One linear step lands within the sample; a few Newton steps make the start exact.
     for _ in range(4):
         angle = 2.0 * np.pi * numbers * offset + phases
-        offset -= np.sin(angle).sum() / (2.0 * np.pi * numbers * np.cos(angle)).sum()
+        offset -= (sizes @ np.sin(angle)) / (2.0 * np.pi * (sizes * numbers) @ np.cos(angle))
     return np.asarray(np.mod(phases + 2.0 * np.pi * numbers * offset, 2.0 * np.pi))

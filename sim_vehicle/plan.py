@@ -3,8 +3,8 @@
     {"schema": "plan/1", "segments": [{"manoeuvre": "elevator-pulse", "duration": 10.0, "amplitude": 0.0349},
     ...]}
 
-What a segment does not say is the manoeuvre's default. Seconds, rad, Hz; `harmonics`, `phases` and
-`amplitudes` are objects by axis.
+What a segment does not say is the manoeuvre's default. Seconds, rad, Hz; `harmonics`, `phases`, `weights` and
+`amplitudes` are objects by axis. Other keys beside `segments`, such as a design's predictions, are left alone.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from sim_vehicle.errors import PlanError
 from sim_vehicle.manoeuvres import CONTROLS, MANOEUVRES, SEGMENT_KEYS, SETTINGS, Segment, check, manoeuvre
 
 SCHEMA = "plan/1"
+BY_HARMONIC = ("harmonics", "phases", "weights")  # of a multisine, by axis
 RECOVERY_S = 5.0  # the autopilot's time to bring the aircraft back to trim between two manoeuvres
 
 
@@ -122,7 +123,7 @@ def _segment(entry: Any, where: str) -> Segment:
         if not isinstance(axes, list) or any(axis not in CONTROLS for axis in axes) or len(set(axes)) < len(axes):
             raise PlanError(f"{where}: axes must be a list of {', '.join(CONTROLS)}, each once")
         values["axes"] = tuple(axes)
-    for key in ("harmonics", "phases"):
+    for key in BY_HARMONIC:
         by_axis = _by_axis(entry.get(key, {}), where, key)
         values[key] = {axis: tuple(_number(item, where, key) for item in row) for axis, row in by_axis.items()}
     if any(number != int(number) for row in values["harmonics"].values() for number in row):
@@ -160,7 +161,7 @@ def _segment_to_json(segment: Segment) -> dict[str, Any]:
             entry[key] = getattr(segment, key)
     if segment.axes != default.axes:
         entry["axes"] = list(segment.axes)
-    for key in ("harmonics", "phases"):
+    for key in BY_HARMONIC:
         if getattr(segment, key):
             entry[key] = {axis: list(row) for axis, row in getattr(segment, key).items()}
     if segment.amplitudes:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -205,7 +206,17 @@ def likelier_timing(
     return (other, found) if found.cost < result.cost - TIMING_MARGIN else (problem, result)
 
 
-def refusals(result: OutputErrorResult, names: Sequence[str]) -> list[Refusal]:
+class Estimates(Protocol):
+    """Values and standard errors by name: of an estimate, or predicted."""
+
+    def value(self, name: str) -> float:
+        """Value of a parameter."""
+
+    def std(self, name: str) -> float:
+        """Standard error of a parameter."""
+
+
+def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
     """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
     refused = []
     for name in names:

@@ -234,7 +234,7 @@ class OutputError:
         sigma = self.sigma(residuals)
         S = self.sensitivities(theta, predicted)
         M, _ = self.normal_equations(theta, residuals, S, sigma)
-        white = _inverse(M)
+        white = inverse(M)
         coloured, inflation = self._coloured(residuals, S, sigma, white)
         samples = np.zeros(len(OUTPUTS))
         for residual in residuals:
@@ -297,7 +297,7 @@ def _damped_step(M: Array, g: Array, damping: float) -> Array:
     return step
 
 
-def _inverse(M: Array) -> Array:
+def inverse(M: Array) -> Array:
     """Inverse of the information matrix, scaled; directions without information get a huge variance."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30))
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
