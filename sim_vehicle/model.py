@@ -57,13 +57,29 @@ class ModelEffect:
 
 
 @dataclass(frozen=True)
+class Correlation:
+    """How the errors of estimates depend on each other. names: P coefficients or `effect.parameter`; matrix: P rows."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        return {"names": list(self.names), "matrix": [list(row) for row in self.matrix]}
+
+
+@dataclass(frozen=True)
 class Model:
-    """A flight model. `validity` maps a variable to the (low, high) range in which it was identified."""
+    """A flight model.
+
+    validity: variable -> (low, high) range in which it was identified. correlation: of the estimates' errors; None
+    where the model is no estimate, or comes from a file without it.
+    """
 
     name: str
     coefficients: Mapping[str, Coefficient]
     effects: tuple[ModelEffect, ...] = ()
     validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    correlation: Correlation | None = None
 
     def values(self) -> dict[str, float]:
         """Coefficient values; a coefficient without one is left out."""
@@ -99,6 +115,7 @@ class Model:
 
     def to_json(self) -> dict[str, Any]:
         """The model file as JSON values."""
+        correlation = {} if self.correlation is None else {"correlation": self.correlation.to_json()}
         return {
             "schema": SCHEMA,
             "name": self.name,
@@ -111,6 +128,7 @@ class Model:
                 for effect in self.effects
             ],
             "validity": {name: list(limits) for name, limits in self.validity.items()},
+            **correlation,
         }
 
     def write(self, path: str | Path) -> None:
@@ -175,7 +193,7 @@ def model_from_json(data: Any, where: str = "model") -> Model:
     """Check and convert the JSON of a model file. Raises ModelFileError naming the key that is wrong."""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise ModelFileError(f'{where}: not a model file (its "schema" must be "{SCHEMA}")')
-    unknown = set(data) - {"schema", "name", "coefficients", "effects", "validity"}
+    unknown = set(data) - {"schema", "name", "coefficients", "effects", "validity", "correlation"}
     if unknown:
         raise ModelFileError(f"{where}: unknown key {sorted(unknown)[0]!r}")
     coefficients = {}
@@ -204,7 +222,32 @@ def model_from_json(data: Any, where: str = "model") -> Model:
             raise ModelFileError(f"{where}: validity.{name} must be [low, high]")
         low, high = (_finite(f"{where}: validity.{name}", limit) for limit in limits)
         validity[name] = (low, high)
-    return Model(str(data.get("name", "")), coefficients, tuple(effects.values()), validity)
+    known = {*coefficients, *(f"{effect.name}.{key}" for effect in effects.values() for key in effect.parameters)}
+    correlation = _correlation(where, data["correlation"], known) if "correlation" in data else None
+    return Model(str(data.get("name", "")), coefficients, tuple(effects.values()), validity, correlation)
+
+
+def _correlation(where: str, data: Any, known: set[str]) -> Correlation:
+    """The correlation block, its names and shape checked."""
+    if not isinstance(data, dict) or set(data) != {"names", "matrix"}:
+        raise ModelFileError(f"{where}: correlation must hold names and matrix, nothing else")
+    names, rows = data["names"], data["matrix"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise ModelFileError(f"{where}: correlation.names must be a list of names, each once")
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ModelFileError(f"{where}: correlation names {unknown[0]!r}, which the model does not have")
+    if not isinstance(rows, list) or [isinstance(row, list) and len(row) for row in rows] != [len(names)] * len(names):
+        raise ModelFileError(f"{where}: correlation.matrix must be {len(names)} rows of {len(names)} numbers")
+    matrix = tuple(tuple(_finite(f"{where}: correlation", number) for number in row) for row in rows)
+    for i, row in enumerate(matrix):
+        for j, number in enumerate(row):
+            if abs(number) > 1.0 or number != matrix[j][i] or (i == j and number != 1.0):
+                raise ModelFileError(
+                    f"{where}: correlation of {names[i]} and {names[j]} is {number:g}: the matrix must be symmetric, "
+                    "within -1 to 1, and 1 on its diagonal"
+                )
+    return Correlation(tuple(names), matrix)
 
 
 def read_model(name_or_path: str | Path) -> Model:

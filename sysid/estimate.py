@@ -27,6 +27,7 @@ from sysid.parameterisation import (
     free_states,
     sensor_error,
 )
+from sysid.prior import Gaussian
 from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
 
@@ -75,6 +76,7 @@ class Problem:
 
     records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi.
     sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
+    known: coefficients and effect parameters known before the flight.
     """
 
     vehicle: Vehicle
@@ -85,6 +87,7 @@ class Problem:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     command_first: bool = False
     sub_steps: int = 2
+    known: Gaussian | None = None
 
 
 def excited_motion(records: Sequence[Record]) -> Motion:
@@ -155,7 +158,8 @@ def build(
         command_first=problem.command_first,
         sub_steps=problem.sub_steps,
     )
-    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma)
+    prior = None if problem.known is None else problem.known.of([parameter.name for parameter in parameters])
+    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, prior)
 
 
 def warmed(problem: Problem, result: OutputErrorResult) -> Problem:
@@ -236,15 +240,25 @@ def model_of(
     effects: Sequence[tuple[str, str]],
     refused: Sequence[Refusal],
     validity: Mapping[str, tuple[float, float]],
+    known: Gaussian | None = None,
 ) -> Model:
-    """Model file of an estimate: `base` with its estimated entries replaced, refused ones without a value."""
+    """Model file of an estimate: `base` with its estimated entries replaced, refused ones without a value.
+
+    known: what was known before; coefficients that the flight did not move stay as known, updated by their
+    correlations.
+    """
     reasons = {entry.name: entry.reason for entry in refused}
+    told = [*coefficients, *(f"{effect}.{key}" for effect, key in effects)]
+    joint = estimated(result, [name for name in told if name not in reasons])
+    if joint is not None and known is not None:
+        joint = known.updated(joint)
+    values = {} if joint is None else joint.entries()
     entries: dict[str, Coefficient] = {}
     for key, old in base.coefficients.items():
         if key in reasons:
             entries[key] = Coefficient(None, refused=reasons[key])
-        elif key in coefficients:
-            entries[key] = Coefficient(result.value(key), result.std(key))
+        elif key in values:
+            entries[key] = Coefficient(*values[key])
         else:
             entries[key] = old
     model_effects = []
@@ -252,7 +266,13 @@ def model_of(
         parameters = dict(effect.parameters)
         for key in parameters:
             if (effect.name, key) in effects:
-                full = f"{effect.name}.{key}"
-                parameters[key] = Coefficient(result.value(full), result.std(full))
+                parameters[key] = Coefficient(*values[f"{effect.name}.{key}"])
         model_effects.append(ModelEffect(effect.name, parameters))
-    return Model(name, entries, tuple(model_effects), validity)
+    return Model(name, entries, tuple(model_effects), validity, None if joint is None else joint.correlation())
+
+
+def estimated(result: OutputErrorResult, names: Sequence[str]) -> Gaussian | None:
+    """Estimates of some parameters with their covariance; None without names."""
+    every = [parameter.name for parameter in result.parameters]
+    place = [every.index(name) for name in names]
+    return Gaussian(tuple(names), result.theta[place], result.covariance[np.ix_(place, place)]) if place else None

@@ -35,6 +35,7 @@ from sysid.linear import LinearModel, linearise
 from sysid.output_error import OutputErrorResult
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import Prepared, check_compatibility, prepare
+from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
 from sysid.residuals import body_of, coefficient_path, known_thrust, moment_noise
 from sysid.smoothing import noise_sigma
@@ -147,7 +148,7 @@ def start_model(
     entries = {
         name: Coefficient(value, stds[name] if math.isfinite(stds[name]) else None) for name, value in values.items()
     }
-    return replace(structure, coefficients=entries)
+    return replace(structure, coefficients=entries, correlation=None)
 
 
 def identify(
@@ -167,7 +168,8 @@ def identify(
     """Identify a model.
 
     flights: one or more, estimated together. validate_on: flights the model is judged by. structure: a model whose
-    coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: start values.
+    coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
+    before the flight, with its correlations (sysid.prior); start values alone where it has none.
     method: "ee" equation error, "oe" output error; "auto" is "oe". start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
@@ -189,12 +191,14 @@ def identify(
     surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
+    problem = replace(problem, known=_known(prior, structure, warnings))
     progress(0.30, "equation error")
     start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
     result: OutputErrorResult | None = None
     errors = {name: (e.value, e.std, e.unit) for name, e in compatible.parameters.items()}
-    quiet = _quiet(list(structure.coefficients), names)
+    carried = () if problem.known is None else problem.known.names
+    quiet = _quiet([name for name in structure.coefficients if name not in carried], names)
     if method == "ee":
         missing = [n for n in names if start.coefficients[n].std is None]
         refused = [*quiet, *(_untold(name) for name in missing)]
@@ -209,7 +213,7 @@ def identify(
             warnings.append("output error did not converge; the standard errors may be too small")
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
-        model = model_of(start, vehicle.name, result, names, free_effects, refused, validity)
+        model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
         if systematic:
             progress(0.85, "systematic errors")
             model = _with_systematic(model, systematic_errors(problem, start, names, free_effects, result))
@@ -223,6 +227,23 @@ def identify(
         tuple(flight.name for flight in validate_on), result, _linear(vehicle, model, prepared, compatible, result),
         tuple(dict.fromkeys(warnings)),
     )  # fmt: skip
+
+
+def _known(prior: Model | None, structure: Model, warnings: list[str]) -> Gaussian | None:
+    """What a prior model tells of the coefficients and effects of the structure."""
+    if prior is None:
+        return None
+    known, warning = known_from(prior)
+    if warning:
+        warnings.append(warning)
+    if known is None:
+        return None
+    effects = [f"{effect.name}.{key}" for effect in structure.effects for key in effect.parameters]
+    names = [*structure.coefficients, *effects]
+    strange = [name for name in known.names if name not in names]
+    if strange:
+        warnings.append(f"the prior's {', '.join(strange)} is no part of the structure and is left out")
+    return known.of(names)
 
 
 def _linear(

@@ -16,6 +16,7 @@ from scipy.signal import fftconvolve
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import Parameter, Predictor
+from sysid.prior import Gaussian
 from sysid.records import OUTPUTS
 
 MAX_ITERATIONS = 25
@@ -80,11 +81,17 @@ class OutputError:
     """One estimation problem: a predictor, a start, and the outputs that count.
 
     guesses: per record the nine initial states to start from. used: names of OUTPUTS in the likelihood.
-    sigma: (15,) known noise to use instead of estimating it, or None.
+    sigma: (15,) known noise to use instead of estimating it, or None. prior: what is known of several parameters
+    together, in place of their own priors.
     """
 
     def __init__(
-        self, predictor: Predictor, guesses: Sequence[Array], used: Sequence[str], sigma: Array | None = None
+        self,
+        predictor: Predictor,
+        guesses: Sequence[Array],
+        used: Sequence[str],
+        sigma: Array | None = None,
+        prior: Gaussian | None = None,
     ) -> None:
         self.predictor = predictor
         self.guesses = [np.asarray(guess, dtype=np.float64) for guess in guesses]
@@ -92,13 +99,18 @@ class OutputError:
         self.columns = np.array([OUTPUTS.index(name) for name in used if measured[OUTPUTS.index(name)]])
         self.known_sigma = sigma
         self.prior_mean = np.array([parameter.prior_mean for parameter in predictor.parameters])
-        self.prior_weight = np.array([parameter.prior_std**-2.0 for parameter in predictor.parameters])
+        self.prior_information = np.diag([parameter.prior_std**-2.0 for parameter in predictor.parameters])
+        if prior is not None:
+            place = [[parameter.name for parameter in predictor.parameters].index(name) for name in prior.names]
+            self.prior_mean[place] = prior.mean
+            self.prior_information[place] = self.prior_information[:, place] = 0.0
+            self.prior_information[np.ix_(place, place)] = prior.information()
 
     def start(self, values: dict[str, float]) -> Array:
         """Unknowns from parameter values (0 where none is given) and the initial-state guesses."""
         theta = np.zeros(self.predictor.size)
         for i, parameter in enumerate(self.predictor.parameters):
-            theta[i] = np.clip(values.get(parameter.name, parameter.prior_mean), parameter.low, parameter.high)
+            theta[i] = np.clip(values.get(parameter.name, self.prior_mean[i]), parameter.low, parameter.high)
         for index, guess in enumerate(self.guesses):
             theta[self.predictor.state_slice(index)] = guess[self.predictor.free_states[index]]
         return theta
@@ -139,8 +151,8 @@ class OutputError:
                 return np.inf
             if count:
                 total += count * np.log(sigma[j]) + 0.5 * float(good @ good) / sigma[j] ** 2
-        p = len(self.prior_mean)
-        return total + 0.5 * float(np.sum(self.prior_weight * (theta[:p] - self.prior_mean) ** 2))
+        from_prior = theta[: len(self.prior_mean)] - self.prior_mean
+        return total + 0.5 * float(from_prior @ self.prior_information @ from_prior)
 
     def sensitivities(self, theta: Array, predicted: Sequence[Array]) -> list[Array]:
         """Derivatives of every record's outputs, (N, 15, P + its own initial states)."""
@@ -175,8 +187,8 @@ class OutputError:
             place = self.places(k)
             M[np.ix_(place, place)] += rows @ rows.T
             g[place] += rows @ target
-        M[np.arange(p), np.arange(p)] += self.prior_weight
-        g[:p] -= self.prior_weight * (theta[:p] - self.prior_mean)
+        M[:p, :p] += self.prior_information
+        g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
         return M, g
 
     def solve(
@@ -249,7 +261,9 @@ class OutputError:
     ) -> tuple[Array, Array]:
         """Covariance for coloured residuals (Morelli & Klein, J. Aircraft 34(2), 1997), never below the white one."""
         n = self.predictor.size
-        middle = np.diag(np.concatenate((self.prior_weight, np.zeros(n - len(self.prior_weight)))))
+        p = len(self.prior_mean)
+        middle = np.zeros((n, n))
+        middle[:p, :p] = self.prior_information
         inflation = np.full(len(OUTPUTS), np.nan)
         for j in self.columns:
             kernel = autocorrelation([residual[:, j] for residual in residuals])

@@ -210,3 +210,32 @@ def test_an_effect_of_the_propeller_asks_for_what_the_vehicle_file_lacks(name: s
     with pytest.raises(ModelFileError, match=r"\[propulsion\]") as caught:
         flatten(bare, model)
     assert "\n" not in str(caught.value)
+
+
+def correlated(**block: Any) -> dict[str, Any]:
+    entries = {"CL_0": {"value": 0.2, "std": 0.1}, "CL_alpha": {"value": 2.0, "std": 0.3}}
+    return {"schema": "model/1", "name": "m", "coefficients": entries, "correlation": block}
+
+
+def test_correlations_of_the_estimates_are_kept() -> None:
+    block = {"names": ["CL_alpha", "CL_0"], "matrix": [[1.0, -0.95], [-0.95, 1.0]]}
+    model = model_from_json(correlated(**block))
+    assert model.to_json()["correlation"] == block
+    assert "correlation" not in read_model("iitb-mav").to_json()
+
+
+@pytest.mark.parametrize(
+    ("names", "matrix", "told"),
+    [
+        (["CL_0", "CL_de"], [[1.0, 0.0], [0.0, 1.0]], "CL_de"),
+        (["CL_0", "CL_0"], [[1.0, 0.0], [0.0, 1.0]], "each once"),
+        (["CL_0", "CL_alpha"], [[1.0, 0.5]], "2 rows of 2"),
+        (["CL_0", "CL_alpha"], [[1.0, 0.5], [0.4, 1.0]], "symmetric"),
+        (["CL_0", "CL_alpha"], [[1.0, 1.5], [1.5, 1.0]], "within -1 to 1"),
+        (["CL_0", "CL_alpha"], [[0.9, 0.5], [0.5, 1.0]], "1 on its diagonal"),
+        (["CL_0", "CL_alpha"], [[1.0, "x"], ["x", 1.0]], "finite number"),
+    ],
+)
+def test_impossible_correlations_are_named(names: list[str], matrix: list[list[Any]], told: str) -> None:
+    with pytest.raises(ModelFileError, match=told):
+        model_from_json(correlated(names=names, matrix=matrix))
