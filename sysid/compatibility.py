@@ -20,6 +20,7 @@ from sysid.flight import Array, FlightData
 from sysid.identifiability import LIMITS, Refusal, select
 from sysid.kinematic_filter import OUTPUTS, PARAMETERS, filter_part, smooth_part
 from sysid.kinematic_part import (
+    IMU,
     OutputFit,
     Part,
     SensorLayout,
@@ -34,6 +35,8 @@ Mask = NDArray[np.bool_]
 
 _COUNT = len(PARAMETERS)
 _MAX_ITERATIONS = 20
+# Passes from the sensors' own readings to a smoothed motion that moves no more.
+_SETTLING_PASSES = 4
 # Prior of a sensor error: ten times the standard error above which it is refused, so that it says nothing itself.
 _DIFFUSE = 10.0
 _START_VELOCITY, _START_ANGLE = 20.0, 0.5
@@ -171,6 +174,35 @@ def correct(data: FlightData, result: CompatibilityResult, part: int | None = No
     columns["airspeed"] = corrected["V"] / result.layout.airspeed_factor
     notes = data.notes | {"reference": "centre of gravity"}
     return replace(data, columns=columns, notes=notes)
+
+
+def moved_by(
+    parts: Sequence[FlightData], result: CompatibilityResult, changes: Sequence[Mapping[str, float]]
+) -> list[CompatibilityResult]:
+    """The result as it would be had the sensor errors been others: for each of `changes` (name -> change) the motion
+    smoothed anew, noise and turbulence as they were found.
+
+    parts: those that `result` came from. The changes must be small: each is one pass about the motion without changes.
+    """
+    theta = np.array([result.parameters[name].value if name in result.parameters else 0.0 for name in PARAMETERS])
+    noise = np.array([result.noise.get(name, 1.0) ** 2 for name in OUTPUTS])
+    q_imu = np.array([result.noise[name] ** 2 for name in IMU])
+    setting = _Setting(noise, q_imu, result.gust_sigma, _mask([]), np.zeros(_COUNT), np.ones(_COUNT))
+    prepared = [prepare_part(part, result.layout) for part in parts]
+    for _ in range(_SETTLING_PASSES):
+        _apply(prepared, _pass(prepared, theta, setting, smooth=True))
+    settled = [(part.nominal, part.gusts) for part in prepared]
+    moved = []
+    for change in changes:
+        for part, (nominal, gusts) in zip(prepared, settled, strict=True):
+            part.nominal, part.gusts = nominal, gusts
+        shifted = theta + np.array([change.get(name, 0.0) for name in PARAMETERS])
+        _apply(prepared, _pass(prepared, shifted, setting, smooth=True))
+        parameters = {n: replace(e, value=e.value + change.get(n, 0.0)) for n, e in result.parameters.items()}
+        values = {name: error.value for name, error in parameters.items()}
+        states = [part_states(part.data, result.layout, values) | part.reconstructed() for part in prepared]
+        moved.append(replace(result, parameters=parameters, states=states))
+    return moved
 
 
 def _mask(names: Sequence[str]) -> Mask:

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 from sim_vehicle.terms import Term, parse_term
 from sysid.coefficients import Body
-from sysid.equations import CUTOFF_HZ, FORCES, MOMENTS, Equations, axes_of
+from sysid.equations import CUTOFF_HZ, MOMENTS, Equations, axes_of
 from sysid.flight import FlightData
-from sysid.regression import RegressionResult, regress
+from sysid.prior import Gaussian
+from sysid.regression import RegressionResult, mixed_values, regress
 
 _JUMP_ROUNDS = 2
 
@@ -22,31 +23,62 @@ def equation_error(
     names: Sequence[str],
     cutoff_hz: float = CUTOFF_HZ,
     command_first: bool = False,
+    prior: Gaussian | None = None,
 ) -> dict[str, RegressionResult]:
     """Estimate model coefficients by equation error in the time domain.
 
     parts, body, cutoff_hz, command_first: see sysid.equations.Equations. names: coefficients, as "CL_alpha", "CD_k".
+    prior: what is known of coefficients before the flight; its correlations between axes are not used.
     Returns axis -> regression, its names being the coefficients; regressand and residual are weighted by dynamic
     pressure over its mean.
     Raises SignalError for a missing signal, EstimationError for terms that cannot be told apart.
     """
     terms = [parse_term(name) for name in names]
     equations = Equations(parts, body, terms, cutoff_hz, command_first)
-    results = {axis: _regressed(equations, axis, chosen) for axis, chosen in axes_of(terms) if axis in FORCES}
-    moments = [(axis, chosen) for axis, chosen in axes_of(terms) if axis in MOMENTS]
-    found = {axis: _regressed(equations, axis, chosen) for axis, chosen in moments}
+    _settle(equations, terms, prior)
+    results = {}
+    for axis, chosen in axes_of(terms):
+        own, known = _own(chosen, prior)
+        X = equations.matrix(chosen)
+        results[axis] = regress(equations.regressand(axis), X, own, equations.lengths, equations.bandwidth, known)
+    return results
+
+
+def equation_values(
+    parts: FlightData | Sequence[FlightData],
+    body: Body,
+    names: Sequence[str],
+    command_first: bool = False,
+    prior: Gaussian | None = None,
+) -> dict[str, float]:
+    """The estimates of `equation_error` without their errors, for repetition with something changed."""
+    terms = [parse_term(name) for name in names]
+    return _settle(Equations(parts, body, terms, CUTOFF_HZ, command_first), terms, prior)
+
+
+def _settle(equations: Equations, terms: Sequence[Term], prior: Gaussian | None) -> dict[str, float]:
+    """Values of all terms, having given the equations the lift and the bent rates that follow from them."""
+    values: dict[str, float] = {}
+
+    def solve(axis: str, chosen: Sequence[Term]) -> None:
+        own, known = _own(chosen, prior)
+        found = mixed_values(equations.regressand(axis), equations.matrix(chosen), own, equations.bandwidth, known)
+        values.update(zip(own, map(float, found), strict=True))
+        if axis == "CL":
+            equations.take_lift(chosen, found)
+
+    grouped = axes_of(terms)
+    for axis, chosen in grouped:
+        solve(axis, chosen)
+    moments = [(axis, chosen) for axis, chosen in grouped if axis in MOMENTS]
     # How far commands bend the rates depends on the control derivatives; an error of 5 % there is one of 0.1 % after.
-    for _ in range(_JUMP_ROUNDS if moments else 0):
-        values = {name: float(v) for one in found.values() for name, v in zip(one.names, one.values, strict=True)}
+    for _ in range(_JUMP_ROUNDS):
         equations.take_jumps(values, [term for _, chosen in moments for term in chosen])
-        found = {axis: _regressed(equations, axis, chosen) for axis, chosen in moments}
-    return results | found
+        for axis, chosen in moments:
+            solve(axis, chosen)
+    return values
 
 
-def _regressed(equations: Equations, axis: str, terms: Sequence[Term]) -> RegressionResult:
+def _own(terms: Sequence[Term], prior: Gaussian | None) -> tuple[list[str], Gaussian | None]:
     names = [term.name for term in terms]
-    X = equations.matrix(terms)
-    result = regress(equations.regressand(axis), X, names, equations.lengths, equations.bandwidth)
-    if axis == "CL":
-        equations.take_lift(terms, result.values)
-    return result
+    return names, None if prior is None else prior.of(names)

@@ -164,7 +164,9 @@ class PartEquations:
                     jump = jump * self._factors[factor]
             moment[term.axis] = moment[term.axis] + jump
         lengths = np.array([body.b, body.c, body.b])
-        turning = np.stack([moment[axis] for axis in MOMENTS]) * lengths[:, None] * self.weight * self._pressure * body.S
+        turning = (
+            np.stack([moment[axis] for axis in MOMENTS]) * lengths[:, None] * self.weight * self._pressure * body.S
+        )
         inertia = np.array([[body.Ixx, 0.0, -body.Ixz], [0.0, body.Iyy, 0.0], [-body.Ixz, 0.0, body.Izz]])
         for name, jumps in zip(("p", "q", "r"), np.linalg.solve(inertia, turning), strict=True):
             around = np.pad(jumps, 1)

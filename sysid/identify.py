@@ -15,6 +15,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import CompatibilityResult, Refusal, correct
 from sysid.equation_error import equation_error
+from sysid.equation_identify import EquationEstimate, estimate_by_equations
 from sysid.errors import EstimationError, SysidError
 from sysid.estimate import (
     MAX_RUN_S,
@@ -65,6 +66,7 @@ class Identification:
     validation: Validation | None
     validation_flights: tuple[str, ...]
     output_error: OutputErrorResult | None
+    equation_error: EquationEstimate | None
     linear: LinearModel | str
     warnings: tuple[str, ...]
 
@@ -199,10 +201,14 @@ def identify(
     errors = {name: (e.value, e.std, e.unit) for name, e in compatible.parameters.items()}
     carried = () if problem.known is None else problem.known.names
     quiet = _quiet([name for name in structure.coefficients if name not in carried], names)
+    equations: EquationEstimate | None = None
     if method == "ee":
-        missing = [n for n in names if start.coefficients[n].std is None]
-        refused = [*quiet, *(_untold(name) for name in missing)]
-        model = _equation_model(start, refused, _validity(prepared, compatible))
+        equations = estimate_by_equations(
+            prepared, vehicle, compatible, names, problem.command_first, problem.known, corrected_parts, systematic
+        )
+        refused = [*quiet, *equations.refused]
+        model = _equation_model(start, equations, refused, _validity(prepared, compatible))
+        model = _with_systematic(model, equations.systematic)
     else:
         progress(0.40, "output error")
         free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
@@ -224,8 +230,8 @@ def identify(
     progress(1.0, "done")
     return Identification(
         tuple(prepared), compatible, model, errors, (*refused, *compatible.refused), validation,
-        tuple(flight.name for flight in validate_on), result, _linear(vehicle, model, prepared, compatible, result),
-        tuple(dict.fromkeys(warnings)),
+        tuple(flight.name for flight in validate_on), result, equations,
+        _linear(vehicle, model, prepared, compatible, result), tuple(dict.fromkeys(warnings)),
     )  # fmt: skip
 
 
@@ -291,17 +297,22 @@ def _quiet(structure: Sequence[str], names: Sequence[str]) -> list[Refusal]:
     ]
 
 
-def _untold(name: str) -> Refusal:
-    return Refusal(name, "equation error cannot tell it from noise", helpful_manoeuvre(name))
-
-
-def _equation_model(start: Model, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]) -> Model:
+def _equation_model(
+    start: Model, found: EquationEstimate, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]
+) -> Model:
     reasons = {entry.name: entry.reason for entry in refused}
+    joint = found.joint.of([name for name in found.joint.names if name not in reasons])
+    told = {} if joint is None else joint.entries()
     entries = {
-        name: Coefficient(None, refused=reasons[name]) if name in reasons else entry
+        name: Coefficient(None, refused=reasons[name])
+        if name in reasons
+        else Coefficient(*told[name])
+        if name in told
+        else entry
         for name, entry in start.coefficients.items()
     }
-    return replace(start, coefficients=entries, validity=validity)
+    correlation = None if joint is None else joint.correlation()
+    return replace(start, coefficients=entries, validity=validity, correlation=correlation)
 
 
 def _validity(prepared: Sequence[Prepared], compatible: CompatibilityResult) -> dict[str, tuple[float, float]]:

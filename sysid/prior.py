@@ -59,7 +59,8 @@ class Gaussian:
             information[np.ix_(place, place)] += own
             moment[place] += own @ (each.mean / unit[place])
         covariance = np.linalg.inv(information)
-        return Gaussian(names, covariance @ moment * unit, covariance * np.outer(unit, unit))
+        mean = np.asarray(covariance @ moment * unit, dtype=np.float64)
+        return Gaussian(names, mean, np.asarray(covariance * np.outer(unit, unit), dtype=np.float64))
 
     def updated(self, estimate: Gaussian) -> Gaussian:
         """What is known after `estimate`, which contains this knowledge already, of all names of both.

@@ -16,6 +16,7 @@ from scipy import fft, linalg
 
 from sysid.errors import EstimationError
 from sysid.flight import Array
+from sysid.prior import Gaussian
 
 # Rows factorised at once: the block stays in the cache, the accuracy is that of QR on the whole matrix.
 _BLOCK = 4096
@@ -48,13 +49,19 @@ class RegressionResult:
 
 
 def regress(
-    y: Array, X: Array, names: Sequence[str], lengths: Sequence[int] | None = None, bandwidth: float = 1.0
+    y: Array,
+    X: Array,
+    names: Sequence[str],
+    lengths: Sequence[int] | None = None,
+    bandwidth: float = 1.0,
+    prior: Gaussian | None = None,
 ) -> RegressionResult:
-    """Ordinary least squares.
+    """Ordinary least squares, or mixed estimation with a prior (Theil & Goldberger, 1961).
 
     y: (N,) regressand. X: (N, P) regressors, a constant included as a column of ones where wanted.
     names: P names. lengths: samples of each uninterrupted part, adding up to N; None is one part.
     bandwidth: share of the Nyquist frequency that a filter left in y and X; it lowers the degrees of freedom.
+    prior: of some or all of `names`; it weighs against residuals as large and as coloured as they are found.
     Raises EstimationError for wrong shapes, values that are not finite, or regressors that are linearly dependent.
     """
     y, X = np.asarray(y, dtype=np.float64), np.asarray(X, dtype=np.float64)
@@ -69,6 +76,12 @@ def regress(
     scale = np.sqrt(np.sum(R**2, axis=0))
     if not (np.all(np.isfinite(R)) and np.all(np.isfinite(b))):
         raise EstimationError("regression: regressand or regressors hold values that are not finite")
+    noise, own = 0.0, np.zeros((count, count))
+    if prior is not None:
+        noise = _noise_density(y, X, R / np.where(scale > 0.0, scale, 1.0), b, rss, parts, free)
+        own, known = _prior_rows(prior, names)
+        R, b, _ = _triangular(np.vstack([R, own * np.sqrt(noise)]), np.concatenate([b, known * np.sqrt(noise)]))
+        scale = np.sqrt(np.sum(R**2, axis=0))
     if np.any(scale == 0.0):
         raise EstimationError(f"regression: {names[int(np.argmin(scale))]} is zero throughout; leave it out")
     U, singular, Vt = np.linalg.svd(R / scale)
@@ -78,8 +91,9 @@ def regress(
     values = (Vt.T @ ((U.T @ b) / singular)) / scale
     inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
     residual = y - X @ values
-    white = rss / free * inverse
+    white = max(rss / free, noise) * inverse
     covariance = _coloured(X, residual, inverse, parts) * (n * bandwidth / free)
+    covariance += noise**2 * inverse @ (own.T @ own) @ inverse
     # A residual bluer than white must not make the error bars narrower than white ones.
     std_white = np.sqrt(np.diag(white))
     std = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), std_white * np.sqrt(free / n))
@@ -98,6 +112,22 @@ def regress(
         float(singular[0] / singular[-1]),
         covariance / np.outer(std, std),
     )
+
+
+def mixed_values(y: Array, X: Array, names: Sequence[str], bandwidth: float, prior: Gaussian | None) -> Array:
+    """(P,) estimates of `regress` without their errors; residuals count as white when weighed against the prior.
+
+    Raises EstimationError for linearly dependent regressors without a prior that tells them apart.
+    """
+    R, b, rss = _triangular(X, y)
+    if prior is not None:
+        own, known = _prior_rows(prior, names)
+        root = np.sqrt(rss / max(y.size * bandwidth - len(names), 1.0))
+        R, b, _ = _triangular(np.vstack([R, own * root]), np.concatenate([b, known * root]))
+    scale = np.sqrt(np.sum(R**2, axis=0))
+    if not np.all(np.isfinite(R)) or np.any(scale == 0.0) or np.linalg.cond(R / scale) > 1e10:
+        raise EstimationError(f"regression: {', '.join(names)} cannot be told apart; leave some out")
+    return np.asarray(linalg.solve_triangular(R / scale, b) / scale, dtype=np.float64)
 
 
 def gram_regress(y: Array, X: Array) -> tuple[Array, Array, float]:
@@ -128,6 +158,29 @@ def gram_regress(y: Array, X: Array) -> tuple[Array, Array, float]:
     inverse = np.linalg.inv(R)
     variance = rss / (n - count)
     return inverse @ b, variance * (inverse @ inverse.T), variance
+
+
+def _noise_density(y: Array, X: Array, R: Array, b: Array, rss: float, parts: tuple[int, ...], free: float) -> float:
+    """Variance that white residuals would need to move the regressors as far as the coloured ones do.
+
+    R: (P, P) triangular factor of scaled regressors, possibly singular.
+    """
+    scale = np.sqrt(np.sum(X**2, axis=0))
+    scaled = X / np.where(scale > 0.0, scale, 1.0)
+    residual = y - scaled @ np.linalg.lstsq(R, b, rcond=1e-10)[0]
+    spread = np.diag(_coloured(scaled, residual, np.eye(scale.size), parts))
+    moving = scale > 0.0
+    return max(rss / free, float(np.mean(spread[moving])) if moving.any() else 0.0)
+
+
+def _prior_rows(prior: Gaussian, names: Sequence[str]) -> tuple[Array, Array]:
+    """A prior as observations of unit variance: rows (K, P) and values (K,)."""
+    place = [list(names).index(name) for name in prior.names]
+    std = np.sqrt(np.diag(prior.covariance))
+    root = np.linalg.cholesky(prior.covariance / np.outer(std, std))
+    rows = np.zeros((std.size, len(names)))
+    rows[:, place] = np.linalg.solve(root, np.diag(1.0 / std))
+    return rows, np.asarray(np.linalg.solve(root, prior.mean / std), dtype=np.float64)
 
 
 def _triangular(X: Array, y: Array) -> tuple[Array, Array, float]:

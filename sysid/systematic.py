@@ -67,7 +67,7 @@ LINEAR = (
     Perturbation("density_2pct", record=_denser),
     Perturbation("linkage_5pct", record=_more_travel),
 )
-LATE = "timing_10ms"
+LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12
 
 
@@ -95,10 +95,10 @@ def systematic_errors(
         )
         for name, value in _moved(changed, model, coefficients, effects, values, result).items():
             moved[name][change.name] = (value - unfinished[name]) / SHARE
-    late = replace(start, records=tuple(map(_later_commands, start.records)))
+    late = replace(start, records=tuple(map(LATE.record, start.records)))
     again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
     for name, value in values.items():
-        moved[name][LATE] = again.value(name) - value if again.converged else math.nan
+        moved[name][LATE.name] = again.value(name) - value if again.converged else math.nan
     return moved
 
 

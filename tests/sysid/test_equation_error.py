@@ -1,4 +1,4 @@
-"""Equation error against closed forms: exact responses to held commands, and the Gauss-Markov bound of weighted data."""
+"""Equation error against closed forms: exact responses to held commands, and the Gauss-Markov bound."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,10 @@ def multisine(rng, count, lowest, highest, amplitude):
     time = STEP_S * np.arange(count)
     lines = np.arange(lowest, highest, 0.1)
     return amplitude * np.sum(
-        [np.sin(2.0 * np.pi * f * time + phase) for f, phase in zip(lines, rng.uniform(0, 6.28, lines.size), strict=True)],
+        [
+            np.sin(2.0 * np.pi * f * time + phase)
+            for f, phase in zip(lines, rng.uniform(0, 6.28, lines.size), strict=True)
+        ],
         axis=0,
     )
 

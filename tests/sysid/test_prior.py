@@ -1,4 +1,4 @@
-"""Knowledge from before the flight: Gaussian algebra against stacked least squares, and two flights one after the other."""
+"""Knowledge from before the flight: Gaussian algebra against stacked least squares, and two flights in turn."""
 
 from dataclasses import replace
 
@@ -9,7 +9,8 @@ from simulated import fly_mav
 
 from sim_vehicle.model import Coefficient, Correlation, Model, model_from_json, read_model
 from sim_vehicle.vehicle import load_vehicle
-from sysid.estimate import fit
+from sysid.estimate import fit, model_of
+from sysid.flight import FlightSignals
 from sysid.identify import identify, make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.prior import Gaussian, known_from
@@ -64,7 +65,9 @@ def test_a_prior_survives_its_file():
     _, covariance = least_squares(*observations())
     std = np.sqrt(np.diag(covariance))
     given = Gaussian(("CL_0", "CL_alpha", "CL_de"), np.array([0.2, 2.0, 0.7]), covariance)
-    model = Model("m", {name: Coefficient(v, s) for name, (v, s) in given.entries().items()}, (), {}, given.correlation())
+    model = Model(
+        "m", {name: Coefficient(v, s) for name, (v, s) in given.entries().items()}, (), {}, given.correlation()
+    )
     read, warning = known_from(model_from_json(model.to_json()))
     assert read is not None
     assert warning == ""
@@ -92,44 +95,49 @@ def test_standard_errors_alone_are_no_prior():
 NAMES = tuple(name for name in default_structure(("de",)) if is_longitudinal(name))
 
 
-@pytest.fixture(scope="module")
-def flown():
-    """Two flights of the elevator alone, and what the first tells."""
-    signals = [fly_mav("elevator-multisine", seed)[0] for seed in (21, 22)]
-    first = identify(signals[:1], VEHICLE, structure=Model("m", dict.fromkeys(NAMES, Coefficient(0.0))))
-    return signals, first
+NOISE = {"ax": 0.08, "az": 0.08, "q": 5e-4, "theta": 9e-4, "alpha": 5e-3, "airspeed": 0.02}
 
 
-def problem_of(signals):
-    """Both steps before the estimation; the sensors' errors are the same in every problem."""
-    prepared = [prepare(flight, VEHICLE) for flight in signals]
-    sensors = ["accel_bias_x", "accel_bias_z", "gyro_bias_q", "alpha_scale"]
-    return make_problem(prepared, VEHICLE, check_compatibility(prepared), sensors)
+def perfect_sensors(seed):
+    """A flight of the elevator alone whose sensors have white noise and no other error."""
+    flight = fly_mav("elevator-multisine", 1, noise="none")[0]
+    rng = np.random.default_rng(seed)
+    signals = {
+        name: replace(each, values=each.values + NOISE.get(name, 0.0) * rng.standard_normal(each.values.size))
+        for name, each in flight.signals.items()
+    }
+    return FlightSignals(f"elevator-{seed}", signals)
 
 
-def test_two_flights_one_after_the_other_tell_what_both_tell_together(flown):
-    signals, first = flown
-    known, _ = known_from(model_from_json(first.model.to_json()))
-    second = replace(problem_of(signals[1:]), command_first=False)
-    alone = fit(second, first.model, NAMES)
-    then = fit(replace(second, known=known), first.model, NAMES)
-    together = fit(replace(problem_of(signals), command_first=False), first.model, NAMES)
+def test_two_flights_one_after_the_other_tell_what_both_tell_together():
+    signals = [perfect_sensors(seed) for seed in (21, 22)]
+    start = Model("m", {name: Coefficient(TRUE.get(name, 0.0)) for name in NAMES})
+
+    def problem_of(flights):
+        prepared = [prepare(flight, VEHICLE) for flight in flights]
+        return replace(make_problem(prepared, VEHICLE, check_compatibility(prepared), []), command_first=False)
+
+    told = model_of(start, "m", fit(problem_of(signals[:1]), start, NAMES), NAMES, [], [], {})
+    known, _ = known_from(model_from_json(told.to_json()))
+    second = problem_of(signals[1:])
+    alone = fit(second, start, NAMES)
+    then = fit(replace(second, known=known), start, NAMES)
+    together = fit(problem_of(signals), start, NAMES)
     for name in NAMES:
-        # Sensor errors are common to both flights there and each flight's own here: not quite the same knowledge.
-        assert abs(then.value(name) - together.value(name)) < 0.5 * together.std(name), name
-        assert then.std(name) == pytest.approx(together.std(name), rel=0.2), name
-        assert then.std(name) < alone.std(name), name
+        assert abs(then.value(name) - together.value(name)) < 0.2 * together.std(name), name
+        assert then.std(name) == pytest.approx(together.std(name), rel=0.1), name
+        assert then.std(name) < 0.85 * alone.std(name), name
         assert abs(then.value(name) - TRUE.get(name, 0.0)) < 3.5 * then.std(name), name
 
 
-def test_what_a_flight_does_not_move_stays_as_it_was_known(flown):
+def test_what_a_flight_does_not_move_stays_as_it_was_known():
     """A prior with the lateral derivatives, one of them tied to Cm_de; the elevator alone moves the latter."""
-    signals, first = flown
+    signals = [fly_mav("elevator-multisine", 21)[0]]
     lateral = {"Cl_p": Coefficient(-0.45, 0.02), "Cn_beta": Coefficient(0.08, 0.004)}
     entries = {"Cm_de": Coefficient(1.6, 0.02), **lateral}
     tied = Correlation(tuple(entries), ((1.0, 0.9, 0.0), (0.9, 1.0, 0.0), (0.0, 0.0, 1.0)))
     structure = Model("m", dict.fromkeys((*NAMES, *lateral, "Cl_beta"), Coefficient(0.0)))
-    found = identify(signals[:1], VEHICLE, structure=structure, prior=Model("p", entries, (), {}, tied), method="ee")
+    found = identify(signals, VEHICLE, structure=structure, prior=Model("p", entries, (), {}, tied), method="ee")
     after = found.model.coefficients
     assert {entry.name for entry in found.refused} & {"Cl_p", "Cn_beta", "Cl_beta"} == {"Cl_beta"}
     assert (after["Cn_beta"].value, after["Cn_beta"].std) == pytest.approx((0.08, 0.004))

@@ -1,0 +1,158 @@
+"""Coefficients by equation error alone, with error bars for the whole chain.
+
+The regression takes the reconstructed motion as known. What the sensor errors' own uncertainty adds is found by
+regressing again with each of them moved by its standard error: with J the changes and C the covariance of the
+compatibility step, the coefficients' covariance grows by J C J'. The prior enters last, on all axes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.vehicle import Vehicle
+from sysid.compatibility import CompatibilityResult, moved_by
+from sysid.equation_error import equation_error, equation_values
+from sysid.flight import Array, FlightData
+from sysid.identifiability import Refusal
+from sysid.prepare import Prepared
+from sysid.prior import Gaussian
+from sysid.regression import RegressionResult
+from sysid.residuals import body_of
+from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, usual_size
+from sysid.systematic import LATE, LINEAR, SHARE
+
+# Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
+_STEP = 0.5
+
+MakeParts = Callable[[Sequence[Prepared], Vehicle, CompatibilityResult], list[FlightData]]
+
+
+@dataclass(frozen=True)
+class EquationEstimate:
+    """Result of equation error.
+
+    joint: all coefficients that were regressed, and those a prior ties to them. regressions: by axis.
+    refused: coefficients of `joint` whose standard error says nothing. systematic: coefficient -> perturbation of the
+    vehicle file (sysid.systematic) -> change.
+    """
+
+    joint: Gaussian
+    regressions: Mapping[str, RegressionResult]
+    refused: tuple[Refusal, ...]
+    systematic: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """One way from parts to values, to be repeated with something changed."""
+
+    names: tuple[str, ...]
+    command_first: bool
+
+    def axes(self, parts: Sequence[FlightData], vehicle: Vehicle) -> dict[str, RegressionResult]:
+        return equation_error(
+            parts, body_of(vehicle), self.names, command_first=self.command_first, prior=diffuse(self.names)
+        )
+
+    def values(self, parts: Sequence[FlightData], vehicle: Vehicle) -> Array:
+        """(P,) in the order of `names`."""
+        told = equation_values(parts, body_of(vehicle), self.names, self.command_first, diffuse(self.names))
+        return np.array([told[name] for name in self.names])
+
+
+def diffuse(names: Sequence[str]) -> Gaussian:
+    """As little as is known of any aircraft: it says nothing where the flight tells anything."""
+    size = np.array([PRIOR_SHARE * usual_size(name) for name in names])
+    return Gaussian(tuple(names), np.zeros(size.size), np.diag(size**2))
+
+
+def estimate_by_equations(
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    names: Sequence[str],
+    command_first: bool,
+    known: Gaussian | None,
+    make_parts: MakeParts,
+    systematic: bool = True,
+) -> EquationEstimate:
+    """Estimate coefficients by equation error.
+
+    names: P coefficients that the flights excite. command_first: see sysid.equations. known: prior, or None.
+    make_parts: corrected parts of prepared flights.
+    systematic: whether to say what errors of the vehicle file would do.
+    """
+    step = _Regression(tuple(names), command_first)
+    parts = make_parts(prepared, vehicle, compatible)
+    axes = step.axes(parts, vehicle)
+    place = {name: i for i, name in enumerate(names)}
+    values, covariance = np.zeros(len(place)), np.zeros((len(place), len(place)))
+    for axis in axes.values():
+        where = [place[name] for name in axis.names]
+        values[where] = axis.values
+        covariance[np.ix_(where, where)] = axis.covariance
+    covariance += _from_sensors(step, prepared, vehicle, compatible, values, make_parts)
+    joint = Gaussian(tuple(names), values, covariance)
+    if known is not None:
+        joint = joint.combined(known)
+    moved = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
+    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved)
+
+
+def _from_sensors(
+    step: _Regression,
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    values: Array,
+    make_parts: MakeParts,
+) -> Array:
+    """(P, P) covariance that the uncertainty of the sensor errors adds."""
+    measured = [stretch.data for flight in prepared for stretch in flight.stretches]
+    std = np.sqrt(np.maximum(np.diag(compatible.covariance), 1e-300))
+    shifts = [{name: _STEP * float(s)} for name, s in zip(compatible.parameters, std, strict=True)]
+    # The first of the moved results is not moved at all: differences are taken along one way of computing.
+    results = moved_by(measured, compatible, [{}, *shifts])
+    base, *others = (step.values(make_parts(prepared, vehicle, result), vehicle) for result in results)
+    if not others:
+        return np.zeros((values.size, values.size))
+    J = np.column_stack([(other - base) / _STEP for other in others])
+    return np.asarray(J @ (compatible.covariance / np.outer(std, std)) @ J.T, dtype=np.float64)
+
+
+def _systematic(
+    step: _Regression,
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    make_parts: MakeParts,
+) -> dict[str, dict[str, float]]:
+    """Change of every coefficient under each perturbation of the vehicle file, as sysid.systematic names them."""
+    base = step.values(make_parts(prepared, vehicle, compatible), vehicle)
+    moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
+    for change, share in [*((one, SHARE) for one in LINEAR), (LATE, 1.0)]:
+        told = [
+            replace(
+                flight,
+                stretches=tuple(replace(one, record=change.record(one.record)) for one in flight.stretches),
+            )
+            for flight in prepared
+        ]
+        other = change.vehicle(vehicle)
+        values = step.values(make_parts(told, other, compatible), other)
+        for name, difference in zip(step.names, (values - base) / share, strict=True):
+            moved[name][change.name] = float(difference)
+    return moved
+
+
+def _refusals(joint: Gaussian, names: Sequence[str]) -> list[Refusal]:
+    refused = []
+    for name, (value, std) in joint.entries().items():
+        usual = usual_size(name)
+        if name in names and std > REFUSED_SHARE * max(abs(value), usual):
+            reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+            refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+    return refused
