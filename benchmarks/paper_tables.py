@@ -38,7 +38,7 @@ from sysid.identify import corrected_parts, identify
 from sysid.output_error import OutputError
 from sysid.parameterisation import STATES, Predictor, coefficient, sensor_error
 from sysid.prepare import prepare
-from sysid.records import OUTPUTS, SURFACES, Record
+from sysid.records import LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.residuals import body_of
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def fly_experiment(vehicle: Vehicle, model: Model, seed: int, thrust_noise: bool
 def _signals(flown: FlownFlight, vehicle: Vehicle, name: str) -> FlightSignals:
     """What the paper's method is given: IMU, air data, attitude, thrust, density and the surfaces from the pulses."""
     found = {}
-    for key in (*OUTPUTS, "thrust"):
+    for key in (*LONGITUDINAL, *LATERAL, "thrust"):
         time_s, values = flown.measured[key]
         found[key] = Signal(time_s, values, "SI", "simulator")
     time_s, pressure = flown.measured["static_pressure"]

@@ -121,7 +121,8 @@ def split_runs(
                 held[record.start :, j] = path[:, j]
                 held[: record.start, j] = path[0, j]
     record = replace(record, held=held)
-    count = max(1, math.ceil(record.length * record.interval_s / run_s))
+    # From first to last sample: a stretch of just `run_s` is one run.
+    count = max(1, math.ceil((record.length - 1) * record.interval_s / run_s - 1e-6))
     edges = np.linspace(0, record.length, count + 1).astype(int)
     runs = [record.window(int(a), int(b)) for a, b in pairwise(edges)]
     return runs, [path[int(a)].copy() for a in edges[:-1]]

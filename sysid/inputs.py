@@ -41,7 +41,7 @@ def denoise_thrust(thrust: Array, throttle: Array, interval_s: float) -> Array:
     n = thrust.size
     best, explained = n * np.log(np.var(thrust)) + np.log(n), np.full(n, thrust.mean())
     if np.ptp(throttle) > 1e-6:
-        fits = [_explained(thrust, _lagged(throttle, interval_s, lag)) for lag in (None, *_LAGS_S)]
+        fits = [_explained(thrust, throttle, interval_s, lag) for lag in (None, *_LAGS_S)]
         errors = [float(np.mean((thrust - fitted) ** 2)) for fitted in fits]
         first = int(np.argmin(errors))
         fitted = fits[first]
@@ -49,19 +49,22 @@ def denoise_thrust(thrust: Array, throttle: Array, interval_s: float) -> Array:
             # The lags tried are coarse; between its neighbours the best one has a single minimum.
             low, high = _LAGS_S[first - 2], _LAGS_S[min(first, len(_LAGS_S) - 1)]
             found = optimize.minimize_scalar(
-                lambda lag: float(np.mean((thrust - _explained(thrust, _lagged(throttle, interval_s, lag))) ** 2)),
+                lambda lag: float(np.mean((thrust - _explained(thrust, throttle, interval_s, lag)) ** 2)),
                 bounds=(low, high),
                 method="bounded",
             )
-            fitted = _explained(thrust, _lagged(throttle, interval_s, float(found.x)))
-        if n * np.log(max(float(np.mean((thrust - fitted) ** 2)), 1e-300)) + 3.0 * np.log(n) < best:
+            fitted = _explained(thrust, throttle, interval_s, float(found.x))
+        if n * np.log(max(float(np.mean((thrust - fitted) ** 2)), 1e-300)) + 4.0 * np.log(n) < best:
             explained = fitted
     return np.ascontiguousarray(explained + smooth_series(thrust - explained))
 
 
-def _explained(thrust: Array, throttle: Array) -> Array:
-    """The part of thrust that is linear in the throttle."""
-    design = np.column_stack((np.ones(thrust.size), throttle))
+def _explained(thrust: Array, throttle: Array, interval_s: float, lag_s: float | None) -> Array:
+    """The part of thrust that is linear in the lagged throttle, and in what was still under way at the first sample."""
+    columns = [np.ones(thrust.size), _lagged(throttle, interval_s, lag_s)]
+    if lag_s is not None and lag_s >= 1e-6:
+        columns.append(np.exp(-interval_s * np.arange(thrust.size) / lag_s))
+    design = np.column_stack(columns)
     return np.asarray(design @ np.linalg.lstsq(design, thrust, rcond=None)[0], dtype=np.float64)
 
 

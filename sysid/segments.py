@@ -20,6 +20,7 @@ _ESSENTIAL = ("ax", "ay", "az", "p", "q", "r", "airspeed", "phi", "theta", "de",
 
 MIN_AIRSPEED = 3.0  # m/s: below it a propeller aircraft stands, and the airspeed is noise
 AIRBORNE_SHARE = 0.5  # of the flight's own high airspeed (90th percentile)
+SLOW_FLIGHT_S = 3.0  # no aircraft lands and takes off again in less
 GROUND_MARGIN_S = 3.0  # left out after a take-off and before a landing
 SURFACE_FLOOR = np.deg2rad(0.4)  # travel of a surface within one second that counts as a command
 RATE_FLOOR = np.deg2rad(4.0)  # change of a body rate within one second that counts as a response, rad/s
@@ -98,10 +99,10 @@ def airborne_mask(data: FlightData) -> Mask:
         )
     fast = np.nan_to_num(speed, nan=0.0) > max(AIRBORNE_SHARE * high, MIN_AIRSPEED)
     interval = data.interval_s
-    # A gust at rest or a stall in flight of less than a second is neither a take-off nor a landing.
-    size = max(round(1.0 / interval), 1)
-    fast = ndimage.binary_opening(np.pad(fast, size, mode="edge"), np.ones(size, dtype=bool))
-    fast = ndimage.binary_closing(fast, np.ones(size, dtype=bool))[size:-size]
+    # A gust at rest is no take-off; slow flight over the top of a pull-up, or a stall, is no landing.
+    rest, top = max(round(1.0 / interval), 1), max(round(SLOW_FLIGHT_S / interval), 1)
+    fast = ndimage.binary_opening(np.pad(fast, top, mode="edge"), np.ones(rest, dtype=bool))
+    fast = ndimage.binary_closing(fast, np.ones(top, dtype=bool))[top:-top]
     above = _above_ground(data, fast)
     margin = round(GROUND_MARGIN_S / interval)
     flying = np.zeros(fast.size, dtype=bool)

@@ -14,10 +14,11 @@ from sim_vehicle.manoeuvres import MANOEUVRES
 from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.errors import EstimationError, SegmentError, SignalError, SysidError
-from sysid.estimate import fit
+from sysid.estimate import Motion, fit, split_runs
 from sysid.flight import FlightSignals
 from sysid.identify import Identification, identify, make_problem
 from sysid.linear import LinearModel, linearise
+from sysid.parameterisation import STATES
 from sysid.prepare import prepare
 from sysid.structure import default_structure, is_longitudinal
 
@@ -145,6 +146,16 @@ def test_a_flight_without_the_elevator_tells_the_lateral_ones_without_bias() -> 
         value = found.model.coefficients[name].value
         assert value is not None
         assert value == pytest.approx(TRUE[name], rel=0.004), name
+
+
+def test_twenty_seconds_from_first_to_last_sample_are_one_free_run(six_axes: FlightSignals) -> None:
+    vehicle = load_vehicle("iitb-mav")
+    whole = prepare(six_axes, vehicle, start_s=0.0)
+    (stretch,) = whole.stretches
+    assert stretch.record.length == 1001
+    states = dict.fromkeys(STATES, np.zeros(1001))
+    assert [run.length for run in split_runs(stretch.record, states, Motion(True, True))[0]] == [1001]
+    assert len(split_runs(stretch.record, states, Motion(True, True), run_s=19.9)[0]) == 2
 
 
 def test_ten_seconds_are_enough_to_tell_something_true(six_axes: FlightSignals) -> None:

@@ -72,6 +72,15 @@ def test_a_motor_whose_lag_is_none_of_those_tried_leaves_little(tau: float) -> N
     assert rms(left) < 0.75
 
 
+def test_a_motor_still_spinning_up_at_the_first_sample_is_followed() -> None:
+    """A throttle that steps with the first sample leaves the motor's answer, but not its cause, in the record."""
+    throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
+    share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.1)
+    left = errors(8.0 * (0.4 + 0.2 * share) - 0.2 * np.exp(-TIME / 0.1), throttle)
+    assert rms(left) < 0.12
+    assert abs(left[:, :5].mean()) < 0.3
+
+
 def test_thrust_that_goes_with_the_square_of_the_throttle_is_explained_by_it_just_as_well() -> None:
     throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
     share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.1)

@@ -57,6 +57,15 @@ def test_taxi_and_take_off_roll_are_no_flight():
     assert 58.0 < segment.start_s < 60.0
 
 
+def test_slow_flight_over_the_top_of_a_pull_up_is_no_landing():
+    data = flight(20.0, [(2.0, 1.0), (12.0, 1.0)])
+    slow = 15.0 - 9.5 * np.exp(-(((data.time_s - 10.0) / 1.2) ** 2))
+    data.columns["airspeed"][:] = slow
+    assert np.sum(slow < 7.5) * DT > 1.5
+    (segment,) = find_segments(data)
+    assert (segment.start, segment.stop) == (0, data.time_s.size)
+
+
 def test_altitude_tells_lift_off():
     airborne = airborne_mask(flight(120.0, [(60.0, 1.0)], taxi=20.0, altitude=True))
     assert 24.0 < DT * np.argmax(airborne) < 27.0
