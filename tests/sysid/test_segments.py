@@ -59,7 +59,7 @@ def test_taxi_and_take_off_roll_are_no_flight():
 
 def test_slow_flight_over_the_top_of_a_pull_up_is_no_landing():
     data = flight(20.0, [(2.0, 1.0), (12.0, 1.0)])
-    slow = 15.0 - 9.5 * np.exp(-(((data.time_s - 10.0) / 1.2) ** 2))
+    slow = 15.0 - 9.5 * np.exp(-(((data.time_s - 10.0) / 2.0) ** 2))
     data.columns["airspeed"][:] = slow
     assert np.sum(slow < 7.5) * DT > 1.5
     (segment,) = find_segments(data)
