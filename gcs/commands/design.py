@@ -32,21 +32,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--compare", metavar="S[,S...]", nargs="?", const=_DURATIONS,
         help=f"compare the usual manoeuvres, tuned, in these durations (default {_DURATIONS} s)")  # fmt: skip
     add("-o", "--output", metavar="PLAN.json", type=Path, help="write the plan for sim-vehicle fly --plan")
+    add("--pwm", metavar="FILE.csv", type=Path, help="write the plan as pulse widths of the servos on the prior's trim")
+    add("--lua", metavar="FILE.lua", type=Path, help="write the plan as a script that ArduPilot Plane flies")
     add("--json", action="store_true", help="print the result as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Design, write what was asked for, print what the flight will tell."""
+    from gcs.ardupilot import lua_script
     from gcs.design import Request, compare, design
     from gcs.designtext import comparison_text, design_text
     from gcs.errors import SettingsError
     from gcs.jsontext import dumps
     from gcs.progress import Progress
+    from gcs.pulses import pulse_schedule
     from gcs.results import check_targets
     from sim_vehicle.model import read_model
     from sim_vehicle.vehicle import load_vehicle
 
-    check_targets(args.output)
+    check_targets(args.output, args.pwm, args.lua)
     if args.plan and (args.manoeuvre or args.tune):
         raise SettingsError("give --plan or --manoeuvre, not both; a plan is not tuned")
     vehicle, model = load_vehicle(args.vehicle), read_model(args.model)
@@ -73,6 +77,10 @@ def run(args: argparse.Namespace) -> int:
         made = design(vehicle, model, request, progress)
     if args.output is not None:
         args.output.write_text(dumps(made.plan_json(), indent=2) + "\n", encoding="utf-8")
+    if args.pwm is not None:
+        pulse_schedule(made.vehicle, made.model, made.plan, args.rate).write_csv(args.pwm)
+    if args.lua is not None:
+        args.lua.write_text(lua_script(made.vehicle, made.model, made.plan, args.rate), encoding="utf-8")
     print(dumps(made.result, indent=2) if args.json else design_text(made.result))
     return 0
 
