@@ -104,7 +104,8 @@ class PartEquations:
         command_first: bool,
         mean_pressure: float,
     ) -> None:
-        self._data, self._body, self._cutoff, self._command_first = data, body, cutoff_hz, command_first
+        self._data, self._body, self._command_first = data, body, command_first
+        self.cutoff_hz = cutoff_hz
         self._pressure = mean_pressure
         edge = round(_EDGE_S / data.interval_s)
         size = data.time_s.size
@@ -139,6 +140,10 @@ class PartEquations:
             wide = min(3.0 * cutoff_hz, 0.4 / data.interval_s)
             slope = fourier_smooth(data["alpha"], data.interval_s, wide).derivative
             self._factors["alphadot"] = slope * body.c * per_length
+
+    def has(self, name: str) -> bool:
+        """Whether the flight has a signal."""
+        return name in self._data
 
     def factor(self, name: str) -> Array:
         """(n,) a regressor at every sample, unfiltered; a command as it was sent."""
@@ -210,7 +215,7 @@ class PartEquations:
         return held if self._command_first else np.concatenate([held[:1], held[:-1]])
 
     def _smooth(self, values: Array) -> Smoothed:
-        return fourier_smooth(values, self._data.interval_s, self._cutoff)
+        return fourier_smooth(values, self._data.interval_s, self.cutoff_hz)
 
     def _column(self, name: str) -> Array:
         if name not in self._data:
