@@ -18,7 +18,7 @@ from sysid.frequency_regression import FrequencyResult, frequency_regression
 from sysid.polynomials import candidate_terms
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult
-from sysid.stepwise import TermTest, p_value, predicted_square_error, tested_term
+from sysid.stepwise import TermTest, p_value, predicted_square_error, trial
 
 # Chance, over all terms tried in a flight, that one which is zero is told to be there.
 FALSE_TERM = 0.01
@@ -142,7 +142,7 @@ def _excluded(equations: Equations, axis: str, terms: Sequence[Term], wider: Seq
     for term in wider:
         if term.axis == axis:
             column = equations.matrix([term])[:, 0]
-            tests.append(tested_term(y, X, names, column, term.name, equations.lengths, equations.bandwidth))
+            tests.append(trial(y, X, names, column, term.name, equations.lengths, equations.bandwidth))
     return tests
 
 

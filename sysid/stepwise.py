@@ -62,7 +62,7 @@ def p_value(partial_f: float, free: float) -> float:
     return float(stats.f.sf(partial_f, 1.0, max(free, 1.0)))
 
 
-def tested_term(
+def trial(
     y: Array, X: Array, names: Sequence[str], column: Array, name: str, lengths: Sequence[int], bandwidth: float
 ) -> TermTest:
     """The test of one more column (N,) beside the regressors X (N, P) of a model."""
@@ -119,7 +119,7 @@ def stepwise(
     chosen = [names[j] for j in inside]
     result = regress(y, X[:, inside], chosen, parts, bandwidth)
     excluded = [
-        tested_term(y, X[:, inside], chosen, X[:, j], names[j], parts, bandwidth)
+        trial(y, X[:, inside], chosen, X[:, j], names[j], parts, bandwidth)
         for j in range(len(names))
         if j not in inside
     ]
