@@ -176,15 +176,21 @@ class OutputError:
         self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array
     ) -> tuple[Array, Array]:
         """Information matrix and gradient (downhill), prior included."""
-        n, p = self.predictor.size, len(self.prior_mean)
+        p = len(self.prior_mean)
+        M, g = self.data_equations(residuals, S, sigma)
+        M[:p, :p] += self.prior_information
+        g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
+        return M, g
+
+    def data_equations(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> tuple[Array, Array]:
+        """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
+        n = self.predictor.size
         M, g = np.zeros((n, n)), np.zeros(n)
         for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
             place = self.places(k)
             information, gradient = _gram(s, residual, self.columns, sigma)
             M[np.ix_(place, place)] += information
             g[place] += gradient
-        M[:p, :p] += self.prior_information
-        g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
         return M, g
 
     def solve(
