@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock clean
+.PHONY: setup demo test check interop bench paper-tables campaign campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
 
 setup: $(VENV)/.ready
 
@@ -60,6 +60,12 @@ campaign-load: setup
 
 campaign-crash: setup
 	$(BIN)/python tests/campaign/crash.py
+
+campaign-jsbsim: setup
+	$(BIN)/python tests/campaign/other_engine.py
+
+campaign-bad-flights: setup
+	$(BIN)/python tests/campaign/bad_flights.py
 
 campaign-clock: setup
 	$(BIN)/python tests/campaign/clock.py

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from sysid.identifiability import Refusal
 from sysid.prepare import Prepared
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult
-from sysid.regression_report import regression_report
 from sysid.residuals import body_of
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, usual_size
 from sysid.systematic import LATE, LINEAR, SHARE
@@ -38,15 +36,13 @@ class EquationEstimate:
 
     joint: all coefficients that were regressed, and those a prior ties to them. regressions: by axis.
     refused: coefficients of `joint` whose standard error says nothing. systematic: coefficient -> perturbation of the
-    vehicle file (sysid.systematic) -> change. report: block "regression" of the result. warnings: one line each.
+    vehicle file (sysid.systematic) -> change.
     """
 
     joint: Gaussian
     regressions: Mapping[str, RegressionResult]
     refused: tuple[Refusal, ...]
     systematic: Mapping[str, Mapping[str, float]]
-    report: Mapping[str, Any]
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -103,8 +99,7 @@ def estimate_by_equations(
     if known is not None:
         joint = joint.combined(known)
     moved = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
-    report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
-    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved, report, tuple(warnings))
+    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved)
 
 
 def _from_sensors(

@@ -20,6 +20,8 @@ _NOISE_FLOOR = {"ax": 1e-3, "ay": 1e-3, "az": 1e-3, "p": 1e-5, "q": 1e-5, "r": 1
 _OUTPUT_FLOOR = 1e-5
 _GPS_NOISE = 0.1  # m/s: a receiver's velocity comes too rarely and too filtered to read its noise off it
 _WINDOW_S = 10.0  # open-loop agreement starts afresh after this time; integrated noise grows without bound
+# No specific force, speed, rate or unwrapped angle of a small aircraft goes beyond, SI units.
+_LARGEST = 1e4
 _STEEP = 1.4  # rad: beyond it Euler angles fail
 
 
@@ -88,6 +90,11 @@ class Part:
         return names | {"V": speed, "alpha": alpha, "beta": beta}
 
 
+def _reach(values: Array) -> float:
+    """Largest magnitude, NaN left out."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
+
+
 def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
     """Arrays of one part.
 
@@ -100,6 +107,12 @@ def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
     holes = [name for name in REQUIRED if not np.isfinite(data[name]).all()]
     if holes:
         raise SignalError(f"{data.name}: {', '.join(holes)} has gaps in this part; give a part without (find_segments)")
+    absurd = [name for name in (*REQUIRED, *OUTPUTS) if name in data and _reach(data[name]) > _LARGEST]
+    if absurd:
+        raise SignalError(
+            f"{data.name}: {absurd[0]} reaches {_reach(data[absurd[0]]):.3g} in SI units, which no aircraft does;"
+            " check its unit and calibration"
+        )
     n, dt = data.time_s.size, data.interval_s
     if n < 50:
         raise SignalError(f"{data.name}: {n} samples are too few for data compatibility, 50 are the least")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +25,12 @@ NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 MAX_STRETCH_S = 60.0
 # Travel of a surface, rad, after which the aircraft must have moved.
 _MOVED = 0.02
+# What each surface moves, directly or through the motion it excites.
+_MOVED_BY = {
+    "de": ("q", "az", "theta", "ax", "alpha"),
+    "da": ("p", "phi", "ay", "beta", "psi"),
+    "dr": ("r", "ay", "beta", "psi"),
+}
 
 
 @dataclass(frozen=True)
@@ -97,12 +103,32 @@ def _check_alive(data: FlightData) -> None:
     """Raise SignalError for a sensor that repeats one value while the aircraft moves."""
     if np.ptp(data["airspeed"]) == 0.0:
         raise SignalError(f"{data.name}: airspeed repeats one value in flight: the sensor is dead or not connected")
-    for surface, names in (("de", ("q", "az", "theta")), ("da", ("p", "phi")), ("dr", ("r",))):
-        if surface not in data or not np.ptp(np.nan_to_num(data[surface])) > _MOVED:
-            continue
-        for name in names:
-            if np.ptp(data[name]) == 0.0:
-                raise SignalError(f"{data.name}: {name} repeats one value while {surface} moves: the sensor is dead")
+    for name, surface in _dead(data):
+        if name in NEEDED:
+            raise SignalError(f"{data.name}: {name} repeats one value while {surface} moves: the sensor is dead")
+
+
+def _dead(data: FlightData) -> list[tuple[str, str]]:
+    """Signals that repeat one value in these samples, each with a surface that moves there and would move them."""
+    moving = [s for s in _MOVED_BY if s in data and np.ptp(np.nan_to_num(data[s])) > _MOVED]
+    pairs = {name: surface for surface in moving for name in _MOVED_BY[surface] if name in data}
+    return [(name, surface) for name, surface in pairs.items() if _repeats(data[name])]
+
+
+def _repeats(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return known.size > 1 and float(np.ptp(known)) == 0.0
+
+
+def _without_dead(data: FlightData, segments: Sequence[Segment]) -> FlightData:
+    """The flight without those signals it can do without that are dead in all its segments, with a warning for each."""
+    dead = [dict(_dead(data.window(segment.start, segment.stop))) for segment in segments]
+    names = [name for name in dead[0] if name not in NEEDED and all(name in others for others in dead)] if dead else []
+    if not names:
+        return data
+    told = tuple(f"{n}: repeats one value while {dead[0][n]} moves: the sensor is dead; it is left out" for n in names)
+    columns = {name: values for name, values in data.columns.items() if name not in names}
+    return replace(data, columns=columns, warnings=(*data.warnings, *told))
 
 
 def prepare(
@@ -117,6 +143,7 @@ def prepare(
     data = resample(signals)
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
+    data = _without_dead(data, segments)
     stretches: list[Stretch] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))

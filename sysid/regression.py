@@ -22,6 +22,8 @@ from sysid.prior import Gaussian
 _BLOCK = 4096
 # Share of the record over which residual autocorrelation counts; beyond it a lag has too few products to be believed.
 _LAG_SHARE = 0.2
+# The square of the largest number a column may hold must leave room for a sum over any record.
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def regress(
     parts = tuple(lengths) if lengths is not None else (y.size,)
     if X.ndim != 2 or y.shape != (X.shape[0],) or len(names) != X.shape[1] or sum(parts) != y.size:
         raise EstimationError(f"regression: shapes {y.shape}, {X.shape}, {len(names)} names, parts {parts} do not fit")
+    _in_range(y, X, names)
     n, count = X.shape
     free = n * bandwidth - count
     if free < 1.0:
@@ -107,10 +110,10 @@ def regress(
         covariance,
         1.0 - rss / total if total > 0.0 else 0.0,
         residual,
-        values**2 / np.diag(white),
+        values**2 / np.maximum(np.diag(white), 1e-300),
         _variance_inflation(X),
         float(singular[0] / singular[-1]),
-        covariance / np.outer(std, std),
+        covariance / np.outer(*(np.maximum(std, 1e-150),) * 2),
     )
 
 
@@ -140,6 +143,7 @@ def gram_regress(y: Array, X: Array) -> tuple[Array, Array, float]:
     n, count = X.shape
     if n <= count:
         raise EstimationError(f"regression: {n} samples are too few for {count} parameters")
+    _in_range(y, X, [f"regressor {i + 1}" for i in range(count)])
     gram, moment, power = X.T @ X, X.T @ y, float(y @ y)
     scale = np.sqrt(np.diag(gram))
     if not np.all(scale > 0.0):
@@ -181,6 +185,14 @@ def _prior_rows(prior: Gaussian, names: Sequence[str]) -> tuple[Array, Array]:
     rows = np.zeros((std.size, len(names)))
     rows[:, place] = np.linalg.solve(root, np.diag(1.0 / std))
     return rows, np.asarray(np.linalg.solve(root, prior.mean / std), dtype=np.float64)
+
+
+def _in_range(y: Array, X: Array, names: Sequence[str]) -> None:
+    """Raise EstimationError for a column whose square no floating-point number holds: its unit is no one's."""
+    for name, column in (("the regressand", y), *zip(names, X.T, strict=True)):
+        largest = float(np.max(np.abs(column)))
+        if largest > 0.0 and not 1.0 / _LARGEST < largest < _LARGEST:
+            raise EstimationError(f"regression: {name} reaches {largest:.3g}; check its unit, or leave it out")
 
 
 def _triangular(X: Array, y: Array) -> tuple[Array, Array, float]:

@@ -14,6 +14,7 @@ from scipy import signal as scipy_signal
 
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData, FlightSignals, Signal
+from sysid.outliers import outliers
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 ANGLES = ("phi", "theta", "psi")
@@ -21,6 +22,10 @@ ANGLES = ("phi", "theta", "psi")
 SPARSE = ("lat", "lon", "vn", "ve", "vd")
 HELD = ("de", "da", "dr", "throttle")
 GAP_S = 0.1
+# No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.
+LARGEST = 1e9
+# Longest flight put on a grid, s: two days.
+_LONGEST_S = 2e5
 # Share of the interval by which a stamp may miss its grid point and still be that grid point's sample (jitter), and
 # by which all stamps together may (offset): an offset is a timing error, jitter averages out.
 JITTER = 0.1
@@ -72,6 +77,10 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
 def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signal:
     """Finite samples with strictly increasing stamps."""
     finite = np.isfinite(source.time_s) & np.isfinite(source.values)
+    absurd = finite & ((np.abs(source.values) > LARGEST) | (np.abs(source.time_s) > LARGEST))
+    if absurd.any():
+        warnings.append(f"{name}: {int(absurd.sum())} reading(s) beyond {LARGEST:g} left out")
+        finite &= ~absurd
     time = np.ascontiguousarray(source.time_s[finite], dtype=np.float64)
     values = np.ascontiguousarray(source.values[finite], dtype=np.float64)
     if time.size < 2:
@@ -84,17 +93,30 @@ def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signa
     if dropped:
         warnings.append(f"{name}: {dropped} samples with a repeated or backward stamp left out")
         time, values = time[forward], values[forward]
+        if time.size < 2:
+            raise SignalError(f"{flight}: the stamps of {name} ({source.source}) go backward; check its clock")
     if name in ANGLES:
         values = np.unwrap(values)
+    if not is_held(name):
+        bad = outliers(values)
+        if bad.any():
+            warnings.append(f"{name}: {int(bad.sum())} reading(s) far off their neighbours left out")
+            time, values = time[~bad], values[~bad]
     return Signal(time, values, source.unit, source.source)
 
 
 def _grid(flight: str, name: str, base: Signal, interval_s: float, warnings: list[str]) -> tuple[Array, float]:
     steps = np.diff(base.time_s)
     typical = float(np.median(steps))
+    if base.time_s[-1] - base.time_s[0] > _LONGEST_S:
+        raise SignalError(
+            f"{flight}: the stamps of {name} span {base.time_s[-1] - base.time_s[0]:.3g} s, more than a flight lasts;"
+            " cut the recording, or check its clock"
+        )
     if typical > 1.5 * interval_s:
         warnings.append(f"{name} comes at {1.0 / typical:.1f} Hz, slower than {1.0 / interval_s:.0f} Hz asked for")
-        interval_s = float(np.mean(steps[steps < 1.5 * typical]))
+        usual = steps[(steps > 0.5 * typical) & (steps < 1.5 * typical)]
+        interval_s = float(np.mean(usual)) if usual.size else typical
     # The source's own clock against ours: the slope of the stamps over their whole-number index.
     for interval in (interval_s, _own_interval(base.time_s, typical)):
         if abs(interval - interval_s) > 0.02 * interval_s:

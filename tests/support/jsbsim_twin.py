@@ -10,6 +10,7 @@ the body axes, since JSBSim's LIFT, DRAG and SIDE are wind axes, which sideslip 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import jsbsim
@@ -29,6 +30,7 @@ SLUG = NEWTON_PER_POUND_FORCE / FT  # kg
 JSBSIM_SLUG_TO_POUND = 32.174049  # FGJSBBase: weights given in pounds are divided by it
 PLANET_RADIUS = 100 * 6.371e6  # m
 NAME = "twin"
+AXES = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 
 STATES = ("north", "east", "down", "u", "v", "w", "phi", "theta", "psi", "p", "q", "r")
 _PROPERTIES = {
@@ -49,7 +51,8 @@ def _property(name: str) -> str:
     return f"<property>{name}</property>"
 
 
-def _regressor(name: str, vehicle: Vehicle) -> str:
+def regressor(name: str, vehicle: Vehicle) -> str:
+    """JSBSim expression of alpha, beta, a surface, CL, or a nondimensional rate."""
     if name in _PROPERTIES:
         return _property(_PROPERTIES[name])
     length = {"p": vehicle.geometry.b, "q": vehicle.geometry.c, "r": vehicle.geometry.b}[name] / FT
@@ -59,15 +62,33 @@ def _regressor(name: str, vehicle: Vehicle) -> str:
     )
 
 
+def function(axis: str, terms: Iterable[str]) -> str:
+    """JSBSim function of one coefficient (CL ... Cn): the sum of its terms."""
+    # A sum of JSBSim's has two members at least.
+    return f'<function name="aero/twin/{axis}"><sum>{_value(0.0)}{_value(0.0)}{"".join(terms)}</sum></function>'
+
+
+def product(*factors: str) -> str:
+    """Product of JSBSim expressions."""
+    return f"<product>{_value(1.0)}{''.join(factors)}</product>"
+
+
+def linear_coefficients(vehicle: Vehicle, model: Model) -> dict[str, str]:
+    """Functions of the six coefficients of a model."""
+    return {axis: _coefficient(axis, vehicle, model) for axis in AXES}
+
+
 def _coefficient(axis: str, vehicle: Vehicle, model: Model) -> str:
     """Function text of one coefficient: the sum of its terms."""
     terms: list[tuple[Term, float]] = [(parse_term(name), value) for name, value in model.values().items()]
-    products = [
-        f"<product>{_value(value)}{_value(1.0)}{''.join(_regressor(f, vehicle) for f in term.factors)}</product>"
-        for term, value in terms
-        if term.axis == axis
-    ]
-    return f'<function name="aero/twin/{axis}"><sum>{_value(0.0)}{_value(0.0)}{"".join(products)}</sum></function>'
+    return function(
+        axis,
+        [
+            product(_value(value), *(regressor(f, vehicle) for f in term.factors))
+            for term, value in terms
+            if term.axis == axis
+        ],
+    )
 
 
 def _axis(name: str, size: float, body: str) -> str:
@@ -78,7 +99,7 @@ def _axis(name: str, size: float, body: str) -> str:
     )
 
 
-def _aerodynamics(vehicle: Vehicle, model: Model) -> str:
+def _aerodynamics(vehicle: Vehicle, coefficients: Mapping[str, str]) -> str:
     geometry = vehicle.geometry
     S, b, c = geometry.S / FT**2, geometry.b / FT, geometry.c / FT
     CL, CD = _property("aero/twin/CL"), _property("aero/twin/CD")
@@ -88,7 +109,7 @@ def _aerodynamics(vehicle: Vehicle, model: Model) -> str:
     return "".join(
         [
             "<aerodynamics>",
-            *(_coefficient(axis, vehicle, model) for axis in ("CL", "CD", "CY", "Cl", "Cm", "Cn")),
+            *(coefficients[axis] for axis in AXES),
             _axis("X", S, X),
             _axis("Y", S, _property("aero/twin/CY")),
             _axis("Z", S, Z),
@@ -126,8 +147,11 @@ def _mass_balance(vehicle: Vehicle) -> str:
     return f"<mass_balance>{text}</mass_balance>"
 
 
-def write_twin(folder: Path, vehicle: Vehicle, model: Model) -> None:
-    """Write planet and aircraft of a vehicle with a model without effects (alphadot and throttle terms excepted)."""
+def write_twin(folder: Path, vehicle: Vehicle, model: Model, coefficients: Mapping[str, str] | None = None) -> None:
+    """Write planet and aircraft of a vehicle with a model without effects (alphadot and throttle terms excepted).
+
+    coefficients: JSBSim functions of CL CD CY Cl Cm Cn, as `function` gives them, to fly instead of the model's.
+    """
     geometry = vehicle.geometry
     assert vehicle.propulsion is not None
     tilt = vehicle.propulsion.inclination
@@ -148,7 +172,8 @@ def write_twin(folder: Path, vehicle: Vehicle, model: Model) -> None:
     )
     aircraft = (
         f'<fdm_config name="{NAME}" version="2.0" release="BETA">{metrics}{_mass_balance(vehicle)}<ground_reactions/>'
-        f"{thrust}<propulsion/><flight_control/>{_aerodynamics(vehicle, model)}</fdm_config>"
+        f"{thrust}<propulsion/><flight_control/>"
+        f"{_aerodynamics(vehicle, coefficients or linear_coefficients(vehicle, model))}</fdm_config>"
     )
     (folder / "aircraft" / NAME).mkdir(parents=True, exist_ok=True)
     (folder / "planet.xml").write_text(planet, encoding="utf-8")
@@ -160,6 +185,21 @@ def fly_twin(folder: Path, start: Array, surfaces: Array, thrust: Array, dt: flo
 
     surfaces: (N, 3) de, da, dr, rad. thrust: (N,) N. density: kg/m^3, None for JSBSim's standard atmosphere.
     """
+    twin = load_twin(folder, start, dt, density)
+    set_inputs(twin, surfaces[0], thrust[0])
+    assert twin.run_ic()
+    states = np.empty((len(thrust), len(STATES)))
+    states[0] = _state(twin)
+    for i in range(1, len(thrust)):
+        set_inputs(twin, surfaces[i], thrust[i])
+        twin.run()
+        states[i] = _state(twin)
+    states[:, :2] += start[:2] - states[0, :2]
+    return states
+
+
+def load_twin(folder: Path, start: Array, dt: float, density: float | None) -> jsbsim.FGFDMExec:
+    """The twin with its initial conditions set, not run yet. Arguments as for `fly_twin`."""
     twin = jsbsim.FGFDMExec(str(folder))
     twin.set_debug_level(0)
     twin.set_aircraft_path("aircraft")
@@ -178,19 +218,10 @@ def fly_twin(folder: Path, start: Array, surfaces: Array, thrust: Array, dt: flo
     for name, value in zip(("p", "q", "r"), start[9:12], strict=True):
         twin.set_property_value(f"ic/{name}-rad_sec", value)
     twin.set_property_value("ic/h-sl-ft", -start[2] / FT)
-    _set_inputs(twin, surfaces[0], thrust[0])
-    assert twin.run_ic()
-    states = np.empty((len(thrust), len(STATES)))
-    states[0] = _state(twin)
-    for i in range(1, len(thrust)):
-        _set_inputs(twin, surfaces[i], thrust[i])
-        twin.run()
-        states[i] = _state(twin)
-    states[:, :2] += start[:2] - states[0, :2]
-    return states
+    return twin
 
 
-def _set_inputs(twin: jsbsim.FGFDMExec, surfaces: Array, thrust: float) -> None:
+def set_inputs(twin: jsbsim.FGFDMExec, surfaces: Array, thrust: float) -> None:
     for name, value in zip(("de", "da", "dr"), surfaces, strict=True):
         twin.set_property_value(_PROPERTIES[name], float(value))
     twin.set_property_value("external_reactions/thrust/magnitude", thrust / NEWTON_PER_POUND_FORCE)

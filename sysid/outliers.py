@@ -1,0 +1,32 @@
+"""Single readings that no motion makes: a bit error, a converter's glitch, a number far off all others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sysid.flight import Array
+
+# Neighbours on both sides that a reading is compared with: a step or a pulse of more samples than these passes.
+_REACH = 2
+# A reading is an outlier if it is this many robust deviations off its neighbours' median, ...
+_SIGMAS = 20.0
+# ... and by this share of the range that the signal otherwise covers, so that a quiet flight's one pulse is none.
+_SHARE = 0.5
+_MAD_TO_SIGMA = 1.4826
+
+
+def outliers(values: Array) -> NDArray[np.bool_]:
+    """(N,) which readings are outliers. values: (N,) finite, in order of time; of angles, unwrapped.
+
+    Where more than 1 % of the readings stand out they are no accidents, and none counts as an outlier. Median filter
+    after F. R. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974.
+    """
+    none = np.zeros(values.size, dtype=np.bool_)
+    if values.size < 50:
+        return none
+    off = np.abs(values - ndimage.median_filter(values, size=2 * _REACH + 1, mode="mirror"))
+    low, high = np.percentile(values, (1.0, 99.0))
+    found = off > max(_SIGMAS * _MAD_TO_SIGMA * float(np.median(off)), _SHARE * float(high - low), 0.0)
+    return np.asarray(found) if found.any() and found.mean() <= 0.01 else none
