@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench paper-tables campaign campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
+.PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
 
 setup: $(VENV)/.ready
 
@@ -40,6 +40,10 @@ bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/framing.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/udp.py
+	$(BIN)/python benchmarks/regression.py
+
+bench-regression: setup
+	$(BIN)/python benchmarks/regression.py
 
 paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py
@@ -51,6 +55,9 @@ SCENARIOS ?= all
 
 campaign: setup
 	$(BIN)/python tests/campaign/identification.py --seeds $(SEEDS) --scenarios $(SCENARIOS)
+
+campaign-equation-error: setup
+	$(BIN)/python tests/campaign/equation_error.py
 
 campaign-fuzz: setup
 	$(BIN)/python tests/campaign/fuzz.py

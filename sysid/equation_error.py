@@ -14,7 +14,7 @@ from sysid.flight import FlightData
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult, mixed_values, regress
 
-_JUMP_ROUNDS = 2
+JUMP_ROUNDS = 2
 
 
 def equation_error(
@@ -72,7 +72,7 @@ def _settle(equations: Equations, terms: Sequence[Term], prior: Gaussian | None)
         solve(axis, chosen)
     moments = [(axis, chosen) for axis, chosen in grouped if axis in MOMENTS]
     # How far commands bend the rates depends on the control derivatives; an error of 5 % there is one of 0.1 % after.
-    for _ in range(_JUMP_ROUNDS):
+    for _ in range(JUMP_ROUNDS):
         equations.take_jumps(values, [term for _, chosen in moments for term in chosen])
         for axis, chosen in moments:
             solve(axis, chosen)

@@ -20,6 +20,8 @@ from sysid.prior import Gaussian
 
 # Rows factorised at once: the block stays in the cache, the accuracy is that of QR on the whole matrix.
 _BLOCK = 4096
+# Rows of one product: read from memory once for both products.
+_GRAM_BLOCK = 8192
 # Share of the record over which residual autocorrelation counts; beyond it a lag has too few products to be believed.
 _LAG_SHARE = 0.2
 # The square of the largest number a column may hold must leave room for a sum over any record.
@@ -143,8 +145,10 @@ def gram_regress(y: Array, X: Array) -> tuple[Array, Array, float]:
     n, count = X.shape
     if n <= count:
         raise EstimationError(f"regression: {n} samples are too few for {count} parameters")
-    _in_range(y, X, [f"regressor {i + 1}" for i in range(count)])
-    gram, moment, power = X.T @ X, X.T @ y, float(y @ y)
+    # Out of range is found by the sums, not by a look at every sample beforehand: that would double the time.
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        gram, moment, power = _gram(X, y)
+    _check_sizes(np.sqrt(np.append(power, np.diag(gram)) / n))
     scale = np.sqrt(np.diag(gram))
     if not np.all(scale > 0.0):
         raise EstimationError("regression: a regressor is zero throughout or not finite; leave it out")
@@ -162,6 +166,25 @@ def gram_regress(y: Array, X: Array) -> tuple[Array, Array, float]:
     inverse = np.linalg.inv(R)
     variance = rss / (n - count)
     return inverse @ b, variance * (inverse @ inverse.T), variance
+
+
+def _gram(X: Array, y: Array) -> tuple[Array, Array, float]:
+    """X'X, X'y and y'y in one pass over the data."""
+    count = X.shape[1]
+    gram, moment = np.zeros((count, count)), np.zeros(count)
+    for first in range(0, X.shape[0], _GRAM_BLOCK):
+        rows = X[first : first + _GRAM_BLOCK]
+        gram += rows.T @ rows
+        moment += y[first : first + _GRAM_BLOCK] @ rows
+    return gram, moment, float(y @ y)
+
+
+def _check_sizes(sizes: Array) -> None:
+    """Raise EstimationError for root mean squares (regressand, regressors) whose squares no number holds."""
+    for i, size in enumerate(sizes):
+        if np.isinf(size) or size > _LARGEST or 0.0 < size < 1.0 / _LARGEST:
+            name = f"regressor {i}" if i else "the regressand"
+            raise EstimationError(f"regression: {name} reaches {size:.3g}; check its unit, or leave it out")
 
 
 def _noise_density(y: Array, X: Array, R: Array, b: Array, rss: float, parts: tuple[int, ...], free: float) -> float:
