@@ -33,15 +33,33 @@ def equation_error(
     pressure over its mean.
     Raises SignalError for a missing signal, EstimationError for terms that cannot be told apart.
     """
+    equations = settled_equations(parts, body, names, cutoff_hz, command_first, prior)
     terms = [parse_term(name) for name in names]
-    equations = Equations(parts, body, terms, cutoff_hz, command_first)
-    _settle(equations, terms, prior)
     results = {}
     for axis, chosen in axes_of(terms):
         own, known = _own(chosen, prior)
         X = equations.matrix(chosen)
         results[axis] = regress(equations.regressand(axis), X, own, equations.lengths, equations.bandwidth, known)
     return results
+
+
+def settled_equations(
+    parts: FlightData | Sequence[FlightData],
+    body: Body,
+    names: Sequence[str],
+    cutoff_hz: float = CUTOFF_HZ,
+    command_first: bool = False,
+    prior: Gaussian | None = None,
+    others: Sequence[str] = (),
+) -> Equations:
+    """The equations with the lift and the bent rates that the estimates of `equation_error` make.
+
+    others: terms that columns will be asked for beside `names`.
+    """
+    terms = [parse_term(name) for name in names]
+    equations = Equations(parts, body, [*terms, *map(parse_term, others)], cutoff_hz, command_first)
+    _settle(equations, terms, prior)
+    return equations
 
 
 def equation_values(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from sysid.identifiability import Refusal
 from sysid.prepare import Prepared
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult
+from sysid.regression_report import regression_report
 from sysid.residuals import body_of
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, usual_size
 from sysid.systematic import LATE, LINEAR, SHARE
@@ -36,13 +38,15 @@ class EquationEstimate:
 
     joint: all coefficients that were regressed, and those a prior ties to them. regressions: by axis.
     refused: coefficients of `joint` whose standard error says nothing. systematic: coefficient -> perturbation of the
-    vehicle file (sysid.systematic) -> change.
+    vehicle file (sysid.systematic) -> change. report: block "regression" of the result. warnings: one line each.
     """
 
     joint: Gaussian
     regressions: Mapping[str, RegressionResult]
     refused: tuple[Refusal, ...]
     systematic: Mapping[str, Mapping[str, float]]
+    report: Mapping[str, Any]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,8 @@ def estimate_by_equations(
     if known is not None:
         joint = joint.combined(known)
     moved = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
-    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved)
+    report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
+    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved, report, tuple(warnings))
 
 
 def _from_sensors(

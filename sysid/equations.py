@@ -24,7 +24,7 @@ from sim_vehicle.terms import Term
 from sysid.coefficients import AXES, Body, coefficients, dynamic_pressure
 from sysid.errors import EstimationError, SignalError
 from sysid.flight import Array, FlightData
-from sysid.smoothing import Smoothed, fourier_smooth
+from sysid.smoothing import Smoothed, fourier_smooth, smooth_columns
 
 CUTOFF_HZ = 5.0
 FORCES = ("CL", "CD", "CY")
@@ -104,7 +104,8 @@ class PartEquations:
         command_first: bool,
         mean_pressure: float,
     ) -> None:
-        self._data, self._body, self._cutoff, self._command_first = data, body, cutoff_hz, command_first
+        self._data, self._body, self._command_first = data, body, command_first
+        self.cutoff_hz = cutoff_hz
         self._pressure = mean_pressure
         edge = round(_EDGE_S / data.interval_s)
         size = data.time_s.size
@@ -126,6 +127,7 @@ class PartEquations:
         arm = {"Cl": body.b, "Cm": body.c, "Cn": body.b}
         # Angular momentum; its derivative is the rest of the moment.
         self.momentum = {axis: momentum[axis] / (mean_pressure * body.S * arm[axis]) for axis in MOMENTS}
+        self._left: dict[str, Array] = {}
         per_length = 1.0 / (2.0 * data["V"])
         lengths = {"p": body.b, "q": body.c, "r": body.b}
         self._per_rate = {name: length * per_length for name, length in lengths.items()}
@@ -139,6 +141,10 @@ class PartEquations:
             wide = min(3.0 * cutoff_hz, 0.4 / data.interval_s)
             slope = fourier_smooth(data["alpha"], data.interval_s, wide).derivative
             self._factors["alphadot"] = slope * body.c * per_length
+
+    def has(self, name: str) -> bool:
+        """Whether the flight has a signal."""
+        return name in self._data
 
     def factor(self, name: str) -> Array:
         """(n,) a regressor at every sample, unfiltered; a command as it was sent."""
@@ -180,14 +186,18 @@ class PartEquations:
 
     def filtered_matrix(self, terms: Sequence[Term]) -> Array:
         """(kept, P) columns as the time-domain regression takes them."""
-        return np.column_stack([self._smooth(self.column(term)).values[self.kept] for term in terms])
+        columns = np.column_stack([self.column(term) for term in terms])
+        return smooth_columns(columns, self._data.interval_s, self.cutoff_hz)[self.kept]
 
     def filtered_regressand(self, axis: str) -> Array:
         """(kept,) the same of the left-hand side."""
-        if axis in FORCES:
-            return self._smooth(self.force[axis]).values[self.kept]
-        slope = self._smooth(self.momentum[axis]).derivative
-        return np.asarray((slope + self._smooth(self.rest[axis]).values)[self.kept])
+        if axis not in self._left:
+            if axis in FORCES:
+                left = self._smooth(self.force[axis]).values
+            else:
+                left = self._smooth(self.momentum[axis]).derivative + self._smooth(self.rest[axis]).values
+            self._left[axis] = left[self.kept]
+        return self._left[axis]
 
     def _product(self, term: Term) -> Array:
         commands = [factor for factor in term.factors if factor in CONTROLS]
@@ -210,7 +220,7 @@ class PartEquations:
         return held if self._command_first else np.concatenate([held[:1], held[:-1]])
 
     def _smooth(self, values: Array) -> Smoothed:
-        return fourier_smooth(values, self._data.interval_s, self._cutoff)
+        return fourier_smooth(values, self._data.interval_s, self.cutoff_hz)
 
     def _column(self, name: str) -> Array:
         if name not in self._data:

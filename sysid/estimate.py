@@ -16,7 +16,7 @@ from sim_vehicle.terms import parse_term
 from sim_vehicle.vehicle import Vehicle
 from sysid.flight import Array
 from sysid.identifiability import Refusal
-from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult
+from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult, UnlikelyError
 from sysid.parameterisation import (
     SENSOR_ERRORS,
     STATES,
@@ -183,17 +183,19 @@ def fit(
     start: Mapping[str, float] | None = None,
     progress: Progress = lambda share, text: None,
     max_iterations: int = MAX_ITERATIONS,
+    give_up_above: float = math.inf,
 ) -> OutputErrorResult:
     """Estimate coefficients, effect parameters, sensor errors and initial states together.
 
-    start: values by parameter name that differ from the model's and from problem.sensors.
+    start: values by parameter name that differ from the model's and from problem.sensors. give_up_above: see
+    `OutputError.solve`.
     """
     values = {name: model.values()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
     values |= dict(problem.sensors)
     values |= dict(start or {})
     return build(problem, model, coefficients, effects).solve(
-        values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations
+        values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations, give_up_above
     )
 
 
@@ -207,7 +209,10 @@ def likelier_timing(
     """Fit once more with the other timing of the commands (see sysid.timing) and keep what is clearly likelier."""
     other = warmed(replace(problem, command_first=not problem.command_first), result)
     values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
-    found = fit(other, model, coefficients, effects, values)
+    try:
+        found = fit(other, model, coefficients, effects, values, give_up_above=result.cost)
+    except UnlikelyError:
+        return problem, result
     return (other, found) if found.cost < result.cost - TIMING_MARGIN else (problem, result)
 
 

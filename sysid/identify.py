@@ -206,6 +206,7 @@ def identify(
         equations = estimate_by_equations(
             prepared, vehicle, compatible, names, problem.command_first, problem.known, corrected_parts, systematic
         )
+        warnings += equations.warnings
         refused = [*quiet, *equations.refused]
         model = _equation_model(start, equations, refused, _validity(prepared, compatible))
         model = _with_systematic(model, equations.systematic)

@@ -24,10 +24,12 @@ MAX_ITERATIONS = 25
 # An estimate has converged when a step gains less log likelihood than this: 0.02 is a fifth of a standard error.
 # Along a curved valley, as a wrong model makes it, three small gains in a row will do.
 COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3
+# After a step that gained less than this the sensitivities hold for one step more.
+SAME_SENSITIVITIES = 1.0
 _SIGMA_FLOOR = 1e-7
 _CACHED_NUMBERS = 1 << 15  # a quarter of a megabyte of doubles
 _LONG_KERNEL = 64  # weights from which on the fast Fourier transform is faster
-_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="sensitivities")
+_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="simulations")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,10 @@ def angle_wrap(residual: Array) -> Array:
     return residual
 
 
+class UnlikelyError(EstimationError):
+    """The estimate will be less likely than what was asked for."""
+
+
 class OutputError:
     """One estimation problem: a predictor, a start, and the outputs that count.
 
@@ -121,10 +127,13 @@ class OutputError:
     def predict(self, theta: Array) -> list[Array]:
         """Predicted outputs of every record."""
         flat, errors = self.predictor.apply(theta)
-        return [
-            self.predictor.outputs(i, flat, errors, self.predictor.initial_states(i, theta, self.guesses[i]))
+        jobs = [
+            _POOL.submit(
+                self.predictor.outputs, i, flat, errors, self.predictor.initial_states(i, theta, self.guesses[i])
+            )
             for i in range(len(self.predictor.records))
         ]
+        return [job.result() for job in jobs]
 
     def residuals(self, predicted: Sequence[Array]) -> list[Array]:
         """Measured minus predicted of every record, angles wrapped."""
@@ -176,15 +185,21 @@ class OutputError:
         self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array
     ) -> tuple[Array, Array]:
         """Information matrix and gradient (downhill), prior included."""
-        n, p = self.predictor.size, len(self.prior_mean)
+        p = len(self.prior_mean)
+        M, g = self.data_equations(residuals, S, sigma)
+        M[:p, :p] += self.prior_information
+        g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
+        return M, g
+
+    def data_equations(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> tuple[Array, Array]:
+        """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
+        n = self.predictor.size
         M, g = np.zeros((n, n)), np.zeros(n)
         for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
             place = self.places(k)
             information, gradient = _gram(s, residual, self.columns, sigma)
             M[np.ix_(place, place)] += information
             g[place] += gradient
-        M[:p, :p] += self.prior_information
-        g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
         return M, g
 
     def solve(
@@ -192,10 +207,12 @@ class OutputError:
         values: dict[str, float],
         progress: Callable[[int, float], None] = lambda iteration, cost: None,
         max_iterations: int = MAX_ITERATIONS,
+        give_up_above: float = np.inf,
     ) -> OutputErrorResult:
         """Estimate, from parameter values and in at most so many steps.
 
-        Raises EstimationError where the simulation from the start values diverges.
+        Raises EstimationError where the simulation from the start values diverges, UnlikelyError as soon as it shows
+        that the cost will stay above `give_up_above`: by three times what the quadratic model still promises.
         """
         theta = self.start(values)
         predicted = self.predict(theta)
@@ -207,11 +224,15 @@ class OutputError:
                 "give a better start (--prior MODEL.json) or a shorter part (--from, --to)"
             )
         damping, converged, iteration, slow = 1e-3, False, 0, 0
+        S, age, gained = self.sensitivities(theta, predicted), 0, np.inf
         while iteration < max_iterations and not converged:
             iteration += 1
             sigma = self.sigma(residuals)
-            S = self.sensitivities(theta, predicted)
+            if age > 0 and (age > 1 or gained > SAME_SENSITIVITIES):
+                S, age = self.sensitivities(theta, predicted), 0
             M, g = self.normal_equations(theta, residuals, S, sigma)
+            if iteration > 1 and cost - 1.5 * float(g @ _damped_step(M, g, 0.0)) > give_up_above:
+                raise UnlikelyError(f"{self.predictor.records[0].flight}: less likely than what is known")
             while True:
                 trial = self._bounded(theta + _damped_step(M, g, damping))
                 trial_predicted = self.predict(trial)
@@ -223,13 +244,16 @@ class OutputError:
             if trial_cost > cost:
                 converged = True
                 break
+            age += 1
             gained = cost - trial_cost
             slow = slow + 1 if gained < SLOW_TOLERANCE else 0
             converged = damping <= 1e-1 and (gained < COST_TOLERANCE or slow >= SLOW_STEPS)
             damping = max(damping * 0.1, 1e-9)
             theta, predicted, residuals, cost = trial, trial_predicted, trial_residuals, trial_cost
             progress(iteration, cost)
-        return self._result(theta, predicted, residuals, cost, iteration, converged)
+        if age > 0 and gained > COST_TOLERANCE:
+            S = self.sensitivities(theta, predicted)
+        return self._result(theta, S, residuals, cost, iteration, converged)
 
     def _bounded(self, theta: Array) -> Array:
         for i, parameter in enumerate(self.predictor.parameters):
@@ -237,10 +261,9 @@ class OutputError:
         return theta
 
     def _result(
-        self, theta: Array, predicted: list[Array], residuals: list[Array], cost: float, iteration: int, converged: bool
+        self, theta: Array, S: list[Array], residuals: list[Array], cost: float, iteration: int, converged: bool
     ) -> OutputErrorResult:
         sigma = self.sigma(residuals)
-        S = self.sensitivities(theta, predicted)
         M, _ = self.normal_equations(theta, residuals, S, sigma)
         white = inverse(M)
         coloured, inflation = self._coloured(residuals, S, sigma, white)

@@ -39,6 +39,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         },
         "model": found.model.to_json(),
         **_linear(found.linear),
+        **({} if found.equation_error is None else {"regression": found.equation_error.report}),
         "validation": _validation(found.validation, found.validation_flights),
         "refused": [vars(refusal) for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),

@@ -1,15 +1,15 @@
 """What errors of the vehicle file would do to the coefficients: the column beside the statistical error.
 
 Each perturbation changes what the estimator was told, not what was measured. Where the changed model fits as well as
-the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a tenth of the change gives where the
-estimate would move, to first order. Late commands do not fit, which moves the weights of the outputs as well: there
-the estimation is repeated.
+the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a thousandth of the change gives where
+the estimate would move, to first order: the change moves the residuals, and hardly the sensitivities. Late commands do
+not fit, which moves the weights of the outputs as well: there the estimation is repeated.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,12 @@ import numpy as np
 from sim_vehicle.model import Model
 from sim_vehicle.vehicle import Vehicle
 from sysid.estimate import Problem, build, fit, warmed
-from sysid.output_error import OutputErrorResult
+from sysid.flight import Array
+from sysid.output_error import OutputErrorResult, angle_wrap
 from sysid.records import SURFACES, Record
 
 DELAY_S = 0.010
-SHARE = 0.1  # of each perturbation, over which the estimate moves linearly
+SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
 
 
 @dataclass(frozen=True)
@@ -87,14 +88,19 @@ def systematic_errors(
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
     start = warmed(problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
-    # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
-    unfinished = _moved(start, model, coefficients, effects, values, result)
+    estimation = build(start, model, coefficients, effects, result.sigma)
+    theta = estimation.start(dict(values))
+    predicted = estimation.predict(theta)
+    S = estimation.sensitivities(theta, predicted)
+    information, _ = estimation.normal_equations(theta, estimation.residuals(predicted), S, result.sigma)
     for change in LINEAR:
         changed = replace(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
-        for name, value in _moved(changed, model, coefficients, effects, values, result).items():
-            moved[name][change.name] = (value - unfinished[name]) / SHARE
+        after = build(changed, model, coefficients, effects, result.sigma).predict(theta)
+        step = _step(information, estimation.data_equations(_shifts(start, predicted, after), S, result.sigma)[1])
+        for i, name in enumerate(values):
+            moved[name][change.name] = float(step[i]) / SHARE
     late = replace(start, records=tuple(map(LATE.record, start.records)))
     again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
     for name, value in values.items():
@@ -102,20 +108,16 @@ def systematic_errors(
     return moved
 
 
-def _moved(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    values: Mapping[str, float],
-    result: OutputErrorResult,
-) -> dict[str, float]:
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    theta = estimation.start(dict(values))
-    predicted = estimation.predict(theta)
-    residuals = estimation.residuals(predicted)
-    S = estimation.sensitivities(theta, predicted)
-    information, downhill = estimation.normal_equations(theta, residuals, S, result.sigma)
+def _shifts(problem: Problem, before: Sequence[Array], after: Sequence[Array]) -> list[Array]:
+    """What a change of the predictions adds to the residuals of each record; NaN where nothing was measured."""
+    return [
+        np.where(np.isfinite(record.z), angle_wrap(old - new), np.nan)
+        for record, old, new in zip(problem.records, before, after, strict=True)
+    ]
+
+
+def _step(information: Array, downhill: Array) -> Array:
+    """Gauss-Newton step in scaled unknowns."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
     step = np.linalg.lstsq(information * np.outer(scale, scale), downhill * scale, rcond=1e-13)[0] * scale
-    return {parameter.name: float(step[i]) for i, parameter in enumerate(result.parameters)}
+    return np.asarray(step)

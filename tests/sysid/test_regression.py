@@ -6,6 +6,7 @@ import statsmodels.api as sm
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from sysid.errors import EstimationError
+from sysid.prior import Gaussian
 from sysid.regression import gram_regress, regress
 
 
@@ -101,3 +102,54 @@ def test_scaling_under_a_change_of_units():
     plain, scaled = regress(y, X, names), regress(y, X * scale, names)
     assert scaled.values * scale == pytest.approx(plain.values)
     assert scaled.std * scale == pytest.approx(plain.std)
+
+
+def prior_of(std, mean=(0.2, 2.5, -0.6, 1.5)):
+    return Gaussian(("0", "a", "q", "de"), np.array(mean), np.diag(np.square(std)))
+
+
+def test_a_prior_counts_as_further_observations():
+    """Theil & Goldberger: statsmodels' GLS of the flight and the prior's values, the noise being known."""
+    rng, X, truth = problem()
+    y = truth + 0.1 * rng.standard_normal(truth.size)
+    prior = prior_of([0.01, 0.02, 0.5, 0.01], (0.21, 2.48, 0.0, 1.52))
+    found = regress(y, X, ["0", "a", "q", "de"], prior=prior)
+    sigma = np.sqrt(sm.OLS(y, X).fit().scale)
+    spread = np.concatenate([np.full(y.size, sigma), np.sqrt(np.diag(prior.covariance))])
+    stacked = sm.WLS(np.concatenate([y, prior.mean]), np.vstack([X, np.eye(4)]), weights=spread**-2.0).fit()
+    std = np.sqrt(np.diag(stacked.normalized_cov_params))
+    assert np.abs(found.values - stacked.params) == pytest.approx(np.zeros(4), abs=0.25 * std.max())
+    assert found.std == pytest.approx(std, rel=0.35)
+    assert np.all(found.std < np.sqrt(np.diag(prior.covariance)) * 1.01)
+
+
+def test_a_prior_tells_apart_what_the_flight_cannot():
+    rng, X, truth = problem()
+    y = truth + 0.1 * rng.standard_normal(truth.size)
+    X = np.column_stack([X, 2.0 * X[:, 1]])
+    names = ["0", "a", "q", "de", "twice"]
+    with pytest.raises(EstimationError, match="linearly dependent"):
+        regress(y, X, names)
+    known = Gaussian(("twice",), np.array([0.25]), np.array([[1e-4]]))
+    found = regress(y, X, names, prior=known)
+    # The sum is 2.5; half of it is known to be in the second.
+    assert found.values[4] == pytest.approx(0.25, abs=1e-3)
+    assert found.values[1] == pytest.approx(2.0, abs=0.06)
+    assert found.std[4] == pytest.approx(0.01, rel=0.05)
+    assert found.std[1] > 0.02
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_intervals_with_a_prior_hold_the_truth_that_it_was_drawn_about(colour):
+    inside = []
+    std = np.array([0.02, 0.02, 0.05, 0.02])
+    for seed in range(200):
+        rng, X, _ = problem(600, seed)
+        mean = np.array([0.2, 2.5, -0.6, 1.5])
+        true = mean + std * rng.standard_normal(4)
+        noise = rng.standard_normal(600)
+        for k in range(1, 600):
+            noise[k] += colour * noise[k - 1]
+        found = regress(X @ true + 0.1 * noise, X, ["0", "a", "q", "de"], prior=prior_of(std))
+        inside.append(np.abs(found.values - true) < 1.96 * found.std)
+    assert 0.92 < np.mean(inside) < 0.985

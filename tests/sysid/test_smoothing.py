@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sysid.errors import SignalError
-from sysid.smoothing import fourier_smooth, local_derivative, noise_sigma
+from sysid.smoothing import fourier_smooth, local_derivative, noise_sigma, smooth_columns
 
 DT = 0.02
 TIME = DT * np.arange(1000)
@@ -68,3 +68,13 @@ def test_too_little_data_is_refused():
         noise_sigma(np.ones(8), DT)
     with pytest.raises(SignalError):
         local_derivative(np.ones(4), DT)
+
+
+def test_columns_smoothed_together_are_smoothed_as_each_alone():
+    rng = np.random.default_rng(0)
+    for size in (40, 301, 1000):
+        values = np.cumsum(rng.standard_normal((size, 3)), axis=0)
+        alone = np.column_stack([fourier_smooth(column, 0.02, 5.0).values for column in values.T])
+        assert smooth_columns(values, 0.02, 5.0) == pytest.approx(alone, abs=1e-9)
+    with pytest.raises(SignalError, match="finite"):
+        smooth_columns(np.full((40, 1), np.nan), 0.02, 5.0)
