@@ -17,12 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.flown import FlownFlight
+from sim_vehicle.layout import CHANNELS
 from sim_vehicle.model import Model
 from sim_vehicle.plan import Plan
+from sim_vehicle.plant import Plant
 from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import CompatibilityResult
 from sysid.estimate import Problem, build, free_coefficients, refusals
-from sysid.flight import Array
+from sysid.flight import Array, FlightSignals
 from sysid.identifiability import Refusal
 from sysid.identify import make_problem
 from sysid.output_error import OutputError, inverse
@@ -31,10 +33,12 @@ from sysid.prepare import check_compatibility, prepare
 from sysid.records import OUTPUTS, SURFACES
 from sysid.rehearsal import RATE_HZ, channel_noise, rehearse, true_starts
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
+from sysid.turbulence import GustyPath, gusty_path
 
 _THRUST_STEP = 1e-4  # N, for a difference quotient
 _CORRELATED = 0.9  # beyond which two estimates are told to hang together
 _EXCURSIONS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "az", "down")
+_NO_SAMPLE = 1e6  # noise, SI, of an output where it has none
 _STOP = 1e-3  # rad from a linkage's end
 
 
@@ -127,7 +131,8 @@ def predict(
     """Predict what `plan` will tell of `vehicle` if it flies as `model` says.
 
     structure: a model whose coefficients are to be estimated; None takes what `identify` takes. A coefficient that
-    `model` lacks counts as 0. rate_hz: sample rate. without: sensors the aircraft does not carry (rehearsal.ABSENT).
+    `model` lacks counts as 0. rate_hz: sample rate. gusts: turbulence, 1 sigma, m/s; the bound is then that of an
+    estimator that knows the turbulence. without: sensors the aircraft does not carry (rehearsal.ABSENT).
     seed: of the rehearsal's sensor noise, on which the choice of sensor errors may depend where it is close.
     Raises SimVehicleError for what cannot be flown and SysidError for a plan from which nothing can be told.
     """
@@ -137,12 +142,22 @@ def predict(
         if name not in whole.coefficients:
             whole = whole.with_coefficient(name, 0.0)
     signals, flown = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without)
-    prepared = [prepare(signals, vehicle)]
-    compatible = check_compatibility(prepared)
-    problem = _at_the_truth(make_problem(prepared, vehicle, compatible), flown)
+    problem, compatible = _problem(signals, vehicle)
+    if gusts > 0.0:
+        # Turbulence decides which sensor errors are told; the motion is the plan's own, or the commands with which the
+        # autopilot answered the gusts would count as excitation.
+        rough, _ = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without, gusts=gusts)
+        shaken, compatible = _problem(rough, vehicle)
+        chosen = {
+            name: value for name, value in shaken.sensors.items() if SENSOR_ERRORS[name][0] in problem.motion.outputs
+        }
+        problem = replace(problem, sensors=chosen, priors=shaken.priors)
+    problem = _at_the_truth(problem, flown)
     free = free_coefficients(names, problem.motion)
     oe = build(problem, whole, free, sigma=_sigma(vehicle))
-    covariance = inverse(_information(oe, {**whole.values(), **problem.sensors}, _thrust_noise(problem, vehicle)))
+    motion = gusty_path(Plant(vehicle, whole), flown, gusts) if gusts > 0.0 else None
+    values = {**whole.values(), **problem.sensors}
+    covariance = inverse(_information(oe, values, _thrust_noise(problem, vehicle), motion))
     known = tuple(parameter.name for parameter in oe.predictor.parameters)
     covariance = covariance[: len(known), : len(known)]
     quiet = [
@@ -164,8 +179,15 @@ def predict(
         known,
         covariance,
         gusts,
-        tuple(_warnings(vehicle, model, names, flown)),
+        tuple(_warnings(vehicle, model, names, flown, gusts)),
     )
+
+
+def _problem(signals: FlightSignals, vehicle: Vehicle) -> tuple[Problem, CompatibilityResult]:
+    """What `identify` makes of a flight's signals before it estimates."""
+    prepared = [prepare(signals, vehicle)]
+    compatible = check_compatibility(prepared)
+    return make_problem(prepared, vehicle, compatible), compatible
 
 
 def _at_the_truth(problem: Problem, flown: FlownFlight) -> Problem:
@@ -180,33 +202,37 @@ def _sigma(vehicle: Vehicle) -> Array:
     return np.array([noise[name] for name in OUTPUTS])
 
 
-def _information(oe: OutputError, values: dict[str, float], thrust_noise: Sequence[float]) -> Array:
+def _information(
+    oe: OutputError, values: dict[str, float], thrust_noise: Sequence[float], motion: GustyPath | None
+) -> Array:
     """Information matrix of parameters, initial states and the mean error of each run's measured thrust.
 
     thrust_noise: standard error of the mean thrust of each run, N; 0 where thrust is not measured. It is no parameter
-    of the estimate, but it moves the drag all the same.
+    of the estimate, but it moves the drag all the same. motion: what turbulence does; None in calm air.
     """
+    assert oe.known_sigma is not None
     theta = oe.start(values)
     predicted = oe.predict(theta)
-    slopes = oe.sensitivities(theta, predicted)
-    assert oe.known_sigma is not None
-    residuals = [record.z - y for record, y in zip(oe.predictor.records, predicted, strict=True)]
-    information, _ = oe.normal_equations(theta, residuals, slopes, oe.known_sigma)
-    pushed = _pushed_by_thrust(oe, theta, predicted)
-    size = information.shape[0]
-    whole = np.zeros((size + len(pushed), size + len(pushed)))
-    whole[:size, :size] = information
-    for k, (push, noise) in enumerate(zip(pushed, thrust_noise, strict=True)):
-        row = size + k
-        whole[row, row] = 1.0 if noise == 0.0 else noise**-2.0
-        if noise == 0.0:
-            continue
-        good = np.isfinite(residuals[k][:, oe.columns])
-        scaled = np.where(good, push[:, oe.columns] / oe.known_sigma[oe.columns], 0.0)
-        own = slopes[k][:, oe.columns, :] / oe.known_sigma[oe.columns][:, None]
-        cross = np.einsum("nj,njp->p", scaled, own)
-        whole[row, oe.places(k)] = whole[oe.places(k), row] = cross
-        whole[row, row] += float(np.sum(scaled**2))
+    slopes, pushed = oe.sensitivities(theta, predicted), _pushed_by_thrust(oe, theta, predicted)
+    sigma = oe.known_sigma[oe.columns]
+    size = oe.predictor.size
+    whole = np.diag(np.concatenate((np.zeros(size), np.ones(len(pushed)))))
+    priors = oe.prior_information.shape[0]
+    whole[:priors, :priors] = oe.prior_information
+    for k, record in enumerate(oe.predictor.records):
+        rows = np.concatenate((slopes[k], pushed[k][:, :, None] * (thrust_noise[k] > 0.0)), axis=2)[:, oe.columns]
+        good = np.isfinite(record.z[:, oe.columns])
+        if motion is None:
+            white = np.where(good[:, :, None], rows, 0.0) / sigma[:, None]
+        else:
+            first = round(record.time_s[0] / record.interval_s)
+            free, columns = oe.predictor.free_states[k], [CHANNELS.index(OUTPUTS[j]) for j in oe.columns]
+            white = motion.whitened(rows, np.where(good, sigma, _NO_SAMPLE), first, free, columns)
+        flat = white.reshape(-1, white.shape[2])
+        places = np.append(oe.places(k), size + k)
+        whole[np.ix_(places, places)] += flat.T @ flat
+        if thrust_noise[k] > 0.0:
+            whole[size + k, size + k] += thrust_noise[k] ** -2.0 - 1.0
     return whole
 
 
@@ -262,9 +288,14 @@ def _sensors(
     return (*own, *others)
 
 
-def _warnings(vehicle: Vehicle, model: Model, names: Sequence[str], flown: FlownFlight) -> list[str]:
+def _warnings(vehicle: Vehicle, model: Model, names: Sequence[str], flown: FlownFlight, gusts: float) -> list[str]:
     found = [f"{name} of the prior model is not estimated; give --structure" for name in model.coefficients
              if name not in names]  # fmt: skip
+    if gusts > 0.0:
+        found.append(
+            f"turbulence of {gusts:g} m/s: these are bounds of an estimator that knows it (filter error); plain output "
+            "error is several times worse"
+        )
     for signal, (low, high) in model.validity.items():
         values = flown.truth["V" if signal == "airspeed" else signal] if signal in ("alpha", "airspeed") else None
         if values is not None and (values.min() < low or values.max() > high):
