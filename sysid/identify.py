@@ -32,6 +32,7 @@ from sysid.estimate import (
 )
 from sysid.flight import FlightData, FlightSignals
 from sysid.gap import Fixed
+from sysid.inputnoise import with_thrust_noise
 from sysid.linear import LinearModel, linearise
 from sysid.output_error import OutputErrorResult
 from sysid.parameterisation import SENSOR_ERRORS
@@ -218,6 +219,7 @@ def identify(
         problem, result = likelier_timing(problem, start, names, free_effects, result)
         if not result.converged:
             warnings.append("output error did not converge; the standard errors may be too small")
+        result = with_thrust_noise(problem, start, names, free_effects, result)
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)

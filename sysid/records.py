@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from sim_vehicle.layout import CHANNELS
 from sim_vehicle.vehicle import Vehicle
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
-from sysid.inputs import denoise_thrust
+from sysid.inputs import denoised_thrust
 from sysid.smoothing import fourier_smooth
 
 OUTPUTS = (*CHANNELS[:12], "vn", "ve", "vd")
@@ -38,7 +38,8 @@ class Record:
     thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 15) measured OUTPUTS of the samples
     `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s.
     held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
-    measured ax, and so an accelerometer's bias too.
+    measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
+    leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
     """
 
     flight: str
@@ -51,6 +52,8 @@ class Record:
     z: Array
     held: Array
     moving_mass: float = 0.0
+    thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    stretch: int = 0
 
     @property
     def length(self) -> int:
@@ -64,7 +67,7 @@ class Record:
         return replace(
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
-            held=self.held[kept] if self.held.size else self.held,
+            held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
         )  # fmt: skip
 
 
@@ -130,8 +133,9 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     for j, name in enumerate(OUTPUTS):
         if name in data:
             z[:, j] = data[name][start:stop]
+    denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
-        denoise_thrust(thrust[first:stop], commands[:, 3], data.interval_s),
-        _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
+        denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
+        denoised.doubt, start,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sysid.inputs import denoise_thrust, smooth_series
+from sysid.inputs import denoise_thrust, denoised_thrust, smooth_series
 
 Array = NDArray[np.float64]
 
@@ -79,6 +79,28 @@ def test_a_motor_still_spinning_up_at_the_first_sample_is_followed() -> None:
     left = errors(8.0 * (0.4 + 0.2 * share) - 0.2 * np.exp(-TIME / 0.1), throttle)
     assert rms(left) < 0.12
     assert abs(left[:, :5].mean()) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("step", "start", "swing", "unknowns"),
+    [(0.0, 0.0, 0.0, 1), (0.2, 0.0, 0.0, 4), (0.2, 0.3, 0.0, 4), (0.0, 0.0, 0.5, 8)],
+    ids=["constant", "throttle step", "spinning up", "swing"],
+)
+def test_the_errors_that_are_left_are_as_large_as_told(step: float, start: float, swing: float, unknowns: int) -> None:
+    """Each of the unknowns that are fitted leaves sigma^2 of the summed square: what theory says, and what is told."""
+    generator = np.random.default_rng(4)
+    throttle = np.where(np.arange(N) >= 200, 0.4 + step, 0.4)
+    share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.12)
+    true = 8.0 * (0.4 + step * share) - start * np.exp(-TIME / 0.12)
+    true = true + swing * np.cos(np.pi * 7.0 * (np.arange(N) + 0.5) / N)
+    found, told = np.zeros(RUNS), np.zeros(RUNS)
+    for run in range(RUNS):
+        denoised = denoised_thrust(true + SIGMA * generator.standard_normal(N), throttle, DT)
+        found[run] = np.sum((denoised.values - true) ** 2) / SIGMA**2
+        told[run] = np.sum(denoised.doubt**2) / SIGMA**2
+    assert np.mean(told) == pytest.approx(unknowns, rel=0.15)
+    # Four standard errors of a mean of chi-squared values.
+    assert np.mean(found) == pytest.approx(np.mean(told), abs=4.0 * np.sqrt(2.0 * unknowns / RUNS))
 
 
 def test_thrust_that_goes_with_the_square_of_the_throttle_is_explained_by_it_just_as_well() -> None:
