@@ -40,6 +40,7 @@ from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
 from sysid.residuals import body_of, coefficient_path, known_thrust, moment_noise
+from sysid.sensorchoice import with_told_sensors
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.systematic import systematic_errors
@@ -217,6 +218,9 @@ def identify(
         result = fit(problem, start, names, free_effects, progress=lambda s, t: progress(0.4 + 0.35 * s, t))
         progress(0.8, "timing of the commands")
         problem, result = likelier_timing(problem, start, names, free_effects, result)
+        if sensors is None and compatible.gust_sigma == 0.0:
+            unclear = [refusal.name for refusal in compatible.refused]
+            problem, result = with_told_sensors(problem, start, names, free_effects, result, unclear)
         if not result.converged:
             warnings.append("output error did not converge; the standard errors may be too small")
         result = with_thrust_noise(problem, start, names, free_effects, result)
@@ -232,7 +236,8 @@ def identify(
     validation = _validate(validate_on, vehicle, model, errors, problem.command_first, start_s, stop_s, warnings)
     progress(1.0, "done")
     return Identification(
-        tuple(prepared), compatible, model, errors, (*refused, *compatible.refused), validation,
+        tuple(prepared), compatible, model, errors,
+        (*refused, *(refusal for refusal in compatible.refused if refusal.name not in errors)), validation,
         tuple(flight.name for flight in validate_on), result, equations,
         _linear(vehicle, model, prepared, compatible, result), tuple(dict.fromkeys(warnings)),
     )  # fmt: skip
