@@ -223,7 +223,7 @@ def identify(
             problem, result = with_told_sensors(problem, start, names, free_effects, result, unclear)
         if not result.converged:
             warnings.append("output error did not converge; the standard errors may be too small")
-        result = with_thrust_noise(problem, start, names, free_effects, result)
+        problem, result = with_thrust_noise(problem, start, names, free_effects, result)
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)

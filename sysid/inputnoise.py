@@ -1,21 +1,34 @@
-"""What the noise of measured thrust, an input of the simulation, does to the estimates' errors.
+"""The noise of measured thrust, an input of the simulation, as part of the one-step estimate.
 
-The likelihood takes inputs as exact. Smoothed thrust still has errors, of level foremost, which move the coefficients
-by one Gauss-Newton step d each; independent of the outputs' noise, they add d d' to the covariance (consider
-covariance: S. F. Schmidt, Advances in Control Systems 3, 1966).
+The likelihood takes inputs as exact. Smoothed thrust still has errors of level, gain and lag, known in size, and the
+motion itself tells them as well: each becomes an unknown c_k with a Gaussian prior of one standard deviation beside the
+parameters. They are small, so one joint Gauss-Newton step from the estimate with exact inputs is enough (errors in
+inputs as nuisance parameters with priors: Maine & Iliff, NASA RP-1168, section 5.4, maximum a posteriori).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_vehicle.model import Model
 from sysid.estimate import Problem, build
-from sysid.output_error import OutputErrorResult
+from sysid.flight import Array
+from sysid.output_error import OutputError, OutputErrorResult
 from sysid.parameterisation import Predictor
+from sysid.records import Record
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """One error of the thrust of some records: record index -> its error (M,) of one standard deviation, and what it
+    does to the record's outputs (N, 15).
+    """
+
+    thrust: dict[int, Array]
+    outputs: dict[int, Array]
 
 
 def with_thrust_noise(
@@ -24,41 +37,103 @@ def with_thrust_noise(
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
-) -> OutputErrorResult:
-    """The result with the thrust's noise in its covariances.
+) -> tuple[Problem, OutputErrorResult]:
+    """The estimate with the thrust's errors estimated beside it, and the problem with thrust so corrected.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
-    stretches: dict[tuple[str, int], list[int]] = {}
+    groups: dict[tuple[str, int], list[int]] = {}
     for index, record in enumerate(problem.records):
         if record.thrust_doubt.size:
-            stretches.setdefault((record.flight, record.stretch), []).append(index)
-    if not stretches:
-        return result
+            groups.setdefault((record.flight, record.stretch), []).append(index)
+    if not groups:
+        return problem, result
     estimation = build(problem, model, coefficients, effects, result.sigma)
     theta = result.theta
     predicted = estimation.predict(theta)
     S = estimation.sensitivities(theta, predicted)
+    residuals = estimation.residuals(predicted)
+    doubts = [
+        _doubt(problem, estimation, theta, predicted, indices, part)
+        for indices in groups.values()
+        for part in range(problem.records[indices[0]].thrust_doubt.shape[0])
+    ]
+    step, covariance = _joint_step(estimation, result, residuals, S, doubts)
+    n = theta.size
+    white = covariance[:n, :n]
+    # What colour of the residuals adds to the standard errors, it adds here too.
+    growth = np.sqrt(np.diag(result.covariance) / np.diag(result.covariance_white))
+    left = [residual.copy() for residual in residuals]
+    for index in range(len(left)):
+        left[index] -= S[index] @ step[estimation.places(index)]
+        for doubt, size in zip(doubts, step[n:], strict=True):
+            left[index] -= size * doubt.outputs.get(index, 0.0)
+    corrected = replace(
+        result, theta=theta + step[:n], covariance=white * np.outer(growth, growth), covariance_white=white,
+        residuals=tuple(left),
+    )  # fmt: skip
+    return replace(problem, records=_corrected(problem.records, doubts, step[n:])), corrected
+
+
+def _doubt(
+    problem: Problem,
+    estimation: OutputError,
+    theta: Array,
+    predicted: Sequence[Array],
+    indices: Sequence[int],
+    part: int,
+) -> _Doubt:
+    """The error numbered `part` of the thrust of the records `indices`, which share it."""
     flat, errors = estimation.predictor.apply(theta)
-    columns = estimation.columns
-    weights = result.sigma[columns] ** -2.0
-    added = np.zeros_like(result.covariance)
-    for indices in stretches.values():
-        for part in range(problem.records[indices[0]].thrust_doubt.shape[0]):
-            pull = np.zeros(theta.size)
-            for index in indices:
-                record = problem.records[index]
-                pushed = replace(record, thrust=record.thrust + record.thrust_doubt[part])
-                other = Predictor(
-                    estimation.predictor.flat, estimation.predictor.parameters, (pushed,),
-                    sub_steps=problem.sub_steps, command_first=problem.command_first,
-                )  # fmt: skip
-                states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
-                change = other.outputs(0, flat, errors, states) - predicted[index]
-                change[~np.isfinite(record.z)] = 0.0
-                pull[estimation.places(index)] += np.einsum(
-                    "kjp,kj->p", S[index][:, columns, :], change[:, columns] * weights
-                )
-            step = result.covariance_white @ pull
-            added += np.outer(step, step)
-    return replace(result, covariance=result.covariance + added, covariance_white=result.covariance_white + added)
+    thrust, outputs = {}, {}
+    for index in indices:
+        record = problem.records[index]
+        thrust[index] = record.thrust_doubt[part]
+        pushed = replace(record, thrust=record.thrust + thrust[index])
+        other = Predictor(
+            estimation.predictor.flat, estimation.predictor.parameters, (pushed,),
+            sub_steps=problem.sub_steps, command_first=problem.command_first,
+        )  # fmt: skip
+        states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
+        outputs[index] = other.outputs(0, flat, errors, states) - predicted[index]
+    return _Doubt(thrust, outputs)
+
+
+def _joint_step(
+    estimation: OutputError,
+    result: OutputErrorResult,
+    residuals: Sequence[Array],
+    S: Sequence[Array],
+    doubts: Sequence[_Doubt],
+) -> tuple[Array, Array]:
+    """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
+    information, downhill = estimation.normal_equations(result.theta, residuals, S, result.sigma)
+    n, columns = information.shape[0], estimation.columns
+    joint = np.eye(n + len(doubts))
+    joint[:n, :n] = information
+    gradient = np.concatenate((downhill, np.zeros(len(doubts))))
+    for index, (residual, slopes) in enumerate(zip(residuals, S, strict=True)):
+        inside = [k for k, doubt in enumerate(doubts) if index in doubt.outputs]
+        good = np.isfinite(residual[:, columns])
+        scale = np.where(good, 1.0 / result.sigma[columns], 0.0)
+        white = np.where(good, residual[:, columns], 0.0) * scale
+        rows = slopes[:, columns, :] * scale[:, :, None]
+        pushes = np.stack([doubts[k].outputs[index][:, columns] * scale for k in inside], axis=2)
+        here, there = estimation.places(index), [n + k for k in inside]
+        cross = np.einsum("kjp,kjq->pq", rows, pushes)
+        joint[np.ix_(here, there)] += cross
+        joint[np.ix_(there, here)] += cross.T
+        joint[np.ix_(there, there)] += np.einsum("kjp,kjq->pq", pushes, pushes)
+        gradient[there] += np.einsum("kjp,kj->p", pushes, white)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
+    covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+    return covariance @ gradient, covariance
+
+
+def _corrected(records: Sequence[Record], doubts: Sequence[_Doubt], sizes: Array) -> tuple[Record, ...]:
+    """The records with the estimated errors added to their thrust."""
+    thrust = [record.thrust.copy() for record in records]
+    for doubt, size in zip(doubts, sizes, strict=True):
+        for index, error in doubt.thrust.items():
+            thrust[index] += size * error
+    return tuple(replace(record, thrust=new) for record, new in zip(records, thrust, strict=True))

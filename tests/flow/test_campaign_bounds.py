@@ -63,11 +63,10 @@ def test_calm_bound_is_that_of_the_paper_tables():
     told = slopes(Experiment(flown, vehicle, model, LONGITUDINAL_OUTPUTS, False))
     names = [*paper_tables.SENSORS, *paper_tables.COEFFICIENTS]
     found = bounds(told.names, calm_information(told), names)
-    # Here the steps of gyros and accelerometers count as noise (1 %), and the size of the throttle's changes is unknown
-    # (1 %): the bound may be larger by both.
+    # Here the steps of gyros and accelerometers count as noise (1 %), and how thrust follows the throttle is unknown.
     ratio = np.array([found[name] for name in names]) / other
     assert ratio.min() > 0.995
-    assert ratio.max() < 1.025
+    assert ratio.max() < 1.06
 
 
 def test_gust_filters_have_drydens_spectrum():

@@ -155,7 +155,7 @@ def slopes(experiment: Experiment) -> Slopes:
         column = experiment.outputs.index(output)
         found[name] = np.zeros_like(true)
         found[name][:, column] = true[:, column] if is_scale else 1.0
-    shapes = _thrust_shapes(thrust)
+    shapes = _thrust_shapes(experiment)
     for name, shape in shapes.items():
         force = _THRUST_STEP * shape
         found[name] = (fly(flat.C, path[0], thrust + force) - fly(flat.C, path[0], thrust - force)) / (
@@ -191,13 +191,32 @@ def bound_of(names: Sequence[str], information: Array, unknown: Sequence[str], n
     return bounds(names, information, [*unknown, name])[name]
 
 
-def _thrust_shapes(thrust: Array) -> dict[str, Array]:
-    """What the samples of the thrust sensor leave open, N: its mean, and the size of its changes."""
-    mean = float(thrust.mean())
+def _thrust_shapes(experiment: Experiment) -> dict[str, Array]:
+    """What the samples of the thrust sensor leave open, (N,) each: level; gain and lag behind the throttle; the start.
+
+    Thrust follows the throttle as a first-order lag, of which the estimator knows neither gain nor time constant.
+    """
+    thrust, throttle = experiment.flown.truth["thrust"], experiment.flown.command[:, 3]
     shapes = {"thrust offset": np.ones(thrust.size)}
-    if np.ptp(thrust) > 1e-6:
-        shapes["thrust gain"] = (thrust - mean) / float(np.std(thrust))
+    if np.ptp(throttle) < 1e-6 or experiment.vehicle.propulsion is None:
+        return shapes
+    tau = experiment.vehicle.propulsion.tau
+    shapes["thrust gain"] = _after_lag(throttle, tau)
+    if tau > 0.0:
+        shapes["thrust lag"] = _after_lag(throttle, 1.01 * tau) - _after_lag(throttle, 0.99 * tau)
+        shapes["thrust start"] = np.exp(-0.02 * np.arange(thrust.size) / tau)
+    for name in list(shapes)[1:]:
+        shapes[name] = (shapes[name] - shapes[name].mean()) / float(np.std(shapes[name]))
     return shapes
+
+
+def _after_lag(command: Array, tau: float, dt: float = 0.02) -> Array:
+    """A held command after a first-order lag, at the samples, (N,)."""
+    share = 1.0 if tau == 0.0 else 1.0 - math.exp(-dt / tau)
+    out = np.full(command.size, command[0])
+    for k in range(1, command.size):
+        out[k] = out[k - 1] + share * (command[k - 1] - out[k - 1])
+    return out
 
 
 def _thrust_information(names: Sequence[str], shapes: dict[str, Array], vehicle: Vehicle) -> Array:
