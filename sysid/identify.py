@@ -79,13 +79,18 @@ def make_problem(
     compatible: CompatibilityResult,
     sensors: Sequence[str] | None = None,
     run_s: float = MAX_RUN_S,
+    ground: bool = False,
 ) -> Problem:
     """Estimation problem of all stretches: runs, start states from the reconstruction, sensor errors to estimate.
 
     sensors: names to estimate; None takes those that the compatibility check can tell. run_s: longest free run, s.
+    ground: whether velocity over ground, where measured, counts in a motion that is free in all axes though no vane is
+    missing; else it counts for the air data alone, by what the compatibility check made of it.
     """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
     motion = excited_motion([stretch.record for stretch in stretches])
+    if ground and motion.longitudinal and motion.lateral and "wind_north" in compatible.parameters:
+        motion = replace(motion, ground=True)
     runs, guesses = [], []
     for stretch, found in zip(stretches, compatible.states, strict=True):
         states = dict(found)
@@ -96,7 +101,9 @@ def make_problem(
         guesses += part_guesses
     known = compatible.parameters
     names = relevant_sensors(list(known) if sensors is None else sensors, motion)
-    priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in _FROM_COMPATIBILITY}
+    # The same readings must not count twice.
+    told = () if motion.ground else _FROM_COMPATIBILITY
+    priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in told}
     start = {name: known[name].value if name in known else 0.0 for name in names}
     at_once = command_shows_at_once(
         corrected_parts(prepared, vehicle, compatible), body_of(vehicle), lateral=not motion.longitudinal
@@ -191,7 +198,9 @@ def identify(
             f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors may be half of what they should be; "
             "fly in calm air, or longer"
         )
-    problem = make_problem(prepared, vehicle, compatible, sensors)
+    # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.
+    calm = compatible.gust_sigma == 0.0
+    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
     surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
@@ -218,7 +227,7 @@ def identify(
         result = fit(problem, start, names, free_effects, progress=lambda s, t: progress(0.4 + 0.35 * s, t))
         progress(0.8, "timing of the commands")
         problem, result = likelier_timing(problem, start, names, free_effects, result)
-        if sensors is None and compatible.gust_sigma == 0.0:
+        if sensors is None and calm:
             unclear = [refusal.name for refusal in compatible.refused]
             problem, result = with_told_sensors(problem, start, names, free_effects, result, unclear)
         if not result.converged:

@@ -122,8 +122,10 @@ def experiment_of(scenario: Scenario, flown: FlownFlight, vehicle: Vehicle) -> E
         tuple(full.coefficients) if scenario.own_model else default_structure(("de", "da", "dr"))
     )
     outputs = (*LONGITUDINAL_OUTPUTS, *(LATERAL_OUTPUTS if scenario.lateral else ()))
-    # Ground velocity is told by GPS, but only to an estimator that takes it as an output of the whole motion.
-    outputs += tuple(name for name in GPS if name in OUTPUTS)
+    # Velocity over ground tells of a motion that is free in all axes; with known lateral motion it would know the wind
+    # through readings whose errors do not count.
+    if scenario.lateral:
+        outputs += tuple(name for name in GPS if name in OUTPUTS)
     measured = tuple(name for name in outputs if name not in scenario.without)
     return Experiment(flown, vehicle, true_model(full, structure), measured, scenario.lateral)
 
