@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
+.PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
 
 setup: $(VENV)/.ready
 
@@ -61,6 +61,9 @@ campaign-equation-error: setup
 
 campaign-fuzz: setup
 	$(BIN)/python tests/campaign/fuzz.py
+
+campaign-bench: setup
+	$(BIN)/python tests/campaign/bench.py
 
 campaign-load: setup
 	$(BIN)/python tests/campaign/load.py

@@ -13,10 +13,12 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+from gcs.demo_truth import signal_errors
 from gcs.errors import GcsError, JobError
 from gcs.progress import Progress
 from gcs.results import discrepancy_text
 from sim_vehicle.model import read_model
+from sim_vehicle.vehicle import load_vehicle
 
 VEHICLE = "iitb-mav"
 _PATIENCE_S = 150.0
@@ -175,7 +177,8 @@ class Demo:
     def _table(self, result: dict[str, Any]) -> None:
         """Estimates beside the truth that the simulator flew."""
         truth = read_model(VEHICLE).values()
-        hidden = json.loads((self.folder / "flight-1.truth.json").read_text(encoding="utf-8"))["sensor_errors"]
+        flown = json.loads((self.folder / "flight-1.truth.json").read_text(encoding="utf-8"))["sensor_errors"]
+        hidden = signal_errors(load_vehicle(VEHICLE), flown, result["sensor_errors"])
         print(f"   {'':<18}{'true':>11}{'estimate':>12}{'std error':>12}{'off by':>10}")
         rows = [(name, truth.get(name, 0.0), entry) for name, entry in result["model"]["coefficients"].items()]
         rows += [(name, hidden[name], entry) for name, entry in result["sensor_errors"].items() if name in hidden]
@@ -186,7 +189,8 @@ class Demo:
             value, std = entry["value"], entry["std"]
             print(f"   {name:<18}{true:>11.5f}{value:>12.5f}{std:>12.5f}{abs(value - true) / std:>8.1f} s.e.")
         print(
-            "   Standard errors are statistical, given the vehicle file; the bench calibration's own error is on top."
+            "   Standard errors hold the flight's noise and the bench calibration's own error; mass, inertia, density"
+            " are as in the vehicle file."
         )
         validation = result["validation"]
         scores = ", ".join(f"{axis} {entry['tic']:.3f}" for axis, entry in validation["outputs"].items())

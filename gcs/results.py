@@ -54,6 +54,18 @@ def _systematic_lines(model: dict[str, Any]) -> list[str]:
     return ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names))]
 
 
+def _bench_lines(model: dict[str, Any]) -> list[str]:
+    """What the standard errors hold of the bench's own errors."""
+    sources: dict[str, float] = {}
+    for entry in model.get("coefficients", {}).values():
+        for source, share in entry.get("bench", {}).items():
+            sources[source] = max(sources.get(source, 0.0), share / entry["std"] if entry.get("std") else 0.0)
+    if not sources:
+        return []
+    told = ", ".join(f"{source} (up to {share:.0%})" for source, share in sources.items())
+    return ["  std holds the bench's own errors, and the share of them in it: " + told]
+
+
 def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
     columns = ("tic", "r2", "residual_mean", "residual_std", "gaussian_p")
     lines = ["  " + f"{'output':<12}" + "".join(f"{column:>15}" for column in columns)]
@@ -79,6 +91,7 @@ def _mode_lines(modes: Any) -> list[str]:
 def identification_text(result: dict[str, Any]) -> str:
     """A result of schema identification/1 as lines."""
     lines = [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
+    lines += [f"thrust: {source}" for source in dict.fromkeys((result.get("thrust") or {}).values())]
     for segment in result.get("segments", []):
         if isinstance(segment, dict):
             lines.append("segment: " + ", ".join(f"{key} {_plain(value)}" for key, value in segment.items()))
@@ -86,6 +99,7 @@ def identification_text(result: dict[str, Any]) -> str:
         "",
         f"model {result['model'].get('name', '')}:",
         *_model_lines(result["model"]),
+        *_bench_lines(result["model"]),
         *_systematic_lines(result["model"]),
     ]
     lines += _mode_lines(result.get("modes"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,8 @@ def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None
         flight.warn(f"{', '.join(names)}: {problem}")
     flight.add_surfaces()
     flight.add_calibrated()
-    flight.add_airspeed()
     flight.add_air_density()
+    flight.add_airspeed()
     flight.add_import_notes(recording.metadata().get("import", {}))
     if vehicle.environment.air_density is None and "airspeed" in flight.signals and "air_density" not in flight.signals:
         flight.warn("no static pressure and temperature: air density is unknown; give environment.air_density")
@@ -186,7 +186,10 @@ class _Flight:
                 raise SignalMapError(
                     f"{self.vehicle.path}: calibration.{name}.unit is {source.unit!r}, which does not give {row.unit}"
                 )
-            self.signals[name] = Signal(raw.time_s, values, unit, f"{source.source} calibrated ({source.form})")
+            if not calibration.error_known:
+                self.warn(f"{name}: the bench points leave none to spare, so the curve's own error counts as 0")
+            label = f"{source.source} calibrated ({source.form})"
+            self.signals[name] = Signal(raw.time_s, values, unit, label, calibration)
 
     def add_airspeed(self) -> None:
         """Airspeed from differential pressure where that is calibrated or stands alone; which airspeed it is."""
@@ -198,15 +201,30 @@ class _Flight:
             if not measured:
                 self.warn("airspeed: taken from uncalibrated differential pressure; no message carries airspeed")
             values = airspeed_from_pressure(pressure.values)
-            self.signals["airspeed"] = Signal(
-                pressure.time_s, values, "m/s", f"{pressure.source} (calibrated airspeed)"
+            self.signals["airspeed"] = replace(
+                pressure, values=values, unit="m/s", source=f"{pressure.source} (calibrated airspeed)"
             )
         elif "airspeed" in self.signals:
             given = self.signals["airspeed"]
             label = "calibrated" if "airspeed" in calibrated and "calibrated (" in given.source else kind
-            self.signals["airspeed"] = Signal(
-                given.time_s, given.values, given.unit, f"{given.source} ({label} airspeed)"
+            self.signals["airspeed"] = replace(given, source=f"{given.source} ({label} airspeed)")
+        if kind == "true" and "airspeed" in self.signals:
+            self.make_airspeed_true(self.signals["airspeed"])
+
+    def make_airspeed_true(self, given: Signal) -> None:
+        """A pressure tells calibrated airspeed; where the vehicle file says true, the air's density makes it so."""
+        if not given.source.endswith("(calibrated airspeed)"):
+            return
+        density = self.signals.get("air_density")
+        if density is None:
+            raise SignalMapError(
+                f"{self.vehicle.path}: sensors.airspeed.kind is true, but {given.source} is calibrated airspeed and "
+                "the air density is unknown; give environment.air_density, or leave kind out"
             )
+        known = np.isfinite(density.values)
+        rho = np.interp(given.time_s, density.time_s[known], density.values[known])
+        source = given.source.replace("(calibrated airspeed)", "made true by density (true airspeed)")
+        self.signals["airspeed"] = replace(given, values=given.values * np.sqrt(SEA_LEVEL_DENSITY / rho), source=source)
 
     def add_air_density(self) -> None:
         """Density by the vehicle file, else by the gas law on the stamps of static pressure."""

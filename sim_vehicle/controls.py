@@ -27,6 +27,7 @@ class Control:
     servos: output numbers, from 1. mix: one weight for each servo.
     pwm: us, one strictly increasing tuple for each servo.
     deflection: rad (throttle: 0 to 1) at those pulse widths, strictly monotone.
+    gain_std, bias_std: how well the linkage is known, 1 sigma: share of the deflection, and rad.
     """
 
     name: str
@@ -35,6 +36,8 @@ class Control:
     mix: tuple[float, ...]
     pwm: tuple[tuple[float, ...], ...]
     deflection: tuple[tuple[float, ...], ...]
+    gain_std: float = 0.0
+    bias_std: float = 0.0
 
     def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
         """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.
@@ -126,6 +129,7 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
     deflection = table.rows("deflection") if nested else (table.numbers("deflection"),)
     listed = len(numbers) > 1 or table.is_list("mix")
     mix = table.numbers("mix") if listed else (table.number("mix", 1.0),)
+    gain_std, bias_std = table.number("gain_std", 0.0, low=0.0), table.number("bias_std", 0.0, low=0.0)
     table.close()
     for key, rows in (("pwm", pwm), ("deflection", deflection), ("mix", mix)):
         if len(rows) != len(numbers):
@@ -134,7 +138,8 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
         raise table.error("mix", "holds a 0: leave that servo out")
     curves = [_check_curve(table, name, xs, ys, warnings) for xs, ys in zip(pwm, deflection, strict=True)]
     servos = tuple(int(value) for value in numbers)
-    return Control(name, signal, servos, mix, tuple(x for x, _ in curves), tuple(y for _, y in curves))
+    pulses, travels = tuple(x for x, _ in curves), tuple(y for _, y in curves)
+    return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std)
 
 
 def _check_curve(

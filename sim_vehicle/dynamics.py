@@ -21,6 +21,7 @@ from sim_vehicle.effects.thrust_speed_loss import speed_thrust
 from sim_vehicle.effects.unsteady_lift import lag_rate
 from sim_vehicle.jit import jit
 from sim_vehicle.layout import Aux, Par
+from sim_vehicle.propeller import rotor_speed, throttle_thrust, throttle_torque
 from sim_vehicle.terms import REGRESSORS
 
 Array = NDArray[np.float64]
@@ -44,12 +45,7 @@ _INERTIA, _INERTIA_E = slot("inertia_error"), slot("inertia_error", "scale")
 
 _MASS_P, _IXX, _IYY, _IZZ, _IXZ = int(Par.mass), int(Par.Ixx), int(Par.Iyy), int(Par.Izz), int(Par.Ixz)
 _S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), int(Par.reference_speed)
-_TMAX, _ROTOR, _ROT, _DIA = (
-    int(Par.max_thrust),
-    int(Par.max_rotor_rad_s),
-    int(Par.rotation),
-    int(Par.diameter),
-)
+_ROT, _DIA = int(Par.rotation), int(Par.diameter)
 _PX, _PY, _PZ, _PI = int(Par.propeller_x), int(Par.propeller_y), int(Par.propeller_z), int(Par.inclination)
 _HAS_ADOT = int(Par.has_alphadot)
 _REG = len(REGRESSORS)
@@ -103,9 +99,10 @@ def derivatives(
     """Rates of the state.
 
     x, rate: (14,) state (sim_vehicle.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
-    thrust: N, as assumed before propulsion effects. wind: (3,) NED velocity of the air, m/s; gust: (3,) that in body
-    axes on top. rho: kg/m3. P, E: vehicle constants and effect vector. C, F, K, T: values (n,), factor indices (n, 4),
-    kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work array, holds the by-products (Aux) afterwards.
+    thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
+    of the air, m/s; gust: (3,) that in body axes on top. rho: kg/m3. P, E: vehicle constants and effect vector.
+    C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work
+    array, holds the by-products (Aux) afterwards.
     """
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     r11, r12, r13 = (
@@ -137,6 +134,8 @@ def derivatives(
         mass *= 1.0 + E[_MASS_E]
     qbar = 0.5 * rho * V * V
     qS = qbar * S
+    if np.isnan(thrust):
+        thrust = throttle_thrust(surfaces[3], V, rho, P)
     if E[_LOSS] != 0.0:
         thrust += speed_thrust(surfaces[3], V, P[_VREF], E[_LOSS_K])
     if E[_TSC] != 0.0:
@@ -157,6 +156,9 @@ def derivatives(
     ly = -P[_PY] * thrust * math.sin(P[_PI])
     my = P[_PZ] * fx - P[_PX] * fz
     nz = -P[_PY] * fx
+    torque = P[_ROT] * throttle_torque(surfaces[3], V, rho, P)
+    ly -= torque * math.cos(P[_PI])
+    nz += torque * math.sin(P[_PI])
     if E[_NORM] != 0.0:
         fz -= normal_force(thrust, alpha, E[_NORM_K])
     if E[_LINE] != 0.0:
@@ -167,7 +169,7 @@ def derivatives(
         nz += p_factor_moment(thrust, P[_DIA], alpha, P[_ROT], E[_PFAC_K])
         my += p_factor_moment(thrust, P[_DIA], beta, P[_ROT], E[_PFAC_K])
     if E[_GYRO] != 0.0:
-        rotor = P[_ROT] * P[_ROTOR] * math.sqrt(max(thrust / max(P[_TMAX], 1e-9), 0.0))
+        rotor = P[_ROT] * rotor_speed(surfaces[3], thrust, P)
         my -= gyroscopic_moment(rotor, r, E[_GYRO_I])
         nz += gyroscopic_moment(rotor, q, E[_GYRO_I])
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.atmosphere import SEA_LEVEL_DENSITY
 from sim_vehicle.plant import OUTPUTS, Plant
+from sim_vehicle.propeller import rotor_speed, throttle_thrust
 
 Array = NDArray[np.float64]
 
@@ -60,10 +61,9 @@ class Roll:
         gravity = plant.vehicle.environment.gravity
         a = self.acceleration if self.speed > 0.0 else 0.0
         down = -gravity - self.sink / _SETTLE_S * settling  # specific force along earth's vertical
-        propulsion = plant.vehicle.propulsion
-        thrust = throttle * (propulsion.max_thrust or 0.0) if propulsion else 0.0
-        rpm = math.sqrt(throttle) * (propulsion.max_rpm or 0.0) if propulsion else 0.0
-        rho = plant.density(0.0)
+        rho, P = plant.density(0.0), plant.flat.P
+        thrust = throttle_thrust(throttle, airspeed, rho, P)
+        rpm = rotor_speed(throttle, thrust, P) * 30.0 / math.pi
         known = {
             "V": airspeed, "alpha": theta if blown else 0.0, "beta": math.asin(across / airspeed) if blown else 0.0,
             "p": p, "q": q, "phi": phi, "theta": theta, "psi": self.psi, "rho": rho,

@@ -16,7 +16,8 @@ from sim_vehicle.effects.propwash_elevator import propwash_gain
 from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
 from sim_vehicle.jit import jit_fused
-from sim_vehicle.layout import Aux, Par
+from sim_vehicle.layout import CQ_PLACE, CT_PLACE, Aux, Par
+from sim_vehicle.propeller import rotor_speed, speed_slopes
 from sim_vehicle.terms import AXES, REGRESSORS
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ _R_ALPHA, _R_ADOT, _R_BETA, _R_P, _R_Q, _R_R, _R_CL = (
 )
 _MASS_P, _IXX, _IYY, _IZZ, _IXZ = int(Par.mass), int(Par.Ixx), int(Par.Iyy), int(Par.Izz), int(Par.Ixz)
 _S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), int(Par.reference_speed)
-_TMAX, _ROTOR, _ROT, _DIA = int(Par.max_thrust), int(Par.max_rotor_rad_s), int(Par.rotation), int(Par.diameter)
+_ROT, _DIA = int(Par.rotation), int(Par.diameter)
 _PX, _PY, _PZ, _PI = int(Par.propeller_x), int(Par.propeller_y), int(Par.propeller_z), int(Par.inclination)
 _HAS_ADOT = int(Par.has_alphadot)
 _STALL, _STALL_A, _STALL_M = slot("stall"), slot("stall", "alpha_stall"), slot("stall", "sharpness")
@@ -141,10 +142,11 @@ def _factors(W: Array, P: Array, E: Array, qS: float) -> tuple[float, float, flo
 
 
 @jit_fused
-def _thrust_slopes(x: Array, W: Array, P: Array, E: Array, by_T: Array, by_flow: Array) -> None:
+def _thrust_slopes(x: Array, throttle: float, W: Array, P: Array, E: Array, by_T: Array, by_flow: Array) -> None:
     """Slopes of the propeller's forces and moments.
 
-    by_T: (5,) of X, Z, L, M, N by thrust. by_flow: (5,) of Z by alpha, M by beta, N by alpha, M by r, N by q.
+    by_T: (5,) of X, Z, L, M, N by thrust. by_flow: (7,) of Z by alpha, M by beta, N by alpha, M by r, N by q, L by V,
+    N by V.
     """
     thrust, alpha, beta = W[_T], W[0], W[2]
     by_flow[:] = 0.0
@@ -164,11 +166,15 @@ def _thrust_slopes(x: Array, W: Array, P: Array, E: Array, by_T: Array, by_flow:
         by_T[3] += arm * beta
         by_T[4] += arm * alpha
         by_flow[1] = by_flow[2] = arm * thrust
-    if E[_GYRO] != 0.0 and thrust > 0.0:
-        momentum = E[_GYRO_I] * P[_ROT] * P[_ROTOR] * math.sqrt(thrust / max(P[_TMAX], 1e-9))
-        by_T[3] -= 0.5 * momentum / thrust * x[12]
-        by_T[4] += 0.5 * momentum / thrust * x[11]
+    torque_V = P[_ROT] * speed_slopes(throttle, W[_V], W[_RHO], P)[1]
+    by_flow[5], by_flow[6] = -torque_V * math.cos(P[_PI]), torque_V * math.sin(P[_PI])
+    if E[_GYRO] != 0.0:
+        momentum = E[_GYRO_I] * P[_ROT] * rotor_speed(throttle, thrust, P)
         by_flow[3], by_flow[4] = -momentum, momentum
+        if P[CT_PLACE] == 0.0 and P[CQ_PLACE] == 0.0 and thrust > 0.0:
+            # The speed follows from the thrust, by its square root.
+            by_T[3] -= 0.5 * momentum / thrust * x[12]
+            by_T[4] += 0.5 * momentum / thrust * x[11]
 
 
 @jit_fused
@@ -245,9 +251,9 @@ def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: floa
         R[0, z] += (W[_AX] - fx / mass) * pressure + qS / mass * (CD * sa + CL * ca) * turn
         R[1, z] += W[_AY] * pressure
         R[2, z] += (W[_AZ] - fz / mass) * pressure + (qS * (-CD * ca + CL * sa) + by_flow[0]) / mass * turn
-        R[3, z] += qS * b * W[_CL + 3] * pressure
+        R[3, z] += qS * b * W[_CL + 3] * pressure + by_flow[5] * flow[0, z]
         R[4, z] += qS * c * W[_CL + 4] * pressure + by_flow[1] * slip
-        R[5, z] += qS * b * W[_CL + 5] * pressure + by_flow[2] * turn
+        R[5, z] += qS * b * W[_CL + 5] * pressure + by_flow[2] * turn + by_flow[6] * flow[0, z]
     R[0, THRUST_COLUMN] += by_T[0] / mass
     R[2, THRUST_COLUMN] += by_T[1] / mass
     for j in range(3):
@@ -269,11 +275,12 @@ def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: floa
 
 
 @jit_fused
-def force_jacobian(x: Array, surfaces: Array, gust: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
-                   T: IntArray, W: Array, flow: Array, D: Array, J: Array, work: Array, products: Array,
-                   R: Array) -> None:  # fmt: skip
+def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P: Array, E: Array, C: Array,
+                   F: IntArray, K: IntArray, T: IntArray, W: Array, flow: Array, D: Array, J: Array, work: Array,
+                   products: Array, R: Array) -> None:  # fmt: skip
     """Jacobian R (6, COLUMNS) of ax ay az [m/s2] and p' q' r' [rad/s2] where `derivatives` has just been evaluated.
 
+    by_throttle: whether thrust followed from the throttle.
     x, surfaces, gust, P, E, C, F, K, T: as `derivatives` had them, W as it left it; the wind is nil, and no lift lags.
     products: (n,) result, what a term's coefficient is multiplied by, so that dR/dC_i is products[i] times the column
     of the term's axis. flow (3, 3): result of `flow_slopes`. D (6, regressors), J (6, COLUMNS),
@@ -288,7 +295,7 @@ def force_jacobian(x: Array, surfaces: Array, gust: Array, P: Array, E: Array, C
     _term_slopes(C, F, K, T, W, tail, drag, D, products, sums)
     if E[_STALL] != 0.0:
         _separate(W[0], E[_STALL_A], E[_STALL_M], T, sums[0], D, products)
-    _thrust_slopes(x, W, P, E, by_T, by_flow)
+    _thrust_slopes(x, surfaces[3], W, P, E, by_T, by_flow)
     fx, fz = by_T[0] * W[_T], by_T[1] * W[_T]
     _coefficient_slopes(W, P, flow, D, J)
     for z in range(3):
@@ -307,6 +314,8 @@ def force_jacobian(x: Array, surfaces: Array, gust: Array, P: Array, E: Array, C
     _accelerations(x, W, P, E, mass, fx, fz, qS, flow, by_T, by_flow, J, R)
     gain = 1.0 + E[_TSC_K] if E[_TSC] != 0.0 else 1.0
     loss = gain * surfaces[3] * E[_LOSS_K] if E[_LOSS] != 0.0 else 0.0
+    if by_throttle:
+        loss += gain * speed_slopes(surfaces[3], V, W[_RHO], P)[0]
     if loss != 0.0 or gain != 1.0:
         for j in range(6):
             for z in range(3):

@@ -12,6 +12,11 @@ NORTH, U, QUATERNION, P_RATE, LIFT_ALPHA = 0, 3, 6, 10, 13
 SURFACES = ("de", "da", "dr", "throttle")
 
 
+# A curve: how many pieces it has, its end, then each piece's start and powers of the distance from it.
+CURVE_SEGMENTS, CURVE_COEFFICIENTS = 24, 6
+CURVE_SIZE = 2 + CURVE_SEGMENTS * (1 + CURVE_COEFFICIENTS)
+
+
 class Par(IntEnum):
     """The vehicle's constants."""
 
@@ -49,7 +54,10 @@ class Par(IntEnum):
     has_alphadot = auto()
 
 
-PAR_SIZE = len(Par)
+# Behind the constants: the propeller's curves over advance ratio (sim_vehicle.propulsion.pack_curve).
+CT_PLACE = len(Par)
+CQ_PLACE = CT_PLACE + CURVE_SIZE
+PAR_SIZE = CQ_PLACE + CURVE_SIZE
 
 
 class Aux(IntEnum):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 from sim_vehicle.dynamics import ELEVATOR_MOMENT, PLAIN, ZERO_LIFT_DRAG
 from sim_vehicle.effects import pack_effects
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.layout import PAR_SIZE, Par
+from sim_vehicle.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, Par
 from sim_vehicle.model import Model
+from sim_vehicle.propulsion import pack_curve, rotor_scale
 from sim_vehicle.terms import AXES, MAX_FACTORS, REGRESSORS, Term, parse_term
 from sim_vehicle.vehicle import Vehicle
 
@@ -54,13 +54,15 @@ def flatten_vehicle(vehicle: Vehicle) -> Array:
     P[Par.rotation] = 1.0
     if propulsion is not None:
         P[Par.max_thrust] = propulsion.max_thrust or 0.0
-        P[Par.max_rotor_rad_s] = (propulsion.max_rpm or 0.0) * 2.0 * math.pi / 60.0
+        P[Par.max_rotor_rad_s] = rotor_scale(propulsion)
         P[Par.propeller_x : Par.propeller_z + 1] = propulsion.line
         P[Par.inclination] = propulsion.inclination
         P[Par.rotation] = 1.0 if propulsion.rotation == "cw" else -1.0
         P[Par.diameter] = propulsion.diameter or 0.0
         P[Par.motor_tau] = propulsion.tau
         P[Par.moving_mass] = propulsion.moving_mass
+        P[CT_PLACE:CQ_PLACE] = pack_curve(propulsion.CT)
+        P[CQ_PLACE:] = pack_curve(propulsion.CQ)
     sensors = vehicle.sensors
     P[Par.accelerometer_x : Par.accelerometer_z + 1] = sensors.accelerometer.position
     P[Par.alpha_vane_x : Par.alpha_vane_z + 1] = sensors.alpha_vane.position
@@ -108,7 +110,11 @@ def flatten(vehicle: Vehicle, model: Model) -> FlatModel:
         raise ModelFileError(
             "effect p_factor needs the propeller's diameter: give [propulsion] diameter in the vehicle file"
         )
-    if "propeller_gyroscopic" in effects and (P[Par.max_thrust] == 0.0 or P[Par.max_rotor_rad_s] == 0.0):
+    if (
+        "propeller_gyroscopic" in effects
+        and P[CT_PLACE] == 0.0
+        and (P[Par.max_thrust] == 0.0 or P[Par.max_rotor_rad_s] == 0.0)
+    ):
         raise ModelFileError(
             "effect propeller_gyroscopic needs the propeller's speed: "
             "give [propulsion] max_thrust and max_rpm in the vehicle file"

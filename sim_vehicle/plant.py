@@ -11,10 +11,11 @@ from sim_vehicle.actuation import start_actuators
 from sim_vehicle.atmosphere import density
 from sim_vehicle.dynamics import derivatives
 from sim_vehicle.errors import ModelFileError, VehicleFileError
-from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.plantstate import PlantState, Trim, quaternion
+from sim_vehicle.propeller import rotor_speed
 from sim_vehicle.sensing import read_sensors
 from sim_vehicle.simulation import tick
 from sim_vehicle.trim import solve_trim
@@ -45,8 +46,11 @@ class Plant:
         # A lift that lags is a state of its own; Runge-Kutta's step must not be long against its time constant.
         self.max_step = min(max_step, (model.effect("unsteady_lift") or {}).get("tau", max_step))
         self._delay = (model.effect("actuator_delay") or {}).get("delay", 0.0)
-        if self.flat.P[Par.max_thrust] <= 0.0:
-            raise VehicleFileError(f"{vehicle.path}: to fly this vehicle give [propulsion] max_thrust in newtons")
+        if vehicle.propulsion is None or not vehicle.propulsion.by_throttle:
+            raise VehicleFileError(
+                f"{vehicle.path}: to fly this vehicle give [propulsion] max_thrust in newtons, "
+                "or CT, diameter and max_rpm"
+            )
         self._scratch = np.zeros((5, STATE_SIZE))
         self._rate = np.zeros(STATE_SIZE)
         self._mean = np.zeros(4)
@@ -85,9 +89,8 @@ class Plant:
     def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
         """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
         flat = self.flat
-        thrust = float(flat.P[Par.max_thrust] * state.surfaces[3])
         rho = self.density(float(-state.x[2]))
-        derivatives(state.x, state.surfaces, thrust, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F, flat.K,
+        derivatives(state.x, state.surfaces, math.nan, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F, flat.K,
                     flat.T, state.work, self._rate)  # fmt: skip
         return self._rate.copy()
 
@@ -135,7 +138,7 @@ class Plant:
         psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
         thrust = W[Aux.thrust]
         P = self.flat.P
-        rpm = P[Par.max_rotor_rad_s] * math.sqrt(max(thrust, 0.0) / P[Par.max_thrust]) * 30.0 / math.pi
+        rpm = rotor_speed(float(state.surfaces[3]), float(thrust), P) * 30.0 / math.pi
         return np.array(
             [
                 W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, math.asin(min(max(-r13, -1.0), 1.0)),

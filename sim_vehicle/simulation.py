@@ -9,13 +9,12 @@ from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_a
 from sim_vehicle.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.effects import slot
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.sensing import read_sensors
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_TMAX = int(Par.max_thrust)
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
 _CL, _AX = int(Aux.CL), int(Aux.ax)
 _LOSS = slot("thrust_speed_loss")
@@ -45,8 +44,7 @@ def tick(
     step = dt / sub_steps
     for i in range(sub_steps):
         advance_actuators(commands, row, i * step, step, dt, P, E, actuators, mean, end)
-        thrust = P[_TMAX] * mean[3] if np.isnan(measured_thrust) else measured_thrust
-        runge_kutta_step(x, mean, thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
+        runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
 
 
 @jit
@@ -122,8 +120,7 @@ def simulate(
     for k in range(first, start):
         for i in range(sub_steps):
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
-    force = P[_TMAX] * end[3] if np.isnan(thrust[start]) else thrust[start]
-    settle_lift(x, end, force, rho[start], P, E, C, F, K, T, W, rate)
+    settle_lift(x, end, thrust[start], rho[start], P, E, C, F, K, T, W, rate)
     for k in range(start, stop):
         if held.shape[0] > 0:
             impose(x, held[k])
@@ -131,8 +128,7 @@ def simulate(
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
         gust = gusts[k] if gusts.shape[0] > 0 else still
-        force = P[_TMAX] * now[3] if np.isnan(thrust[k]) else thrust[k]
-        derivatives(x, now, force, still, gust, rho[k], P, E, C, F, K, T, W, rate)
+        derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
         read_sensors(x, W, P, E, 0.0 if k == start else dt, sensor, y[k - start])
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])
@@ -186,8 +182,7 @@ def evaluate_path(
             now[:] = end
             if command_first:
                 surfaces_after_command(commands, k, dt, E, now)
-            force = P[_TMAX] * now[3] if np.isnan(thrust[k]) else thrust[k]
-            derivatives(x, now, force, still, still, rho[k], P, E, C, F, K, T, W, rate)
+            derivatives(x, now, thrust[k], still, still, rho[k], P, E, C, F, K, T, W, rate)
             x[13] += rate[13] * dt
             for axis in range(6):
                 coefficients[row, axis] = W[_CL + axis]

@@ -110,6 +110,10 @@ class Table:
         """Whether `key` holds a list."""
         return isinstance(self._data.get(key), list)
 
+    def is_table(self, key: str) -> bool:
+        """Whether `key` holds a table."""
+        return isinstance(self._data.get(key), dict)
+
     def is_text(self, key: str) -> bool:
         """Whether `key` holds a string."""
         return isinstance(self._data.get(key), str)

@@ -34,7 +34,7 @@ IntArray = NDArray[np.int64]
 
 # Place in the state vector of each row of a tangent.
 TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
-_TMAX, _GRAVITY = int(Par.max_thrust), int(Par.gravity)
+_GRAVITY = int(Par.gravity)
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 
 
@@ -88,7 +88,7 @@ def _tangent_step(
     for stage in range(4):
         rate = scratch[stage]
         derivatives(scratch[4], surfaces, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
-        force_jacobian(scratch[4], surfaces, gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        force_jacobian(scratch[4], surfaces, np.isnan(thrust), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
         _rate_rows(scratch[4], P[_GRAVITY], R, slopes, A[stage])
         direct_effects(R, products, terms, columns, force[stage])
         for i in range(slopes.size):
@@ -198,9 +198,8 @@ def simulate_tangents(
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
         gust = gusts[k] if gusts.shape[0] > 0 else still
-        pull = P[_TMAX] * now[3] if np.isnan(thrust[k]) else thrust[k]
-        derivatives(x, now, pull, still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
-        force_jacobian(x, now, gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
+        force_jacobian(x, now, np.isnan(thrust[k]), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
         reading_jacobian(x, W, x[5] - gust[2], P, E, flow, R, angles, H)
         read_lanes(X, H, rows, gain, products, terms, columns, places, S[k - start], reading)
         if k + 1 < stop:
@@ -209,9 +208,8 @@ def simulate_tangents(
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
             for i in range(sub_steps):
                 advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
-                pull = P[_TMAX] * mean[3] if np.isnan(middle) else middle
                 _tangent_step(
-                    x, mean, pull, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
+                    x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
                     scratch, flow, D, J, part, products, R, A, force, work,
                 )  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:

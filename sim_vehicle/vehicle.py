@@ -6,16 +6,14 @@ import math
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from sim_vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.errors import VehicleFileError
+from sim_vehicle.propulsion import Propulsion, read_propulsion
 from sim_vehicle.table import Table
-
-Vector = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
 SEA_LEVEL_DENSITY = 1.225  # kg/m^3, ICAO standard atmosphere
@@ -44,33 +42,10 @@ class Geometry:
 
 
 @dataclass(frozen=True)
-class Propulsion:
-    """Motor and propeller.
-
-    line: a point of the thrust line from the centre of gravity, m. inclination: rad, positive where thrust
-    points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen from behind.
-    max_thrust: N at full throttle at rest. CT, CQ: (advance ratio, coefficient) points, or empty.
-    tau: first-order lag of the thrust, s. moving_mass: kg hanging on the thrust sensor.
-    max_rpm: 1/min at full throttle.
-    """
-
-    line: Vector = (0.0, 0.0, 0.0)
-    inclination: float = 0.0
-    diameter: float | None = None
-    rotation: str = "cw"
-    max_thrust: float | None = None
-    CT: tuple[tuple[float, float], ...] = ()
-    CQ: tuple[tuple[float, float], ...] = ()
-    tau: float = 0.0
-    moving_mass: float = 0.0
-    max_rpm: float | None = None
-
-
-@dataclass(frozen=True)
 class Sensor:
     """Where a sensor sits from the centre of gravity, m, its noise (1 sigma, SI) if known, and its kind."""
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: float | None = None
     kind: str = ""
 
@@ -217,7 +192,7 @@ def _read(top: Table, path: Path) -> Vehicle:
     mass = _read_mass(top.table("mass", demanded=True))
     geometry = _read_geometry(top.table("geometry", demanded=True))
     controls = read_controls(top.table("controls"), warnings)
-    propulsion = _read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
+    propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
     sensors = _read_sensors(top.table("sensors"))
     signals = _read_signals(top.table("signals"))
     calibration = _read_calibration(top.table("calibration"), path)
@@ -255,37 +230,6 @@ def _read_geometry(table: Table) -> Geometry:
     geometry = Geometry(*(table.number(key, above=0.0) for key in ("S", "b", "c")))
     table.close()
     return geometry
-
-
-def _read_propulsion(table: Table) -> Propulsion:
-    curves = {key: _read_curve(table, key) if table.optional(key) else () for key in ("CT", "CQ")}
-    propulsion = Propulsion(
-        line=table.vector("line"),
-        inclination=table.number("inclination", 0.0),
-        diameter=table.optional_number("diameter", above=0.0),
-        rotation=table.text("rotation", "cw", ("cw", "ccw")),
-        max_thrust=table.optional_number("max_thrust", above=0.0),
-        CT=curves["CT"],
-        CQ=curves["CQ"],
-        tau=table.number("tau", 0.0, low=0.0),
-        moving_mass=table.number("moving_mass", 0.0, low=0.0),
-        max_rpm=table.optional_number("max_rpm", above=0.0),
-    )
-    table.close()
-    if propulsion.max_thrust is None and not propulsion.CT:
-        raise table.error("max_thrust", "is missing; give it, or CT over advance ratio with diameter")
-    if (propulsion.CT or propulsion.CQ) and propulsion.diameter is None:
-        raise table.error("diameter", "is missing; CT and CQ need it")
-    return propulsion
-
-
-def _read_curve(table: Table, key: str) -> tuple[tuple[float, float], ...]:
-    rows = table.rows(key)
-    if len(rows) < 2 or any(len(row) != 2 for row in rows):
-        raise table.error(key, "must be two or more pairs [advance ratio, coefficient]")
-    if any(b[0] <= a[0] for a, b in pairwise(rows)):
-        raise table.error(key, "must have its advance ratios rise from pair to pair")
-    return tuple((row[0], row[1]) for row in rows)
 
 
 def _read_sensors(table: Table) -> Sensors:

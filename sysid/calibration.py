@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,7 @@ UNITS = {
     "m/s": ("m/s", 1.0),
 }
 MAX_DEGREE = 9
+_MODE_GRID, _MODE_STEP = 801, 1e-2
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class Calibration:
     form, unit: as asked for; coefficients are in that unit. si_unit: unit of what `apply` gives ("m/s" for pitot).
     residual_rms: of the fit, in the references' unit, for pitot in the readings'. hysteresis: largest difference
     between up and down at one reference, same unit; None without both directions. range: lowest and highest reading.
+    covariance: (K, K) of the coefficients, NaN where no point is left to tell.
     """
 
     form: str
@@ -81,6 +83,7 @@ class Calibration:
     residual_rms: float
     hysteresis: float | None
     range: tuple[float, float]
+    covariance: Array = field(default_factory=lambda: np.full((1, 1), np.nan), compare=False)
 
     def apply(self, readings: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Values in SI and a mask of the readings outside the bench's range, whose values are extrapolated.
@@ -89,16 +92,49 @@ class Calibration:
         """
         readings = np.asarray(readings, dtype=np.float64)
         outside = (readings < self.range[0]) | (readings > self.range[1])
-        values = np.array([c.value for c in self.coefficients])
+        return self._curve(readings, np.array([c.value for c in self.coefficients])), outside
+
+    def _curve(self, readings: Array, values: Array) -> Array:
+        """Values in SI (N,) of readings (N,) for these coefficients (K,)."""
         if self.form == "pitot":
             squared = (readings - values[1]) / values[0]
-            return np.sign(squared) * np.sqrt(np.abs(squared)), outside
+            return np.asarray(np.sign(squared) * np.sqrt(np.abs(squared)))
         if self.form == "spline":
             knots = np.array([float(c.name.removeprefix("at_")) for c in self.coefficients])
             result = _spline(knots, values, readings)
         else:
-            result = np.polynomial.polynomial.polyval(readings, values)
-        return result * UNITS[self.unit][1], outside
+            result = np.asarray(np.polynomial.polynomial.polyval(readings, values), dtype=np.float64)
+        return np.asarray(result * UNITS[self.unit][1])
+
+    @property
+    def error_known(self) -> bool:
+        """Whether the bench had points to spare, whose scatter tells the curve's error."""
+        return bool(np.isfinite(self.covariance).all())
+
+    def error_modes(self, values: Array) -> Array:
+        """What the curve's own error adds to measured values (N,) [SI], as (K, N) independent parts of one sigma each.
+
+        The covariance of the curve at two values is the sum over the parts of their products. To first order in the
+        coefficients' errors; zeros where the bench does not tell them (`error_known`).
+        """
+        values = np.asarray(values, dtype=np.float64)
+        best = np.array([c.value for c in self.coefficients])
+        if not self.error_known:
+            return np.zeros((best.size, values.size))
+        readings = np.asarray(np.linspace(*self.range, _MODE_GRID), dtype=np.float64)
+        curve = self._curve(readings, best)
+        std = np.sqrt(np.diag(self.covariance))
+        slopes = np.zeros((best.size, readings.size))
+        for i, step in enumerate(_MODE_STEP * std):
+            ends = [self._curve(readings, best + sign * step * np.eye(best.size)[i]) for sign in (1.0, -1.0)]
+            if step > 0.0:
+                slopes[i] = (ends[0] - ends[1]) / (2.0 * step)
+        # Scaled, since coefficients of high powers differ from the others by orders of magnitude.
+        scale = np.where(std > 0.0, std, 1.0)
+        power, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        modes = (slopes.T * scale @ axes * np.sqrt(np.maximum(power, 0.0))).T
+        order = np.argsort(curve, kind="stable")
+        return np.array([np.interp(values, curve[order], mode[order]) for mode in modes])
 
     def to_json(self) -> dict[str, object]:
         """JSON values of the schema calibration/1."""
@@ -198,7 +234,7 @@ def _gather(points: list[tuple[float, float, str]], source: str) -> BenchPoints:
 
 
 def _least_squares(X: Array, y: Array, source: str, what: str) -> tuple[Array, Array, float]:
-    """Values, standard errors and residual rms (degrees of freedom taken off)."""
+    """Values, their covariance and residual rms (degrees of freedom taken off)."""
     n, count = X.shape
     if n < count + 1:
         raise CalibrationError(f"{source}: {n} points are too few for {what}; it takes at least {count + 1}")
@@ -210,8 +246,8 @@ def _least_squares(X: Array, y: Array, source: str, what: str) -> tuple[Array, A
     residual = y - X / scale @ values
     rms = float(np.sqrt(residual @ residual / (n - count)))
     inverse = np.linalg.inv(R)
-    std = rms * np.sqrt(np.sum(inverse**2, axis=1))
-    return values / scale, std / scale, rms
+    covariance = rms**2 * inverse @ inverse.T
+    return values / scale, covariance / np.outer(scale, scale), rms
 
 
 def _polynomial(points: BenchPoints, form: str, unit: str) -> Calibration:
@@ -222,11 +258,12 @@ def _polynomial(points: BenchPoints, form: str, unit: str) -> Calibration:
             f"{points.source}: unknown form {form!r}; use linear, polynomial:N (N = 1 to {MAX_DEGREE}), spline or pitot"
         )
     X = np.asarray(np.polynomial.polynomial.polyvander(points.reading, degree), dtype=np.float64)
-    values, std, rms = _least_squares(X, points.reference, points.source, form)
+    values, covariance, rms = _least_squares(X, points.reference, points.source, form)
     names = ["offset", "slope"] if form == "linear" else [f"c{i}" for i in range(degree + 1)]
     at_reading = X @ values
     return Calibration(
-        *(form, unit, UNITS[unit][0], _named(names, values, std), rms, _hysteresis(points, at_reading), _range(points))
+        *(form, unit, UNITS[unit][0], _named(names, values, covariance), rms),
+        *(_hysteresis(points, at_reading), _range(points), covariance),
     )
 
 
@@ -249,11 +286,11 @@ def _monotone(points: BenchPoints, unit: str) -> Calibration:
     residual = points.reference - at_reading
     free = points.reading.size - reference.size
     rms = float(np.sqrt(residual @ residual / free)) if free > 0 else 0.0
-    std = rms / np.sqrt(count[order]) if free > 0 else np.full(knots.size, np.nan)
+    covariance = np.diag(rms**2 / count[order]) if free > 0 else np.full((knots.size, knots.size), np.nan)
     names = [f"at_{float(knot)!r}" for knot in knots]
     return Calibration(
-        *("spline", unit, UNITS[unit][0], _named(names, values, std), rms),
-        *(_hysteresis(points, at_reading), _range(points)),
+        *("spline", unit, UNITS[unit][0], _named(names, values, covariance), rms),
+        *(_hysteresis(points, at_reading), _range(points), covariance),
     )
 
 
@@ -271,19 +308,24 @@ def _pitot(points: BenchPoints, unit: str) -> Calibration:
     X = np.column_stack([squared, np.ones(squared.size)]) if with_zero else squared[:, None]
     if not np.any(squared):
         raise CalibrationError(f"{points.source}: every reference is 0; a pitot needs points with flow")
-    values, std, rms = _least_squares(X, points.reading, points.source, "pitot")
+    values, covariance, rms = _least_squares(X, points.reading, points.source, "pitot")
     if values[0] == 0.0:
         raise CalibrationError(f"{points.source}: the reading does not change with flow")
     if not with_zero:
-        values, std = np.append(values, 0.0), np.append(std, np.nan)
-    coefficients = _named(["k", "zero_reading"], values, std)
-    return Calibration("pitot", unit, "m/s", coefficients, rms, _hysteresis(points, points.reading), _range(points))
+        # Readings count as differences from that of no flow: nothing is left to be in error there.
+        values, covariance = np.append(values, 0.0), np.pad(covariance, ((0, 1), (0, 1)))
+    coefficients = _named(["k", "zero_reading"], values, covariance)
+    if not with_zero:
+        coefficients = (coefficients[0], replace(coefficients[1], std=None))
+    return Calibration(
+        *("pitot", unit, "m/s", coefficients, rms, _hysteresis(points, points.reading), _range(points), covariance)
+    )
 
 
-def _named(names: Sequence[str], values: Array, std: Array) -> tuple[CalibrationCoefficient, ...]:
+def _named(names: Sequence[str], values: Array, covariance: Array) -> tuple[CalibrationCoefficient, ...]:
     return tuple(
         CalibrationCoefficient(name, float(value), float(s) if np.isfinite(s) else None)
-        for name, value, s in zip(names, values, std, strict=True)
+        for name, value, s in zip(names, values, np.sqrt(np.diag(covariance)), strict=True)
     )
 
 

@@ -44,11 +44,13 @@ def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
     measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
     if effect.needs_throttle_thrust and measured_thrust:
         return False
+    if effect.name == "motor_lag" and any(record.thrust_source.signal == "rpm" for record in problem.records):
+        return False
     propulsion = problem.vehicle.propulsion
     diameter = propulsion.diameter if propulsion is not None else None
     if effect.name == "p_factor" and not diameter:
         return False
-    turns = propulsion is not None and propulsion.max_rpm and propulsion.max_thrust
+    turns = propulsion is not None and (propulsion.CT or (propulsion.max_rpm and propulsion.max_thrust))
     return effect.name != "propeller_gyroscopic" or bool(turns)
 
 

@@ -24,6 +24,7 @@ class Body:
     mass: kg. Ixx, Iyy, Izz, Ixz: kg m^2 about the centre of gravity, Ixz = + integral of x z dm.
     S: m^2. b, c: m.
     thrust_point: a point of the thrust line from the centre of gravity, m. thrust_direction: unit vector, body axes.
+    torque_sign: of the moment along it by which the airframe answers the propeller's torque: -1 clockwise from behind.
     accelerometer: position from the centre of gravity, m; used only on data not yet moved there.
     air_density: kg/m^3, taken where the flight has no `air_density` column.
     """
@@ -38,6 +39,7 @@ class Body:
     c: float
     thrust_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     thrust_direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    torque_sign: float = -1.0
     accelerometer: tuple[float, float, float] = (0.0, 0.0, 0.0)
     air_density: float = 1.225
 
@@ -51,7 +53,8 @@ def dynamic_pressure(data: FlightData, body: Body) -> Array:
 def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[str, Array]:
     """Coefficients of every axis at every sample.
 
-    data: corrected (sysid.compatibility.correct): ax ay az (m/s^2), p q r (rad/s), alpha (rad), V (m/s), thrust (N).
+    data: corrected (sysid.compatibility.correct): ax ay az (m/s^2), p q r (rad/s), alpha (rad), V (m/s), thrust (N),
+        and torque (N m) where the propeller's is known.
         Without the note that correction leaves, the accelerometer's lever arm is taken off here.
     body: mass, inertia, geometry. rate_derivatives: (N, 3) p' q' r', rad/s^2.
     Returns CL CD CY Cl Cm Cn, (N,) each.
@@ -67,6 +70,8 @@ def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[
     direction = np.asarray(body.thrust_direction) / np.linalg.norm(body.thrust_direction)
     push = np.outer(data["thrust"], direction)
     moment = np.cross(np.asarray(body.thrust_point), push)
+    if "torque" in data:
+        moment = moment + body.torque_sign * np.outer(data["torque"], direction)
     x, y, z = (body.mass * force - push).T
     alpha = data["alpha"]
     qs = dynamic_pressure(data, body) * body.S

@@ -18,13 +18,13 @@ from sysid.compatibility import CompatibilityResult, moved_by
 from sysid.equation_error import equation_error, equation_values
 from sysid.flight import Array, FlightData
 from sysid.identifiability import Refusal
-from sysid.prepare import Prepared
+from sysid.prepare import Prepared, in_even_air
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult
 from sysid.regression_report import regression_report
 from sysid.residuals import body_of
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, usual_size
-from sysid.systematic import LATE, LINEAR, SHARE
+from sysid.systematic import LATE, SHARE, perturbations
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
 _STEP = 0.5
@@ -116,7 +116,7 @@ def _from_sensors(
     make_parts: MakeParts,
 ) -> Array:
     """(P, P) covariance that the uncertainty of the sensor errors adds."""
-    measured = [stretch.data for flight in prepared for stretch in flight.stretches]
+    measured = in_even_air(prepared)
     std = np.sqrt(np.maximum(np.diag(compatible.covariance), 1e-300))
     shifts = [{name: _STEP * float(s)} for name, s in zip(compatible.parameters, std, strict=True)]
     # The first of the moved results is not moved at all: differences are taken along one way of computing.
@@ -138,7 +138,8 @@ def _systematic(
     """Change of every coefficient under each perturbation of the vehicle file, as sysid.systematic names them."""
     base = step.values(make_parts(prepared, vehicle, compatible), vehicle)
     moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
-    for change, share in [*((one, SHARE) for one in LINEAR), (LATE, 1.0)]:
+    records = [stretch.record for flight in prepared for stretch in flight.stretches]
+    for change, share in [*((one, SHARE) for one in perturbations(records)), (LATE, 1.0)]:
         told = [
             replace(
                 flight,

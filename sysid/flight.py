@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import SignalError
+
+if TYPE_CHECKING:
+    from sysid.calibration import Calibration
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,12 +25,14 @@ class Signal:
     values: (N,) SI units, radians; NaN where the sensor said it has no value.
     unit: unit of `values`, as "rad/s".
     source: where it came from, as "HIGHRES_IMU.xgyro".
+    calibration: the bench curve it went through, if any.
     """
 
     time_s: Array
     values: Array
     unit: str
     source: str
+    calibration: Calibration | None = None
 
     @property
     def rate_hz(self) -> float:

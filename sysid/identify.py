@@ -13,6 +13,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
+from sysid.bench import bench_errors, carry
 from sysid.compatibility import CompatibilityResult, Refusal, correct
 from sysid.equation_error import equation_error
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
@@ -36,10 +37,10 @@ from sysid.inputnoise import with_thrust_noise
 from sysid.linear import LinearModel, linearise
 from sysid.output_error import OutputErrorResult
 from sysid.parameterisation import SENSOR_ERRORS
-from sysid.prepare import Prepared, check_compatibility, prepare
+from sysid.prepare import Prepared, check_compatibility, prepare, unmeasured_thrust
 from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
-from sysid.residuals import body_of, coefficient_path, known_thrust, moment_noise
+from sysid.residuals import body_of, coefficient_path, known_propulsion, moment_noise
 from sysid.sensorchoice import with_told_sensors
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
@@ -124,8 +125,8 @@ def corrected_parts(
             record = stretch.record
             data = correct(stretch.data, compatible, index)
             here = slice(record.start, record.start + record.length)
-            thrust = known_thrust(record, Fixed(flat, errors))[here]
-            columns = {**data.columns, "thrust": thrust, "air_density": record.rho[here]}
+            thrust, torque = known_propulsion(record, Fixed(flat, errors), data["V"])
+            columns = {**data.columns, "thrust": thrust, "torque": torque, "air_density": record.rho[here]}
             columns |= {name: record.commands[here, j] for j, name in enumerate((*SURFACES, "throttle"))}
             columns.setdefault("beta", np.zeros(record.length))
             parts.append(replace(data, columns=columns))
@@ -193,6 +194,7 @@ def identify(
     progress(0.10, "data compatibility")
     compatible = check_compatibility(prepared)
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
+    warnings += unmeasured_thrust(prepared)
     if compatible.gust_sigma > 0.0:
         warnings.append(
             f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors may be half of what they should be; "
@@ -220,7 +222,7 @@ def identify(
         warnings += equations.warnings
         refused = [*quiet, *equations.refused]
         model = _equation_model(start, equations, refused, _validity(prepared, compatible))
-        model = _with_systematic(model, equations.systematic)
+        model = _with_extra(model, "systematic", equations.systematic)
     else:
         progress(0.40, "output error")
         free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
@@ -233,12 +235,15 @@ def identify(
         if not result.converged:
             warnings.append("output error did not converge; the standard errors may be too small")
         problem, result = with_thrust_noise(problem, start, names, free_effects, result)
+        result, from_bench = carry(bench_errors(prepared, vehicle), problem, start, names, free_effects, result)
         refused = [*quiet, *refusals(result, names)]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
+        model = _with_extra(model, "bench", from_bench)
         if systematic:
             progress(0.85, "systematic errors")
-            model = _with_systematic(model, systematic_errors(problem, start, names, free_effects, result))
+            moved = systematic_errors(problem, start, names, free_effects, result)
+            model = _with_extra(model, "systematic", moved)
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")
@@ -290,13 +295,13 @@ def _linear(
         return str(error)
 
 
-def _with_systematic(model: Model, moved: Mapping[str, Mapping[str, float]]) -> Model:
-    """The model with what errors of the vehicle file would do beside each estimate."""
+def _with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with something told beside each estimate under `key`."""
 
     def beside(name: str, entry: Coefficient) -> Coefficient:
-        if entry.value is None or name not in moved:
+        if entry.value is None or not found.get(name):
             return entry
-        return replace(entry, extra={**entry.extra, "systematic": dict(moved[name])})
+        return replace(entry, extra={**entry.extra, key: dict(found[name])})
 
     effects = tuple(
         replace(e, parameters={key: beside(f"{e.name}.{key}", entry) for key, entry in e.parameters.items()})

@@ -32,6 +32,7 @@ class SensorLayout:
     accelerometer, alpha_vane, beta_vane: (x, y, z) from the centre of gravity, body axes, m.
     beta_kind: "sideslip" (asin(v/V)) or "flank" (atan2(v, u)).
     airspeed_factor: true airspeed over what `airspeed` reads: sqrt(1.225/rho) for calibrated airspeed, 1 for true.
+    airspeed_is_true: whether the sensor tells true airspeed at any density.
     gravity: m/s^2.
     """
 
@@ -40,6 +41,7 @@ class SensorLayout:
     beta_vane: tuple[float, float, float] = (0.0, 0.0, 0.0)
     beta_kind: str = "sideslip"
     airspeed_factor: float = 1.0
+    airspeed_is_true: bool = False
     gravity: float = 9.80665
 
     def packed(self) -> Array:

@@ -18,7 +18,8 @@ from sim_vehicle.errors import TrimError, VehicleFileError
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.plant import Plant
 from sim_vehicle.plantstate import quaternion
-from sim_vehicle.vehicle import Propulsion, Vehicle
+from sim_vehicle.propulsion import Propulsion
+from sim_vehicle.vehicle import Vehicle
 from sysid.flight import Array
 from sysid.structure import is_longitudinal, usual_size
 
@@ -256,7 +257,7 @@ def _any_thrust(vehicle: Vehicle) -> Propulsion:
     enough = 3.0 * vehicle.mass.mass * vehicle.environment.gravity
     if vehicle.propulsion is None:
         return Propulsion(max_thrust=enough)
-    return replace(vehicle.propulsion, max_thrust=enough)
+    return replace(vehicle.propulsion, max_thrust=enough, CT=(), CQ=())
 
 
 def _stand_in(name: str, motion_told: bool) -> Coefficient:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
+from sysid.calibration import Calibration
 from sysid.compatibility import CompatibilityResult, SensorLayout, compatibility
 from sysid.errors import SegmentError, SignalError
 from sysid.flight import Array, FlightData, FlightSignals
@@ -18,7 +19,9 @@ from sysid.parameterisation import STATES
 from sysid.records import OUTPUTS, STANDARD_DENSITY, Record, make_record
 from sysid.segments import Segment, find_segments
 from sysid.smoothing import fourier_smooth
+from sysid.thrust import ThrustSource
 from sysid.timebase import resample
+from sysid.vanes import combined_vanes
 
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 # Longest stretch taken as one; more than that per flight is cut up, not left out.
@@ -44,11 +47,22 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A flight on one time base with the stretches found in it. layout: sensor positions."""
+    """A flight on one time base with the stretches found in it.
+
+    layout: sensor positions. calibrations: signal -> the bench curve it went through. shares: of two vanes of a kind,
+    how much each counts.
+    """
 
     data: FlightData
     stretches: tuple[Stretch, ...]
     layout: SensorLayout
+    calibrations: Mapping[str, Calibration]
+    shares: Mapping[str, float]
+
+    @property
+    def thrust_source(self) -> ThrustSource:
+        """Where thrust comes from, the same for all stretches."""
+        return self.stretches[0].record.thrust_source
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -65,6 +79,7 @@ def sensor_layout(vehicle: Vehicle, density: float) -> SensorLayout:
         beta_vane=sensors.beta_vane.position,
         beta_kind=sensors.beta_vane.kind or "sideslip",
         airspeed_factor=factor,
+        airspeed_is_true=sensors.airspeed.kind == "true",
         gravity=vehicle.environment.gravity,
     )
 
@@ -143,7 +158,7 @@ def prepare(
     data = resample(signals)
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
-    data = _without_dead(data, segments)
+    data, shares = combined_vanes(_without_dead(data, segments), vehicle)
     stretches: list[Stretch] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
@@ -153,13 +168,44 @@ def prepare(
             record = make_record(data, vehicle, int(a), int(b))
             stretches.append(Stretch(segment, data.window(int(a), int(b)), record))
     rho = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
-    return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho))
+    curves = {name: one.calibration for name, one in signals.signals.items() if one.calibration is not None}
+    return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho), curves, shares)
 
 
 def check_compatibility(prepared: Sequence[Prepared]) -> CompatibilityResult:
     """Sensor errors common to all stretches of all flights."""
-    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
-    return compatibility(parts, prepared[0].layout)
+    return compatibility(in_even_air(prepared), prepared[0].layout)
+
+
+def unmeasured_thrust(prepared: Sequence[Prepared]) -> list[str]:
+    """What follows where thrust is not measured, one line for each source of it."""
+    sources = dict.fromkeys(str(flight.thrust_source) for flight in prepared if not flight.thrust_source.measured)
+    return [
+        f"thrust {source}, not measured: its errors become errors of drag, and of lift by the sine of alpha; the "
+        "systematic column counts 5 % of thrust (thrust_5pct)"
+        for source in sources
+    ]
+
+
+def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
+    """(N,) by which an indicated airspeed grows when it is told as in the air that `layout.airspeed_factor` stands for.
+
+    True over indicated airspeed is sqrt(1.225 / rho) at each sample; the kinematic equations know one factor only.
+    """
+    if layout.airspeed_is_true:
+        return np.ones(record.length)
+    rho = record.rho[record.start : record.start + record.length]
+    return np.asarray(np.sqrt(STANDARD_DENSITY / rho) / layout.airspeed_factor)
+
+
+def in_even_air(prepared: Sequence[Prepared]) -> list[FlightData]:
+    """All stretches, airspeed told as in air of the first flight's density, whatever height it was measured at."""
+    layout = prepared[0].layout
+    parts = []
+    for stretch in (stretch for flight in prepared for stretch in flight.stretches):
+        airspeed = stretch.data["airspeed"] * airspeed_gain(stretch.record, layout)
+        parts.append(replace(stretch.data, columns={**stretch.data.columns, "airspeed": airspeed}))
+    return parts
 
 
 def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, float]) -> dict[str, Array]:
@@ -168,6 +214,7 @@ def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, floa
     Returns name of STATES -> (N,). A vane that is missing counts as zero angle.
     """
     columns = {name: record.z[:, j] for j, name in enumerate(OUTPUTS) if np.isfinite(record.z[:, j]).all()}
+    columns["airspeed"] = columns["airspeed"] * airspeed_gain(record, layout)
     data = FlightData(record.flight, record.interval_s, record.time_s, columns)
     values = part_states(data, layout, errors)
     smooth = {

@@ -12,6 +12,15 @@ from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
 from sysid.inputs import denoised_thrust
 from sysid.smoothing import fourier_smooth
+from sysid.thrust import (
+    MEASURED,
+    THRUST_BY_SQUARE,
+    ThrustSource,
+    filled,
+    thrust_of_speed,
+    thrust_source,
+    with_rotor_speed,
+)
 
 OUTPUTS = (*CHANNELS[:12], "vn", "ve", "vd")
 # Where they stand among what the simulation gives.
@@ -40,6 +49,7 @@ class Record:
     held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
     measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
+    thrust_source: where thrust comes from.
     """
 
     flight: str
@@ -54,6 +64,7 @@ class Record:
     moving_mass: float = 0.0
     thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     stretch: int = 0
+    thrust_source: ThrustSource = MEASURED
 
     @property
     def length(self) -> int:
@@ -71,32 +82,6 @@ class Record:
         )  # fmt: skip
 
 
-def thrust_source(data: FlightData, vehicle: Vehicle) -> str:
-    """Where thrust comes from: "measured", "throttle"; SignalError in one line where neither is there."""
-    if "thrust" in data and np.isfinite(data["thrust"]).mean() > 0.9:
-        return "measured"
-    propulsion = vehicle.propulsion
-    if "throttle" in data and propulsion is not None and propulsion.max_thrust:
-        return "throttle"
-    raise SignalError(
-        f"{data.name}: thrust is unknown: it needs a thrust signal, or a throttle servo with [propulsion] max_thrust"
-    )
-
-
-def _filled(values: Array) -> Array:
-    """Gaps of an input filled by the last value before them (a held command stays where it was)."""
-    good = np.isfinite(values)
-    if good.all():
-        return values
-    if not good.any():
-        return np.zeros_like(values)
-    index = np.where(good, np.arange(values.size), 0)
-    np.maximum.accumulate(index, out=index)
-    filled: Array = values[index]
-    filled[: int(np.argmax(good))] = values[int(np.argmax(good))]
-    return filled
-
-
 def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
     if values.size < 16 or not np.isfinite(values).all() or np.ptp(values) == 0.0:
         return np.ascontiguousarray(values)
@@ -111,22 +96,24 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
         )
     n = data.time_s.size
     first = max(0, start - round(PRE_ROLL_S / data.interval_s))
-    columns = [_filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
+    columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
     commands = np.ascontiguousarray(np.stack(columns, axis=1)[first:stop])
     # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
     moving_mass = 0.0
-    if thrust_source(data, vehicle) == "measured":
-        thrust = _filled(data["thrust"])
+    source = thrust_source(data, vehicle)
+    commands = with_rotor_speed(commands, data, vehicle, first)
+    if source.signal == "thrust":
+        thrust = filled(data["thrust"])
         if vehicle.propulsion is not None and vehicle.propulsion.moving_mass > 0.0 and "ax" in data:
             # The motor hangs on the cell: add what accelerates it, so that thrust is the propeller's.
             moving_mass = vehicle.propulsion.moving_mass
-            thrust = thrust + moving_mass * _filled(data["ax"])
+            thrust = thrust + moving_mass * filled(data["ax"])
     else:
-        thrust = np.full(n, np.nan)
+        thrust = thrust_of_speed(data, vehicle) if source.law == THRUST_BY_SQUARE else np.full(n, np.nan)
     if vehicle.environment.air_density is not None:
         rho = np.full(n, vehicle.environment.air_density)
     elif "air_density" in data:
-        rho = _filled(data["air_density"])
+        rho = filled(data["air_density"])
     else:
         rho = np.full(n, STANDARD_DENSITY)
     z = np.full((stop - start, len(OUTPUTS)), np.nan)
@@ -137,5 +124,5 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, start,
+        denoised.doubt, start, source,
     )  # fmt: skip

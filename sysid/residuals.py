@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.layout import Par
+from sim_vehicle.propeller import along
 from sim_vehicle.simulation import evaluate_path
 from sim_vehicle.vehicle import Vehicle
 from sysid.coefficients import AXES, Body, coefficients
@@ -19,6 +20,7 @@ from sysid.parameterisation import STATES
 from sysid.prepare import smoothed_states
 from sysid.records import OUTPUTS, Record
 from sysid.smoothing import fourier_smooth, noise_sigma
+from sysid.thrust import lagged_throttle
 
 # Band of the motion: rate derivatives are taken, and forces compared, below it.
 CUTOFF_HZ = 8.0
@@ -52,15 +54,18 @@ def body_of(vehicle: Vehicle) -> Body:
             **vars(body),
             "thrust_point": propulsion.line,
             "thrust_direction": (float(np.cos(angle)), 0.0, -float(np.sin(angle))),
+            "torque_sign": -1.0 if propulsion.rotation == "cw" else 1.0,
         }
     )
 
 
-def known_thrust(record: Record, model: Fixed) -> Array:
-    """(M,) N at the samples of the commands: measured, or full thrust times throttle."""
-    computed = model.flat.P[Par.max_thrust] * record.commands[:, 3]
-    thrust = np.where(np.isnan(record.thrust), computed, record.thrust)
-    return np.asarray(thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0))
+def known_propulsion(record: Record, model: Fixed, speed: Array) -> tuple[Array, Array]:
+    """Thrust, N, as measured or by the vehicle's law, and the propeller's torque, N m, (N,) each, at `speed` (N,)."""
+    here, P = slice(record.start, record.start + record.length), model.flat.P
+    throttle = lagged_throttle(record.commands, record.interval_s, float(P[Par.motor_tau]))[here]
+    computed, torque = along(throttle, np.ascontiguousarray(speed), np.ascontiguousarray(record.rho[here]), P)
+    thrust = np.where(np.isnan(record.thrust[here]), computed, record.thrust[here])
+    return thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0), torque
 
 
 def along_path(record: Record, path: Array, model: Fixed) -> Array:
@@ -102,12 +107,12 @@ def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, mod
     column = {name: record.z[:, OUTPUTS.index(name)] for name in ("ax", "ay", "az")}
     for name in column:
         column[name] = column[name] - model.errors.get(f"accel_bias_{name[1]}", 0.0)
-    thrust = known_thrust(record, model)[here]
+    thrust, torque = known_propulsion(record, model, speed)
     data = FlightData(
         record.flight, dt, record.time_s,
         {
             **column, "p": states["p"], "q": states["q"], "r": states["r"], "alpha": alpha, "V": speed,
-            "thrust": thrust, "air_density": record.rho[here],
+            "thrust": thrust, "torque": torque, "air_density": record.rho[here],
         },
     )  # fmt: skip
     measured = coefficients(data, body_of(vehicle), slopes)

@@ -27,6 +27,7 @@ def result_json(found: Identification) -> dict[str, Any]:
     result = {
         "schema": "identification/1",
         "flights": [flight.data.name for flight in found.flights],
+        "thrust": {flight.data.name: str(flight.thrust_source) for flight in found.flights},
         "sensor_errors": {
             name: {"value": value, "std": std, "unit": unit} for name, (value, std, unit) in found.sensor_errors.items()
         },

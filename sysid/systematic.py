@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model import Model
+from sim_vehicle.propulsion import scaled
 from sim_vehicle.vehicle import Vehicle
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.output_error import OutputErrorResult, angle_wrap
 from sysid.records import SURFACES, Record
+from sysid.thrust import THRUST_BY_SQUARE
 
 DELAY_S = 0.010
 SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
@@ -54,6 +56,22 @@ def _more_travel(record: Record) -> Record:
     return replace(record, commands=commands)
 
 
+def _stronger(vehicle: Vehicle) -> Vehicle:
+    motor = vehicle.propulsion
+    if motor is None:
+        return vehicle
+    gain = 1.0 + 0.05 * SHARE
+    thrust = None if motor.max_thrust is None else gain * motor.max_thrust
+    return replace(vehicle, propulsion=replace(motor, max_thrust=thrust, CT=scaled(motor.CT, gain)))
+
+
+def _stronger_known(record: Record) -> Record:
+    """Thrust that followed from the propeller's speed before the simulation."""
+    if record.thrust_source.law != THRUST_BY_SQUARE:
+        return record
+    return replace(record, thrust=(1.0 + 0.05 * SHARE) * record.thrust)
+
+
 def _later_commands(record: Record) -> Record:
     """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
     whole, part = divmod(DELAY_S / record.interval_s, 1.0)
@@ -68,8 +86,15 @@ LINEAR = (
     Perturbation("density_2pct", record=_denser),
     Perturbation("linkage_5pct", record=_more_travel),
 )
+# Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
+THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12
+
+
+def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
+    """Those that move the estimate linearly: the thrust's only where it was not measured."""
+    return LINEAR if all(record.thrust_source.measured for record in records) else (*LINEAR, THRUST)
 
 
 def systematic_errors(
@@ -93,7 +118,7 @@ def systematic_errors(
     predicted = estimation.predict(theta)
     S = estimation.sensitivities(theta, predicted)
     information, _ = estimation.normal_equations(theta, estimation.residuals(predicted), S, result.sigma)
-    for change in LINEAR:
+    for change in perturbations(problem.records):
         changed = replace(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )

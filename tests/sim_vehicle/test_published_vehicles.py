@@ -21,6 +21,7 @@ from sim_vehicle.manoeuvres import CONTROLS, MANOEUVRES, SURFACES
 from sim_vehicle.model import Model, read_model
 from sim_vehicle.plan import plan_of
 from sim_vehicle.plant import OUTPUTS, Plant
+from sim_vehicle.propeller import along
 from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.vehicle import load_vehicle
 from sysid.identify import identify
@@ -88,7 +89,7 @@ def test_loads_without_a_doubt_and_trims_inside_its_travel(plant: Plant) -> None
     assert trim["V"] == pytest.approx(plant.vehicle.flight.airspeed)
     assert 0.0 < trim["alpha"] < 0.1
     assert -0.15 < trim["de"] < 0.0
-    assert 0.2 < trim["throttle"] < 0.4
+    assert 0.5 < trim["throttle"] < 0.9
 
 
 def test_aerosonde_coefficients_are_those_of_the_source(aerosonde: Plant) -> None:
@@ -147,11 +148,20 @@ def test_ultrastick_forces_and_moments_are_those_of_the_source(ultrastick: Plant
         ),
     ],
 )
-def test_propeller_points_lie_on_the_published_curves(name: str, CT: tuple[float, ...], CQ: tuple[float, ...]) -> None:
-    propulsion = load_vehicle(name).propulsion
+def test_thrust_and_torque_are_those_of_the_published_curves(
+    name: str, CT: tuple[float, ...], CQ: tuple[float, ...]
+) -> None:
+    plant = Plant(load_vehicle(name), read_model(name))
+    propulsion = plant.vehicle.propulsion
     assert propulsion is not None
-    for points, curve in ((propulsion.CT, CT), (propulsion.CQ, CQ)):
-        assert [value for _, value in points] == pytest.approx([np.polyval(curve, J) for J, _ in points], abs=1e-8)
+    assert propulsion.diameter is not None
+    assert propulsion.max_rpm is not None
+    D, rho = propulsion.diameter, 1.1
+    for share, J in ((0.4, 0.05), (0.7, 0.31), (1.0, 0.58)):
+        n = share * propulsion.max_rpm / 60.0
+        thrust, torque = along(np.array([share]), np.array([J * n * D]), np.array([rho]), plant.flat.P)
+        assert thrust[0] == pytest.approx(rho * n**2 * D**4 * np.polyval(CT, J), rel=1e-7)
+        assert torque[0] == pytest.approx(rho * n**2 * D**5 * np.polyval(CQ, J), rel=1e-5)  # nine digits of CP / 2 pi
 
 
 def test_aerosonde_full_throttle_thrust_is_that_of_the_published_motor() -> None:

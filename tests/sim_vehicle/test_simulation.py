@@ -12,7 +12,7 @@ from effect_values import VALUES
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.layout import CHANNELS, PAR_SIZE, REGRESSORS, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.layout import CHANNELS, REGRESSORS, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import FlatModel, flatten
 from sim_vehicle.plant import OUTPUTS, Plant
@@ -285,7 +285,7 @@ def test_coefficients_from_the_middle_of_a_flight_on() -> None:
 
 
 def test_the_flat_layout_has_no_two_names_for_a_place() -> None:
-    assert sorted(Par) == list(range(PAR_SIZE))
+    assert sorted(Par) == list(range(len(Par)))
     assert [*range(len(REGRESSORS)), *sorted(Aux)] == list(range(WORK_SIZE))
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sim_vehicle.vehicle import Vehicle, load_vehicle
 from sysid.errors import SignalError
 from sysid.flight import FlightData
-from sysid.records import OUTPUTS, make_record, thrust_source
+from sysid.records import OUTPUTS, make_record
+from sysid.thrust import thrust_source
 
 Array = NDArray[np.float64]
 
@@ -86,10 +87,10 @@ def test_without_a_thrust_signal_thrust_follows_from_the_throttle() -> None:
     record = make_record(flight(thrust=None), vehicle(), 100, 300)
     assert np.isnan(record.thrust).all()
     assert record.moving_mass == 0.0
-    assert thrust_source(flight(thrust=None), vehicle()) == "throttle"
-    assert thrust_source(flight(), vehicle()) == "measured"
+    assert str(thrust_source(flight(thrust=None), vehicle())) == "from throttle by max_thrust"
+    assert str(thrust_source(flight(), vehicle())) == "measured"
     mostly_missing = np.where(np.arange(N) % 3 == 0, 3.0, np.nan)
-    assert thrust_source(flight(thrust=mostly_missing), vehicle()) == "throttle"
+    assert thrust_source(flight(thrust=mostly_missing), vehicle()).signal == "throttle"
 
 
 @pytest.mark.parametrize(

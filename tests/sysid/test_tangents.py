@@ -17,6 +17,7 @@ from sim_vehicle.layout import CHANNELS, Par
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import FlatModel, flatten
 from sim_vehicle.plantstate import quaternion
+from sim_vehicle.propulsion import Polynomial, Propulsion
 from sim_vehicle.reading_jacobian import READINGS
 from sim_vehicle.simulation import simulate
 from sysid.parameterisation import Predictor, coefficient, effect_parameter, sensor_error
@@ -124,6 +125,21 @@ def test_with_all_effects_and_sensors_off_the_centre_of_gravity() -> None:
     for flank in (0.0, 1.0):
         model.P[Par.beta_is_flank] = flank
         assert_tangents(model, inputs(sub_steps=1), 2e-6)
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_with_thrust_and_torque_over_advance_ratio(measured: bool) -> None:
+    """Beside the effects that need the propeller's speed or thrust, with its axis inclined and off the centre."""
+    motor = Propulsion(
+        line=(0.2, 0.03, 0.02), inclination=0.05, diameter=0.25, rotation="ccw", tau=0.1, max_rpm=12000.0,
+        CT=Polynomial((0.1, -0.02, -0.12), (0.0, 0.8)), CQ=((0.0, 0.006), (0.3, 0.0063), (0.6, 0.003), (0.9, -0.002)),
+    )  # fmt: skip
+    names = ("thrust_scale", "propeller_gyroscopic", "propwash_elevator", "thrust_speed_loss")
+    effects = {name: VALUES[name] for name in names}
+    model = flatten(
+        replace(hf.vehicle(), propulsion=motor), hf.model_with(effects).with_coefficient("CL_alphadot", 1.5)
+    )
+    assert_tangents(model, inputs(thrust=np.linspace(3.0, 4.0, N)) if measured else inputs())
 
 
 @pytest.mark.parametrize("kept", [(0, 2, 4, 7), (1, 3, 5, 6, 8), (7,), (6, 8)])

@@ -1,0 +1,130 @@
+"""Where a flight's thrust comes from: a sensor, else the propeller's speed, else the throttle, by [propulsion]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from sim_vehicle.propulsion import rotor_scale
+from sim_vehicle.vehicle import Vehicle
+from sysid.errors import SignalError
+from sysid.flight import Array, FlightData
+from sysid.inputs import denoise_thrust
+
+THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
+# Share of the flight through which a signal must be there to be used as an input.
+_PRESENT = 0.9
+
+
+@dataclass(frozen=True)
+class ThrustSource:
+    """signal: "thrust" (measured), "rpm" or "throttle". law: how thrust follows from it, "" where it is measured."""
+
+    signal: str
+    law: str = ""
+
+    @property
+    def measured(self) -> bool:
+        return self.signal == "thrust"
+
+    def __str__(self) -> str:
+        return "measured" if self.measured else f"from {self.signal} by {self.law}"
+
+
+MEASURED = ThrustSource("thrust")
+
+
+def _present(data: FlightData, name: str) -> bool:
+    return name in data and float(np.isfinite(data[name]).mean()) > _PRESENT
+
+
+def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
+    """Where thrust comes from. Raises SignalError in one line where nothing tells it."""
+    propulsion = vehicle.propulsion
+    if _present(data, "thrust"):
+        return MEASURED
+    if propulsion is not None and propulsion.by_rpm and _present(data, "rpm"):
+        return ThrustSource("rpm", propulsion.by_rpm)
+    if propulsion is not None and propulsion.by_throttle and _present(data, "throttle"):
+        return ThrustSource("throttle", propulsion.by_throttle)
+    there = [name for name in ("rpm", "throttle") if _present(data, name)]
+    if there:
+        needs = "CT with diameter (and max_rpm, if there is no rpm), or max_thrust"
+        raise SignalError(
+            f"{data.name}: thrust is unknown: the flight has {' and '.join(there)}, the vehicle file no law for it: "
+            f"give [propulsion] {needs}"
+        )
+    raise SignalError(
+        f"{data.name}: thrust is unknown: the flight has neither a thrust signal nor rpm nor a throttle; "
+        "record one, or give [controls.throttle] its servo"
+    )
+
+
+def filled(values: Array) -> Array:
+    """Gaps of an input filled by the last value before them (a held command stays where it was)."""
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    if not good.any():
+        return np.zeros_like(values)
+    index = np.where(good, np.arange(values.size), 0)
+    np.maximum.accumulate(index, out=index)
+    filled: Array = values[index]
+    filled[: int(np.argmax(good))] = values[int(np.argmax(good))]
+    return filled
+
+
+def _rotor_speed(data: FlightData) -> Array:
+    """Measured speed of the propeller, 1/min, without the counter's noise; steps of the throttle stay sharp."""
+    rpm = filled(data["rpm"])
+    throttle = filled(data["throttle"]) if "throttle" in data else np.zeros(rpm.size)
+    return denoise_thrust(rpm, throttle, data.interval_s)
+
+
+def thrust_of_speed(data: FlightData, vehicle: Vehicle) -> Array:
+    """(N,) N, by max_thrust (rpm / max_rpm)^2: a propeller at one advance ratio."""
+    propulsion = vehicle.propulsion
+    if propulsion is None or propulsion.max_thrust is None or propulsion.max_rpm is None:
+        raise SignalError(f"{data.name}: thrust from rpm needs [propulsion] max_thrust and max_rpm")
+    share = _rotor_speed(data) / propulsion.max_rpm
+    return np.asarray(propulsion.max_thrust * share * np.abs(share))
+
+
+def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
+    """(M,) throttle behind the motor's lag at the samples of held commands (M, 4), at rest at the first."""
+    throttle = commands[:, 3]
+    kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
+    before = np.append(throttle[0], throttle[:-1])
+    lagged, _ = signal.lfilter([1.0 - kept], [1.0, -kept], before, zi=[kept * throttle[0]])
+    return np.ascontiguousarray(lagged)
+
+
+def with_rotor_speed(commands: Array, data: FlightData, vehicle: Vehicle, first: int) -> Array:
+    """Commands (M, 4), from sample `first` of the flight on, whose throttle gives the measured propeller speed.
+
+    The simulation passes a held throttle through the motor's lag; here that lag is undone, so that the propeller turns
+    as measured at every sample. Without rpm the throttle stays as commanded; where CQ is known but nothing tells the
+    propeller's speed, it counts as standing, without torque.
+    """
+    propulsion = vehicle.propulsion
+    if propulsion is None or not (propulsion.CT or propulsion.CQ):
+        return commands
+    commands = commands.copy()
+    if not _present(data, "rpm"):
+        if not propulsion.max_rpm:
+            commands[:, 3] = 0.0
+        return commands
+    stop = first + commands.shape[0]
+    share = _rotor_speed(data)[first:stop] * 2.0 * np.pi / 60.0 / rotor_scale(propulsion)
+    if propulsion.tau <= 0.0:
+        commands[:, 3] = np.append(share[1:], share[-1])
+        return commands
+    kept = float(np.exp(-data.interval_s / propulsion.tau))
+    # At rest at the first command, so the lag is undone from the second sample on.
+    commands[0, 3] = share[0]
+    now, after = share[1:].copy(), np.append(share[2:], share[-1])
+    now[:1] = share[0]
+    commands[1:, 3] = (after - kept * now) / (1.0 - kept)
+    return commands
