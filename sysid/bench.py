@@ -178,8 +178,8 @@ def _feigned(changed: Problem, problem: Problem, result: OutputErrorResult) -> _
 
 def _prior_pull(estimation: OutputError, problem: Problem, sensors: Mapping[str, float]) -> Array:
     """A prior that came from the same readings moves with their error."""
-    pull = np.zeros(len(estimation.prior_weight))
+    shift = np.zeros(len(estimation.prior_mean))
     for i, parameter in enumerate(estimation.predictor.parameters):
         if parameter.name in problem.priors:
-            pull[i] = estimation.prior_weight[i] * sensors.get(parameter.name, 0.0)
-    return pull
+            shift[i] = sensors.get(parameter.name, 0.0)
+    return np.asarray(estimation.prior_information @ shift)
