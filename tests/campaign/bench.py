@@ -25,8 +25,8 @@ from sysid.calibration import BenchPoints, calibrate
 from sysid.flight import FlightSignals, Signal
 from sysid.identify import identify
 
-MANOEUVRES = "elevator-3211"
-DURATION_S = 12.0
+MANOEUVRES = "multisine"
+DURATION_S = 30.0
 
 
 def calibrated_flight(seed: int) -> FlightSignals:
