@@ -88,6 +88,23 @@ def _mode_lines(modes: Any) -> list[str]:
     return lines
 
 
+def _regression_lines(report: dict[str, Any] | None) -> list[str]:
+    """How well each axis is explained, and what cannot be told apart."""
+    if not report:
+        return []
+    lines = ["", "regression:", f"  {'axis':<6}{'R2':>9}{'condition':>11}   R2 in frequency, band   terms by stepwise"]
+    for axis, entry in report.items():
+        frequency = entry["frequency_domain"]
+        band = "-"
+        if "band_hz" in frequency:
+            low, high = frequency["band_hz"]
+            band = f"{frequency['r2']:.4f}, {low:.2f} to {high:.2f} Hz"
+        chosen = " ".join(entry["structure"].get("stepwise", []))
+        lines.append(f"  {axis:<6}{entry['r2']:>9.4f}{entry['condition']:>11.1f}   {band:<22}  {chosen}".rstrip())
+        lines += [f"    {words}" for words in entry["collinear"]]
+    return lines
+
+
 def identification_text(result: dict[str, Any]) -> str:
     """A result of schema identification/1 as lines."""
     lines = [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
@@ -102,6 +119,7 @@ def identification_text(result: dict[str, Any]) -> str:
         *_bench_lines(result["model"]),
         *_systematic_lines(result["model"]),
     ]
+    lines += _regression_lines(result.get("regression"))
     lines += _mode_lines(result.get("modes"))
     if result.get("sensor_errors"):
         lines += ["", "sensor errors:"]

@@ -18,6 +18,7 @@ import numpy as np
 from sysid.errors import EstimationError
 from sysid.flight import Array
 from sysid.regression import RegressionResult, regress
+from sysid.stepwise import noise_bound
 
 CRITERIA = ("pse", "cross-validation")
 _FOLDS = 8
@@ -59,7 +60,7 @@ def orthogonal_model(
     if criterion == "pse":
         terms = np.arange(len(order) + 1)
         left = float(y @ y) - np.concatenate(([0.0], np.cumsum(explained)))
-        scores = left / y.size + np.var(y) * terms / (y.size * bandwidth)
+        scores = left / y.size + noise_bound(y, X) * terms / (y.size * bandwidth)
     else:
         scores = _left_out_error(y, X[:, order])
     count = int(np.argmin(scores))

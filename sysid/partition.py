@@ -50,7 +50,7 @@ def tables(
     if strange or not tabled:
         raise EstimationError(f"partition: {strange[0] if strange else 'nothing'} is none of {', '.join(names)}")
     knots = _knots(variable, count)
-    hats = np.column_stack([np.interp(variable, knots, unit) for unit in np.eye(knots.size)])
+    hats = _hats(variable, knots)
     columns: list[Array] = []
     places: dict[str, slice] = {}
     for j, name in enumerate(names):
@@ -60,9 +60,26 @@ def tables(
     design = np.column_stack(columns)
     if y.size <= 2 * design.shape[1]:
         raise EstimationError(f"partition: {y.size} samples are too few for {design.shape[1]} numbers")
-    values, covariance = _smoothed(y, design, [places[name] for name in tabled])
+    values, covariance = _smoothed(y, design, [places[name] for name in tabled], _bend(knots))
     std = np.sqrt(np.diag(covariance) * inflation)
     return {name: Table(name, knots, values[places[name]], std[places[name]]) for name in tabled}
+
+
+def _hats(variable: Array, knots: Array) -> Array:
+    """(N, K) weights of the knots' values at each sample; beyond the ends the outermost lines go on."""
+    left = np.clip(np.searchsorted(knots, variable) - 1, 0, knots.size - 2)
+    share = (variable - knots[left]) / (knots[left + 1] - knots[left])
+    hats = np.zeros((variable.size, knots.size))
+    rows = np.arange(variable.size)
+    hats[rows, left], hats[rows, left + 1] = 1.0 - share, share
+    return hats
+
+
+def _bend(knots: Array) -> Array:
+    """(K - 2, K) change of slope at each inner knot, in units of the mean spacing."""
+    spacing = np.diff(knots) / np.mean(np.diff(knots))
+    slopes = np.diff(np.eye(knots.size), axis=0) / spacing[:, None]
+    return np.diff(slopes, axis=0)
 
 
 def _knots(variable: Array, count: int) -> Array:
@@ -77,13 +94,12 @@ def _knots(variable: Array, count: int) -> Array:
     return np.asarray(knots, dtype=np.float64)
 
 
-def _smoothed(y: Array, design: Array, blocks: Sequence[slice]) -> tuple[Array, Array]:
+def _smoothed(y: Array, design: Array, blocks: Sequence[slice], second: Array) -> tuple[Array, Array]:
     """Estimates and covariance, one smoothness per table."""
     gram, moment, power = design.T @ design, design.T @ y, float(y @ y)
     size = design.shape[1]
     penalties = []
     for block in blocks:
-        second = np.diff(np.eye(block.stop - block.start), n=2, axis=0)
         penalty = np.zeros((size, size))
         penalty[block, block] = second.T @ second
         # In units of the data's own information, so that the same range of smoothness serves every coefficient.

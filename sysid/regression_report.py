@@ -13,17 +13,23 @@ from sysid.collinearity import collinearity, correlated_pairs
 from sysid.equation_error import settled_equations
 from sysid.equations import CONTROLS, CUTOFF_HZ, Equations, axes_of
 from sysid.errors import EstimationError
-from sysid.flight import FlightData
+from sysid.flight import Array, FlightData
 from sysid.frequency_regression import FrequencyResult, frequency_regression
+from sysid.orthogonal import orthogonal_model
+from sysid.partition import tables
 from sysid.polynomials import candidate_terms
 from sysid.prior import Gaussian
 from sysid.regression import RegressionResult
-from sysid.stepwise import TermTest, p_value, predicted_square_error, trial
+from sysid.stepwise import TermTest, p_value, predicted_square_error, stepwise, trial
 
 # Chance, over all terms tried in a flight, that one which is zero is told to be there.
 FALSE_TERM = 0.01
 # Terms that explain less than this are below what errors of the vehicle file do.
 LEAST_GAIN = 1e-3
+# Variance inflation from which the motion's own noise no longer stays within the bars (measured: doublets, 18).
+BIASING_VIF = 15.0
+# Travel of the angle of attack, rad, over which a table tells more than a line.
+WIDE_ALPHA = 0.1
 # Standard errors by which time and frequency domain may differ.
 _AGREEMENT = 4.0
 
@@ -39,7 +45,9 @@ def regression_report(
     """The block "regression" of the result, and warnings.
 
     parts, body, command_first: what the regressions rest on. joint: estimates with the errors of the whole chain.
-    prior: as the regressions had it. Each axis: method, r2, pse, condition, terms, collinear, excluded.
+    prior: as the regressions had it. Each axis: method, r2, pse, condition, terms, collinear, excluded (tests of terms
+    that the model does not have), structure (terms that stepwise regression and orthogonal functions would choose),
+    over_alpha (the part that the angle of attack makes, as a table).
     """
     names = [name for result in regressions.values() for name in result.names]
     moved = _moved(parts)
@@ -52,6 +60,8 @@ def regression_report(
         entry, found = _axis(equations, axis, chosen, regressions[axis], told)
         tests = _excluded(equations, axis, chosen, [parse_term(name) for name in wider])
         entry["excluded"] = [_test_json(test) for test in tests]
+        entry["structure"] = _structures(equations, axis, chosen, [parse_term(name) for name in wider])
+        entry["over_alpha"] = _over_alpha(equations, axis, chosen, regressions[axis], joint)
         report[axis] = entry
         warnings += found
         limit = FALSE_TERM / max(len(wider), 1)
@@ -103,10 +113,15 @@ def _axis(
                     f"{name}: {value:.4g} in the time domain, {other:.4g} ± {other_std:.2g} in the frequency domain: "
                     "the model lacks something that depends on frequency"
                 )
+    if close.vif.max() > BIASING_VIF:
+        warnings.append(
+            f"{axis}: {'; '.join(close.words())}; noise of the reconstructed motion then biases equation error by more "
+            "than its bars say: prefer --method oe"
+        )
     entry = {
         "method": "time domain",
         "r2": result.r2,
-        "pse": predicted_square_error(y, result.residual, len(terms), equations.bandwidth),
+        "pse": predicted_square_error(result.residual, len(terms), float(np.var(y)), equations.bandwidth),
         "condition": close.condition,
         "terms": entries,
         "collinear": close.words(),
@@ -144,6 +159,52 @@ def _excluded(equations: Equations, axis: str, terms: Sequence[Term], wider: Seq
             column = equations.matrix([term])[:, 0]
             tests.append(trial(y, X, names, column, term.name, equations.lengths, equations.bandwidth))
     return tests
+
+
+def _structures(equations: Equations, axis: str, terms: Sequence[Term], wider: Sequence[Term]) -> dict[str, Any]:
+    """Terms that two ways of selection would choose among the model's and the candidates."""
+    every = sorted([*terms, *(term for term in wider if term.axis == axis)], key=lambda term: len(term.factors))
+    y, X = equations.regressand(axis), equations.matrix(every)
+    names = [term.name for term in every]
+    forced = [name for name in names if name.endswith("_0")]
+    chosen: dict[str, Any] = {}
+    try:
+        chosen["stepwise"] = list(stepwise(y, X, names, forced, equations.lengths, equations.bandwidth).names)
+        found = orthogonal_model(y, X, names, equations.lengths, equations.bandwidth)
+        chosen["orthogonal"] = list(found.names)
+    except EstimationError as error:
+        chosen["refused"] = str(error)
+    return chosen
+
+
+def _over_alpha(
+    equations: Equations, axis: str, terms: Sequence[Term], result: RegressionResult, joint: Gaussian
+) -> dict[str, list[float]] | None:
+    """What the angle of attack alone makes of an axis, as a table with errors; None where it hardly moved."""
+    alpha = equations.values("alpha")
+    constant = [term for term in terms if not term.factors]
+    if axis not in ("CL", "Cm") or not constant or np.ptp(np.percentile(alpha, [1.0, 99.0])) < WIDE_ALPHA:
+        return None
+    kept = [term for term in terms if set(term.factors) != {"alpha"}]
+    names = [term.name for term in kept]
+    inflation = float(np.median((result.std / result.std_white) ** 2)) / equations.bandwidth
+    try:
+        y, X = equations.regressand(axis), equations.matrix(kept)
+        table = tables(y, X, names, alpha, [constant[0].name], inflation=max(inflation, 1.0))[constant[0].name]
+    except EstimationError:
+        return None
+    std = np.sqrt(table.std**2 + _of_sensors(axis, table.knots, result, joint))
+    return {"alpha": table.knots.tolist(), "value": table.values.tolist(), "std": std.tolist()}
+
+
+def _of_sensors(axis: str, alpha: Array, result: RegressionResult, joint: Gaussian) -> Array:
+    """Variance that sensor errors add to a line over alpha (K,), from what they add to the model's own line."""
+    names = [name for name in (f"{axis}_0", f"{axis}_alpha") if name in result.names and name in joint.names]
+    line = np.stack([alpha if name.endswith("alpha") else np.ones(alpha.size) for name in names])
+    whole = [joint.names.index(name) for name in names]
+    alone = [result.names.index(name) for name in names]
+    added = joint.covariance[np.ix_(whole, whole)] - result.covariance[np.ix_(alone, alone)]
+    return np.asarray(np.maximum(np.sum(line * (added @ line), axis=0), 0.0), dtype=np.float64)
 
 
 def _test_json(test: TermTest) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """Stepwise regression: which terms a flight supports, one at a time, each decision on record.
 
-A term enters if its partial F exceeds a threshold and the predicted square error falls; after each entry the terms
-that no longer pass are taken out again. Partial F counts with coloured residuals: (value / standard error)^2, since
-samples of a filtered record are not independent and the ordinary F lets in almost anything.
+A term enters if its partial F exceeds a threshold and the predicted square error falls, and leaves again when later
+ones make it needless. What is left must pass with partial F for coloured residuals, (value / standard error)^2: the
+samples of a filtered record are not independent, and the ordinary F keeps almost anything. While terms are missing the
+residual holds their motion, so that the coloured F would let nothing in.
 Source: Klein & Morelli, "Aircraft System Identification", chapter 5 (stepwise regression, PSE).
 """
 
@@ -20,6 +21,8 @@ from sysid.regression import RegressionResult, regress
 
 F_ENTER, F_LEAVE = 12.0, 8.0
 _MOST_STEPS = 40
+# Share of the best partial correlation that counts as no worse.
+_AS_GOOD = 0.97
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,22 @@ class Selection:
     history: tuple[str, ...]
 
 
-def predicted_square_error(y: Array, residual: Array, count: int, bandwidth: float = 1.0) -> float:
-    """PSE = mean squared residual + sigma_max^2 p / N, sigma_max^2 the variance of y (Klein & Morelli, eq. 5.93).
+def predicted_square_error(residual: Array, count: int, largest_variance: float, bandwidth: float = 1.0) -> float:
+    """PSE = mean squared residual + sigma_max^2 p / N (Klein & Morelli, chapter 5).
 
-    count: p, terms. bandwidth: share of the samples that are independent of each other.
+    count: p, terms. largest_variance: sigma_max^2, an upper bound of the noise's variance (`noise_bound`).
+    bandwidth: share of the samples that are independent of each other.
     """
-    return float(np.mean(residual**2) + np.var(y) * count / (y.size * bandwidth))
+    return float(np.mean(residual**2) + largest_variance * count / (residual.size * bandwidth))
+
+
+def noise_bound(y: Array, X: Array) -> float:
+    """Upper bound of the noise's variance: 25 times what all candidates together leave, at most the variance of y.
+
+    The variance of y alone would keep out a control derivative that explains half a percent beside a strong slope.
+    """
+    left = y - X @ np.linalg.lstsq(X, y, rcond=1e-10)[0]
+    return float(min(np.var(y), 25.0 * np.mean(left**2)))
 
 
 def p_value(partial_f: float, free: float) -> float:
@@ -104,16 +117,20 @@ def stepwise(
     parts = tuple(lengths) if lengths is not None else (y.size,)
     inside = [list(names).index(name) for name in forced]
     history: list[str] = []
+    bound = noise_bound(y, X)
     for _ in range(_MOST_STEPS):
-        entering = _next(y, X, names, inside, parts, bandwidth)
+        entering = _next(y, X, inside, bound, bandwidth)
         if entering is None:
             break
         inside.append(entering)
-        leaving = _weakest(y, X, names, inside, forced, parts, bandwidth)
+        leaving = _leaving(y, X, names, inside, forced, parts, bandwidth, coloured=False)
         history.append(f"{names[entering]} enters" + "".join(f", {names[j]} leaves" for j in leaving))
         inside = [j for j in inside if j not in leaving]
         if entering in leaving:
             break
+    late = _leaving(y, X, names, inside, forced, parts, bandwidth, coloured=True) if inside else []
+    history += [f"{names[j]} leaves: nothing beside coloured residuals" for j in late]
+    inside = [j for j in inside if j not in late]
     if not inside:
         raise EstimationError("stepwise: no candidate tells anything of the regressand")
     chosen = [names[j] for j in inside]
@@ -126,12 +143,14 @@ def stepwise(
     return Selection(tuple(chosen), result, tuple(excluded), tuple(history))
 
 
-def _next(
-    y: Array, X: Array, names: Sequence[str], inside: Sequence[int], parts: Sequence[int], bandwidth: float
-) -> int | None:
-    """The column with the largest partial correlation if it passes the tests, else None."""
+def _next(y: Array, X: Array, inside: Sequence[int], bound: float, bandwidth: float) -> int | None:
+    """The column with the largest partial correlation if it passes the tests, else None.
+
+    Of columns that do nearly as well the first is taken: candidates stand with the simplest first.
+    """
     outside = [j for j in range(X.shape[1]) if j not in inside]
-    if not outside or y.size * bandwidth - len(inside) < 3.0:
+    free = y.size * bandwidth - len(inside) - 1.0
+    if not outside or free < 2.0:
         return None
     basis = np.linalg.qr(X[:, list(inside)])[0] if inside else np.zeros((y.size, 0))
     residual = y - basis @ (basis.T @ y)
@@ -139,20 +158,19 @@ def _next(
     size = np.sqrt(np.sum(rest**2, axis=0))
     usable = size > 1e-6 * np.sqrt(np.sum(X[:, outside] ** 2, axis=0))
     score = np.where(usable, np.abs(residual @ rest) / np.where(usable, size, 1.0), 0.0)
-    best = int(np.argmax(score))
+    best = int(np.argmax(score >= _AS_GOOD * np.max(score)))
     if score[best] == 0.0:
         return None
     after = residual - rest[:, best] * (residual @ rest[:, best]) / size[best] ** 2
     count = len(inside)
-    if predicted_square_error(y, after, count + 1, bandwidth) >= predicted_square_error(y, residual, count, bandwidth):
-        return None
-    column = outside[best]
-    tried = [*inside, column]
-    found = regress(y, X[:, tried], [names[j] for j in tried], parts, bandwidth)
-    return column if (found.values[-1] / found.std[-1]) ** 2 > F_ENTER else None
+    falls = predicted_square_error(after, count + 1, bound, bandwidth) < predicted_square_error(
+        residual, count, bound, bandwidth
+    )
+    partial_f = score[best] ** 2 / max(float(after @ after) / free, 1e-300)
+    return outside[best] if falls and partial_f > F_ENTER else None
 
 
-def _weakest(
+def _leaving(
     y: Array,
     X: Array,
     names: Sequence[str],
@@ -160,15 +178,16 @@ def _weakest(
     forced: Sequence[str],
     parts: Sequence[int],
     bandwidth: float,
+    coloured: bool,
 ) -> list[int]:
-    """Columns whose partial F has fallen below the threshold, taken out one after the other."""
+    """Columns whose partial F is below the threshold, taken out one after the other."""
     kept, gone = list(inside), []
     while len(kept) > 1:
         found = regress(y, X[:, kept], [names[j] for j in kept], parts, bandwidth)
-        partial_f = (found.values / found.std) ** 2
+        partial_f = (found.values / (found.std if coloured else found.std_white)) ** 2
         partial_f[[names[j] in forced for j in kept]] = np.inf
         worst = int(np.argmin(partial_f))
-        if partial_f[worst] >= F_LEAVE:
+        if partial_f[worst] >= (F_ENTER if coloured else F_LEAVE):
             break
         gone.append(kept.pop(worst))
     return gone

@@ -267,6 +267,10 @@ def test_equation_error_says_what_its_regressions_rest_on(by_equations: tuple[Id
         assert entry.std is not None
         assert entry.std >= told[name]["std_regression"]
         assert abs(other["value"] - told[name]["value"]) < 4.0 * np.hypot(other["std"], entry.std)
+        assert name in report[name.partition("_")[0]]["structure"]["stepwise"]
+    table = report["CL"]["over_alpha"]
+    slope = np.polyfit(table["alpha"], table["value"], 1)[0]
+    assert slope == pytest.approx(TRUE["CL_alpha"], rel=0.02)
     # The aircraft is linear in all of these: nothing is to be added.
     assert {"CL_alpha2", "CL_alpha_de", "CL_beta2"} <= {test["name"] for test in report["CL"]["excluded"]}
     assert not any("supports" in warning for warning in found.warnings)

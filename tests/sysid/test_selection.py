@@ -10,7 +10,7 @@ from sysid.orthogonal import orthogonal_model, ranked
 from sysid.partition import tables
 from sysid.polynomials import candidate_terms
 from sysid.regression import regress
-from sysid.stepwise import predicted_square_error, stepwise, trial
+from sysid.stepwise import stepwise, trial
 
 NAMES = ["CL_0", "CL_alpha", "CL_alpha2", "CL_alpha3", "CL_q", "CL_alpha_q", "CL_de", "CL_de2"]
 HIDDEN = {"CL_0": 0.3, "CL_alpha": 4.5, "CL_alpha3": -60.0, "CL_de": 0.6}
@@ -63,6 +63,23 @@ def test_a_term_that_a_better_one_makes_needless_leaves_again():
     assert set(found.names) == {"a", "b"}
 
 
+def test_a_weak_control_beside_a_strong_slope_is_found_in_coloured_residuals():
+    """de explains half a percent of the lift; the product of alpha and de hardly differs from de."""
+    found = 0
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        t = np.linspace(0.0, 18.0, N)
+        alpha = 0.07 + 0.04 * np.sin(1.3 * t) + 0.02 * np.sin(4.0 * t + rng.uniform(0, 6))
+        de = 0.02 * np.sign(np.sin(2.9 * t + rng.uniform(0, 6)))
+        noise = np.convolve(rng.standard_normal(N + 20), np.ones(21) / 21.0, mode="valid")
+        X = np.column_stack([np.ones(N), alpha, de, alpha * de])
+        chosen = stepwise(
+            2.5 * alpha + 0.6 * de + 0.004 * noise, X, ["CL_0", "CL_alpha", "CL_de", "CL_alpha_de"], ["CL_0"]
+        )
+        found += set(chosen.names) == {"CL_0", "CL_alpha", "CL_de"}
+    assert found >= 13
+
+
 def test_the_test_of_a_term_is_that_of_statsmodels_for_white_residuals():
     X, y = flight(3)
     theirs = sm.OLS(y, X[:, [0, 1, 6, 2]]).fit()
@@ -113,7 +130,9 @@ def test_the_criterion_is_the_predicted_square_error():
     X, y = flight(6)
     found = orthogonal_model(y, X, NAMES)
     residual = sm.OLS(y, X[:, [NAMES.index(name) for name in found.order[:3]]]).fit().resid
-    assert found.criterion[3] == pytest.approx(predicted_square_error(y, residual, 3), rel=1e-6)
+    assert found.criterion[3] == pytest.approx(
+        np.mean(residual**2) + 25.0 * sm.OLS(y, X).fit().ssr / N * 3 / N, rel=1e-6
+    )
     with pytest.raises(EstimationError, match="known are pse, cross-validation"):
         orthogonal_model(y, X, NAMES, criterion="magic")
 
@@ -133,6 +152,16 @@ def test_a_stalling_lift_curve_comes_out_as_a_table_with_bars_that_hold():
         inside.append(np.abs(found.values - truth)[away] < 1.96 * found.std[away])
         assert np.max(found.std[1:-1]) < 0.02
     assert 0.85 < np.mean(np.concatenate(inside)) <= 1.0
+
+
+def test_a_straight_line_is_a_straight_table_however_few_samples_lie_far_out():
+    """Most samples near trim, a few beyond the outermost knots: the line goes on there instead of ending."""
+    rng = np.random.default_rng(11)
+    alpha = 0.07 + 0.02 * rng.standard_normal(2000) + 0.08 * (rng.uniform(size=2000) < 0.3) * rng.standard_normal(2000)
+    y = 0.2 + 2.5 * alpha + 0.01 * rng.standard_normal(2000)
+    found = tables(y, np.ones((2000, 1)), ["CL_0"], alpha, ["CL_0"])["CL_0"]
+    assert np.all(np.abs(found.values - 0.2 - 2.5 * found.knots) < 4.0 * found.std)
+    assert found.std.max() < 0.01
 
 
 def test_a_coefficient_that_is_constant_comes_out_as_a_flat_table_as_sharp_as_one_number():
