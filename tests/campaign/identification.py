@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios import SCENARIOS, Scenario, bounds_of, fly_scenario, true_values
-from tables import render
+from tables import overview, render
 
 import sysid.identify as estimator
 from sysid.errors import SysidError
@@ -169,10 +169,14 @@ def main() -> int:
         except KeyboardInterrupt:
             print("stopped; the same command goes on from here", file=sys.stderr)
             return 1
+    found = {}
     for name in names:
         lines = list(read_lines(OUTPUT / f"{name}-{mark}.jsonl").values())
         if lines:
-            print(render(SCENARIOS[name].title, lines, SCENARIOS[name].gust > 0.0), end="\n\n")
+            gusty = SCENARIOS[name].gust > 0.0
+            found[name] = lines
+            print(render(SCENARIOS[name].title, lines, gusty), end="\n\n")
+    print(overview(found))
     return 0
 
 

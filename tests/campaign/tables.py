@@ -101,35 +101,93 @@ def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "-"
 
 
-def _goals(rows: Sequence[Row], lines: Sequence[Mapping[str, Any]], gusty: bool) -> list[str]:
+@dataclass(frozen=True)
+class Verdict:
+    """A scenario in one line.
+
+    median, largest, worst: RMS errors over the bound of the identifiable parameters, and which is worst. pooled, low,
+    high: coverage of all intervals together, and of the parameters with the least and the most. missed: identifiable
+    ones refused, of `asked`.
+    """
+
+    median: float
+    largest: float
+    worst: str
+    pooled: float
+    low: Row
+    high: Row
+    missed: dict[str, int]
+    asked: int
+
+    def efficient(self, gusty: bool) -> bool:
+        """Whether the goal for the errors is met."""
+        if gusty:
+            return self.largest <= GUST_WORST
+        return self.median <= CALM_MEDIAN and self.largest <= CALM_WORST
+
+    @property
+    def covered(self) -> tuple[bool, bool]:
+        """Whether the goals for the coverage are met: of all, of each."""
+        pooled = POOLED_COVERAGE[0] <= self.pooled <= POOLED_COVERAGE[1]
+        return pooled, self.low.coverage >= SINGLE_COVERAGE[0] and self.high.coverage <= SINGLE_COVERAGE[1]
+
+
+def verdict(rows: Sequence[Row]) -> Verdict | None:
+    """The scenario's figures; None where too few flights told too little."""
     firm = [row for row in rows if row.identifiable and row.told >= FEWEST]
     told = [row for row in rows if row.told >= FEWEST]
+    if not firm:
+        return None
+    ratios = np.array([row.ratio for row in firm])
+    return Verdict(
+        float(np.median(ratios)),
+        float(ratios.max()),
+        firm[int(np.argmax(ratios))].name,
+        sum(row.inside for row in told) / sum(row.told for row in told),
+        min(told, key=lambda row: row.coverage),
+        max(told, key=lambda row: row.coverage),
+        {row.name: row.flights - row.told for row in rows if row.identifiable and row.told < row.flights},
+        sum(row.flights for row in rows if row.identifiable),
+    )
+
+
+def _goals(rows: Sequence[Row], lines: Sequence[Mapping[str, Any]], gusty: bool) -> list[str]:
+    found = verdict(rows)
     text = []
-    if firm:
-        ratios = np.array([row.ratio for row in firm])
-        worst = firm[int(np.argmax(ratios))]
-        median, largest = float(np.median(ratios)), float(ratios.max())
-        met = largest <= GUST_WORST if gusty else median <= CALM_MEDIAN and largest <= CALM_WORST
+    if found is not None:
         goal = f"none above {GUST_WORST}" if gusty else f"median {CALM_MEDIAN:.2f}, none above {CALM_WORST}"
-        text.append(f"RMS/bound: median {median:.2f}, largest {largest:.2f} ({worst.name}); goal {goal}: {_met(met)}")
-    if told:
-        pooled = sum(row.inside for row in told) / sum(row.told for row in told)
-        low, high = min(told, key=lambda row: row.coverage), max(told, key=lambda row: row.coverage)
-        fits = POOLED_COVERAGE[0] <= pooled <= POOLED_COVERAGE[1]
-        single = low.coverage >= SINGLE_COVERAGE[0] and high.coverage <= SINGLE_COVERAGE[1]
-        text.append(
-            f"coverage: pooled {pooled:.1%}, goal 93 to 97 %: {_met(fits)}; single {low.coverage:.0%} ({low.name}) to "
-            f"{high.coverage:.0%} ({high.name}), goal 90 to 99 %: {_met(single)}"
-        )
-    missed = {row.name: row.flights - row.told for row in rows if row.identifiable and row.told < row.flights}
-    asked = sum(row.flights for row in rows if row.identifiable)
-    share = sum(missed.values()) / asked if asked else 0.0
-    named = f" ({', '.join(f'{name} {count}' for name, count in missed.items())})" if missed else ""
-    text.append(f"identifiable ones refused: {sum(missed.values())} of {asked} ({share:.1%}){named}")
+        pooled, single = found.covered
+        share = sum(found.missed.values()) / found.asked
+        named = ", ".join(f"{name} {count}" for name, count in found.missed.items())
+        text = [
+            f"RMS/bound: median {found.median:.2f}, largest {found.largest:.2f} ({found.worst}); goal {goal}: "
+            f"{_met(found.efficient(gusty))}",
+            f"coverage: pooled {found.pooled:.1%}, goal 93 to 97 %: {_met(pooled)}; single {found.low.coverage:.0%} "
+            f"({found.low.name}) to {found.high.coverage:.0%} ({found.high.name}), goal 90 to 99 %: {_met(single)}",
+            f"identifiable ones refused: {sum(found.missed.values())} of {found.asked} ({share:.1%})"
+            + (f" ({named})" if named else ""),
+        ]
     failed = [line["failure"] for line in lines if line["failure"]]
     if failed:
         text.append(f"flights without any result: {len(failed)}; the first: {failed[0]}")
     return text
+
+
+def overview(scenarios: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """All scenarios, a line each; scenarios: name -> lines of its flights."""
+    head = f"{'scenario':<16}{'flights':>8}{'median':>8}{'largest':>9}{'pooled':>8}{'single':>13}{'refused':>9}"
+    text = ["RMS error over the bound, coverage of the 95 % intervals, identifiable ones refused", head]
+    for name, lines in scenarios.items():
+        found = verdict(rows_of(lines))
+        if found is None:
+            text.append(f"{name:<16}{len(lines):>8}  too few flights")
+            continue
+        single = f"{found.low.coverage:.0%}-{found.high.coverage:.0%}"
+        share = sum(found.missed.values()) / found.asked
+        text.append(
+            f"{name:<16}{len(lines):>8}{found.median:>8.2f}{found.largest:>9.2f}{found.pooled:>8.1%}{single:>13}{share:>9.1%}"
+        )
+    return "\n".join(text)
 
 
 def _met(met: bool) -> str:

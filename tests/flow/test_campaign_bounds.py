@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaign"))
 
 import paper_tables
-from tables import rows_of
+from tables import rows_of, verdict
 
 SIGMA, LENGTH = 0.3, 20.0
 
@@ -177,3 +177,25 @@ def test_figures_of_a_parameter():
     assert row.identifiable
     (vague,) = rows_of([line({"Cm_q": [-4.3, 0.1, -4.5, -4.1]}, 0.9)])
     assert not vague.identifiable
+
+
+def test_a_scenario_in_one_line():
+    def line(cm_q, cl_0):
+        found = {"Cm_q": [cm_q, 0.1, cm_q - 0.2, cm_q + 0.2]} if cm_q is not None else {}
+        found["CL_0"] = [cl_0, 0.01, cl_0 - 0.02, cl_0 + 0.02]
+        return {
+            "estimates": found, "bounds": {"Cm_q": 0.1, "CL_0": 0.01}, "true": {"Cm_q": -4.0, "CL_0": 0.2},
+            "failure": None,
+        }  # fmt: skip
+
+    lines = [line(-4.1, 0.2)] * 5 + [line(-3.7, 0.21)] * 4 + [line(None, 0.19)]
+    found = verdict(rows_of(lines))
+    # Cm_q: 5 errors of 0.1, 4 of 0.3 outside their intervals; CL_0: 5 errors of 0.01 out of 10.
+    ratios = np.sqrt([(5 * 0.01 + 4 * 0.09) / 9, 5 * 1e-4 / 10]) / [0.1, 0.01]
+    assert (found.median, found.largest) == pytest.approx((ratios.mean(), ratios[0]))
+    assert found.worst == found.low.name == "Cm_q"
+    assert found.pooled == pytest.approx(15 / 19)
+    assert (found.missed, found.asked) == ({"Cm_q": 1}, 20)
+    assert found.covered == (False, False)
+    assert found.efficient(gusty=False) is False
+    assert verdict(rows_of(lines[:3])) is None
