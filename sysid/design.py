@@ -32,6 +32,7 @@ from sysid.parameterisation import SENSOR_ERRORS, Predictor
 from sysid.prepare import check_compatibility, prepare
 from sysid.records import OUTPUTS, SURFACES
 from sysid.rehearsal import RATE_HZ, channel_noise, rehearse, true_starts
+from sysid.sensorchoice import with_clear_sensors
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.turbulence import GustyPath, gusty_path
 
@@ -154,6 +155,10 @@ def predict(
         problem = replace(problem, sensors=chosen, priors=shaken.priors)
     problem = _at_the_truth(problem, flown)
     free = free_coefficients(names, problem.motion)
+    if gusts == 0.0:
+        at = {**whole.values(), **problem.sensors}
+        unclear = [refusal.name for refusal in compatible.refused]
+        problem = with_clear_sensors(problem, whole, free, (), at, _sigma(vehicle), unclear)
     oe = build(problem, whole, free, sigma=_sigma(vehicle))
     motion = gusty_path(Plant(vehicle, whole), flown, gusts) if gusts > 0.0 else None
     values = {**whole.values(), **problem.sensors}
@@ -171,7 +176,7 @@ def predict(
         plan.duration,
         _expected([n for n in free if n not in {r.name for r in refused}], whole.values(), known, covariance, {}),
         _sensors(problem, compatible, known, covariance),
-        (*quiet, *refused, *compatible.refused),
+        (*quiet, *refused, *(entry for entry in compatible.refused if entry.name not in problem.sensors)),
         tuple(entry.name for entry in (*quiet, *refused)),
         {name: (float(flown.truth[name].min()), float(flown.truth[name].max())) for name in _EXCURSIONS},
         {name: float(flown.truth[name][0]) for name in _EXCURSIONS},
@@ -187,12 +192,13 @@ def _problem(signals: FlightSignals, vehicle: Vehicle) -> tuple[Problem, Compati
     """What `identify` makes of a flight's signals before it estimates."""
     prepared = [prepare(signals, vehicle)]
     compatible = check_compatibility(prepared)
-    return make_problem(prepared, vehicle, compatible), compatible
+    return make_problem(prepared, vehicle, compatible, ground=compatible.gust_sigma == 0.0), compatible
 
 
 def _at_the_truth(problem: Problem, flown: FlownFlight) -> Problem:
     """The problem with true initial states and sensor errors, where its information is to be taken."""
-    sensors = {name: flown.sensor_errors[name] for name in problem.sensors}
+    # The rehearsal has no wind, which alone is no error of a sensor.
+    sensors = {name: flown.sensor_errors.get(name, 0.0) for name in problem.sensors}
     return replace(problem, guesses=true_starts(problem.records, flown), sensors=sensors)
 
 

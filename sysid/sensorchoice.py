@@ -7,7 +7,7 @@ would go into the coefficients, outside their intervals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,16 +35,35 @@ def with_told_sensors(
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`. The same two come back
     where it tells none of them.
     """
-    wanted = [name for name in relevant_sensors(refused, problem.motion) if name in LIMITS]
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
+    richer = with_clear_sensors(warmed(problem, result), model, coefficients, effects, values, result.sigma, refused)
+    if set(richer.sensors) == set(problem.sensors):
+        return problem, result
+    found = fit(richer, model, coefficients, effects, values)
+    return (richer, found) if found.converged else (problem, result)
+
+
+def with_clear_sensors(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    values: Mapping[str, float],
+    sigma: Array,
+    refused: Sequence[str],
+) -> Problem:
+    """The problem with those sensor errors of `refused` as unknowns that the whole motion would tell clearly.
+
+    values: parameter -> value at which the information is taken. sigma: (15,) noise of the outputs.
+    """
+    wanted = [name for name in relevant_sensors(refused, problem.motion) if name in LIMITS]
     while wanted:
-        richer = replace(warmed(problem, result), sensors={**problem.sensors, **dict.fromkeys(wanted, 0.0)})
-        share = _predicted_share(richer, model, coefficients, effects, values, result, wanted)
+        richer = replace(problem, sensors={**problem.sensors, **dict.fromkeys(wanted, 0.0)})
+        share = _predicted_share(richer, model, coefficients, effects, values, sigma, wanted)
         if share.max() < _CLEAR_SHARE:
-            found = fit(richer, model, coefficients, effects, values)
-            return (richer, found) if found.converged else (problem, result)
+            return richer
         wanted.pop(int(np.argmax(share)))
-    return problem, result
+    return problem
 
 
 def _predicted_share(
@@ -52,16 +71,16 @@ def _predicted_share(
     model: Model,
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
-    values: dict[str, float],
-    result: OutputErrorResult,
+    values: Mapping[str, float],
+    sigma: Array,
     names: Sequence[str],
 ) -> Array:
     """Predicted standard errors of the sensor errors `names` over those at which they say nothing."""
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    theta = estimation.start(values)
+    estimation = build(problem, model, coefficients, effects, sigma)
+    theta = estimation.start(dict(values))
     predicted = estimation.predict(theta)
     information, _ = estimation.normal_equations(
-        theta, estimation.residuals(predicted), estimation.sensitivities(theta, predicted), result.sigma
+        theta, estimation.residuals(predicted), estimation.sensitivities(theta, predicted), sigma
     )
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
     covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
