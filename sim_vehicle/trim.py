@@ -52,6 +52,14 @@ def _state(plant: Plant, unknowns: Array, airspeed: float, altitude: float) -> P
     )  # fmt: skip
 
 
+def _unknowns(state: PlantState) -> Array:
+    """What `_state` takes, from a state of the heading north."""
+    q0, q1, q2, q3 = state.x[6:10]
+    theta = math.asin(min(max(2.0 * (q0 * q2 - q1 * q3), -1.0), 1.0))
+    phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+    return np.array([math.atan2(state.x[5], state.x[3]), theta, phi, *state.surfaces])
+
+
 def _residual(plant: Plant, unknowns: Array, airspeed: float, altitude: float, climb_angle: float) -> Array:
     """Accelerations (6,) and the miss in climb rate over 1 s, (7,)."""
     state = _state(plant, unknowns, airspeed, altitude)
@@ -59,9 +67,16 @@ def _residual(plant: Plant, unknowns: Array, airspeed: float, altitude: float, c
     return np.concatenate((rate[3:6], rate[10:13], [rate[2] + airspeed * math.sin(climb_angle)]))
 
 
-def solve_trim(plant: Plant, airspeed: float, altitude: float, climb_angle: float = 0.0) -> Trim:
-    """Newton's method with the least-norm step, from level flight. Raises TrimError in one line where it fails."""
+def solve_trim(
+    plant: Plant, airspeed: float, altitude: float, climb_angle: float = 0.0, near: Trim | None = None
+) -> Trim:
+    """Newton's method with the least-norm step. Raises TrimError in one line where it fails.
+
+    near: a trim of nearly the same plant to start from; None starts from level flight.
+    """
     unknowns = np.array([0.05, 0.05 + climb_angle, 0.0, 0.0, 0.0, 0.0, 0.4])
+    if near is not None:
+        unknowns = _unknowns(near.state)
     residual = _residual(plant, unknowns, airspeed, altitude, climb_angle)
     for _ in range(60):
         jacobian = np.empty((7, 7))

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.errors import TrimError, VehicleFileError
+from sim_vehicle.layout import Aux
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.plant import Plant
-from sim_vehicle.plantstate import quaternion
+from sim_vehicle.plantstate import PlantState, Trim, quaternion
 from sim_vehicle.propulsion import Propulsion
+from sim_vehicle.trim import solve_trim
 from sim_vehicle.vehicle import Vehicle
 from sysid.flight import Array
 from sysid.structure import is_longitudinal, usual_size
@@ -224,12 +226,12 @@ def linearise(
     )
     there = replace(vehicle, environment=replace(vehicle.environment, air_density=density))
     try:
-        system = _state_space(there, whole, airspeed, density)
+        system, trim = _state_space(there, whole, airspeed, density)
     except (TrimError, VehicleFileError):
         # Whatever gave the thrust that was measured: only its line matters here, and the throttle is no input.
         there = replace(there, propulsion=_any_thrust(there))
-        system = replace(_state_space(there, whole, airspeed, density), inputs=INPUTS[:3])
-        system = replace(system, B=system.B[:, :3], D=system.D[:, :3])
+        system, trim = _state_space(there, whole, airspeed, density)
+        system = replace(system, inputs=INPUTS[:3], B=system.B[:, :3], D=system.D[:, :3])
     names = [name for name, entry in whole.coefficients.items() if entry.std]
     spread = np.diag([float(whole.coefficients[name].std or 0.0) ** 2 for name in names])
     if covariance is not None:
@@ -237,18 +239,16 @@ def linearise(
         here = [i for i, name in enumerate(names) if name in known and model.coefficients[name].value is not None]
         there_places = [known[names[i]] for i in here]
         spread[np.ix_(here, here)] = covariance[1][np.ix_(there_places, there_places)]
+    # Both sides of a difference take the same steps, so that what a coefficient does not touch cancels to the last bit.
+    base, _ = _state_space(there, whole, airspeed, density, trim)
     slopes = []
     for name in names:
         value = whole.values()[name]
         step = _COEFFICIENT_STEP * max(abs(value), usual_size(name))
-        up, down = (
-            _state_space(there, whole.with_coefficient(name, value + sign * step), airspeed, density)
-            for sign in (1.0, -1.0)
-        )
-        pairs = zip(_matrices(up), _matrices(down), strict=True)
-        a, b, c, d = ((high - low) / (2.0 * step) for high, low in pairs)
-        b, d = b[:, : len(system.inputs)], d[:, : len(system.inputs)]
-        slopes.append((a, b, c, d))
+        moved, _ = _state_space(there, whole.with_coefficient(name, value + step), airspeed, density, trim)
+        pairs = zip(_matrices(moved), _matrices(base), strict=True)
+        a, b, c, d = ((after - before) / step for after, before in pairs)
+        slopes.append((a, b[:, : len(system.inputs)], c, d[:, : len(system.inputs)]))
     return LinearModel(system, tuple(names), spread, tuple(slopes), (told[True], told[False]))
 
 
@@ -268,9 +268,13 @@ def _stand_in(name: str, motion_told: bool) -> Coefficient:
     return Coefficient(0.0, usual_size(name)) if motion_told else Coefficient(usual_size(name))
 
 
-def _state_space(vehicle: Vehicle, model: Model, airspeed: float, density: float) -> StateSpace:
+def _state_space(
+    vehicle: Vehicle, model: Model, airspeed: float, density: float, near: Trim | None = None
+) -> tuple[StateSpace, Trim]:
+    """The model about level flight, and that flight; near: a trim of nearly the same model."""
     plant = Plant(vehicle, model)
-    trim = plant.trim(airspeed, 0.0)
+    trim = solve_trim(plant, airspeed, 0.0, near=near)
+    work = trim.state.copy()
     outputs = dict(zip(("V", "alpha", "beta", "p", "q", "r", "phi", "theta"), plant.outputs(trim.state), strict=False))
     x0 = np.array([outputs[name] for name in STATES])
     u0 = np.asarray(trim.state.surfaces, dtype=np.float64)
@@ -282,19 +286,20 @@ def _state_space(vehicle: Vehicle, model: Model, airspeed: float, density: float
             for sign in (1.0, -1.0):
                 moved = at.copy()
                 moved[j] += sign * _STEP
-                sides.append(_rates(plant, moved if matrix is matrix_x else x0, moved if matrix is matrix_u else u0))
+                x, u = (moved, u0) if matrix is matrix_x else (x0, moved)
+                sides.append(_rates(plant, work, x, u))
             matrix[:, j] = (sides[0] - sides[1]) / (2.0 * _STEP)
     n = len(STATES)
     C = np.vstack((np.eye(n), matrix_x[n:]))
     D = np.vstack((np.zeros((n, len(INPUTS))), matrix_u[n:]))
     trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(INPUTS, u0.tolist(), strict=True))}
-    return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed)
+    return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed), trim
 
 
-def _rates(plant: Plant, x: Array, u: Array) -> Array:
-    """Rates of STATES (8,) and ax ay az (3,) in still air at sea level, the heading north."""
+def _rates(plant: Plant, state: PlantState, x: Array, u: Array) -> Array:
+    """Rates of STATES (8,) and ax ay az (3,) in still air at sea level, the heading north; `state` is overwritten."""
     V, alpha, q, theta, beta, p, r, phi = x
-    state = plant.state_at(np.zeros(14), u, u)
+    state.x[:], state.surfaces[:] = 0.0, u
     velocity = np.array([math.cos(alpha) * math.cos(beta), math.sin(beta), math.sin(alpha) * math.cos(beta)]) * V
     state.x[3:6] = velocity
     state.x[6:10] = quaternion(phi, theta, 0.0)
@@ -308,7 +313,7 @@ def _rates(plant: Plant, x: Array, u: Array) -> Array:
     dbeta = (V * dv - velocity[1] * dV) / (V * in_plane)
     dtheta = q * math.cos(phi) - r * math.sin(phi)
     dphi = p + math.tan(theta) * (q * math.sin(phi) + r * math.cos(phi))
-    return np.array([dV, dalpha, rate[11], dtheta, dbeta, rate[10], rate[12], dphi, *plant.outputs(state)[9:12]])
+    return np.array([dV, dalpha, rate[11], dtheta, dbeta, rate[10], rate[12], dphi, *state.work[Aux.ax : Aux.az + 1]])
 
 
 def _longitudinal_names(values: Sequence[complex]) -> list[str]:

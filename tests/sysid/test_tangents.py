@@ -165,7 +165,7 @@ def test_the_estimators_derivatives_are_those_of_its_outputs(effect: str) -> Non
     )  # fmt: skip
     chosen = [coefficient("Cm_alpha"), sensor_error("accel_bias_x"), sensor_error("alpha_scale"), coefficient("CD_k")]
     chosen += [effect_parameter(effect, key) for key in VALUES.get(effect, {})]
-    predictor = Predictor(model, chosen, [record])
+    predictor = Predictor(model, chosen, [record], tangent_steps=2)
     values = {"Cm_alpha": -0.6, "accel_bias_x": 0.2, "alpha_scale": 0.1, "CD_k": 0.1}
     values |= {f"{effect}.{key}": value for key, value in VALUES.get(effect, {}).items()}
     theta = np.concatenate(([values[parameter.name] for parameter in chosen], STATES))
@@ -174,6 +174,9 @@ def test_the_estimators_derivatives_are_those_of_its_outputs(effect: str) -> Non
         return predictor.outputs(0, *predictor.apply(at), predictor.initial_states(0, at, STATES))
 
     found = predictor.derivatives(0, theta, STATES, outputs(theta))
+    coarse = Predictor(model, chosen, [record]).derivatives(0, theta, STATES, outputs(theta))
+    size = np.abs(found).max(axis=1, keepdims=True)
+    assert np.all(np.abs(coarse - found) <= 3e-3 * np.maximum(size, 1e-3 * size.max(axis=2, keepdims=True)))
     assert found.shape == (theta.size, N - START, len(OUTPUTS))
     differences = effect == "unsteady_lift"
     for i in range(theta.size):
