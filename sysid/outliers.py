@@ -27,6 +27,6 @@ def outliers(values: Array) -> NDArray[np.bool_]:
     if values.size < 50:
         return none
     off = np.abs(values - ndimage.median_filter(values, size=2 * _REACH + 1, mode="mirror"))
-    low, high = np.percentile(values, (1.0, 99.0))
+    low, high = np.percentile(values, (5.0, 95.0))
     found = off > max(_SIGMAS * _MAD_TO_SIGMA * float(np.median(off)), _SHARE * float(high - low), 0.0)
     return np.asarray(found) if found.any() and found.mean() <= 0.01 else none

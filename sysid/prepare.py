@@ -159,6 +159,9 @@ def prepare(
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)
+    if "thrust" in data and _repeats(data["thrust"]):
+        told = "thrust: repeats one value throughout; if that sensor is dead, lift and drag coefficients are wrong"
+        data = replace(data, warnings=(*data.warnings, told))
     stretches: list[Stretch] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))

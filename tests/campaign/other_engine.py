@@ -65,7 +65,7 @@ def bounds(
     found: Identification, aircraft: Aircraft, truth: dict[str, float], hidden: dict[str, float]
 ) -> dict[str, float]:
     """Cramer-Rao bound of each coefficient: information at the truth with the true noise, no prior."""
-    problem = make_problem(found.flights, aircraft.vehicle, found.compatibility)
+    problem = make_problem(found.flights, aircraft.vehicle, found.compatibility, ground=True)
     sigma = np.array([NOISE[name][0] for name in OUTPUTS])
     model = Model("truth", {name: Coefficient(value) for name, value in truth.items()})
     names = {"accel_bias_": "a", "gyro_bias_": ""}

@@ -27,6 +27,7 @@ from jsbsim_twin import (
     write_twin,
 )
 from scipy import optimize
+from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.terms import parse_term
@@ -52,6 +53,8 @@ VANE_SCALE = 0.005
 FULL_THRUST, MOTOR_LAG = 7.86, 0.169  # N, s
 
 _DEGREES = np.arange(-6.0, 19.0, 2.0)
+# JSBSim goes in straight lines between the entries of a table; so fine, their kinks are below any sensor.
+_FINE = np.arange(-6.0, 18.1, 0.25)
 # Over the angles above: an aerofoil that rounds off, its drag, a tail that works less in the wake of a lifting wing,
 # and derivatives of sideslip and roll that change with lift.
 _TABLES: dict[tuple[str, str], tuple[float, ...]] = {
@@ -149,15 +152,20 @@ def table_aircraft() -> Aircraft:
 
 
 def _table(values: tuple[float, ...]) -> str:
-    rows = "\n".join(f"{float(np.radians(a))!r} {v!r}" for a, v in zip(_DEGREES.tolist(), values, strict=True))
+    """Table over angle of attack in fine steps, smooth through the values given."""
+    smooth = CubicSpline(_DEGREES, values)
+    rows = "\n".join(f"{float(np.radians(a))!r} {float(smooth(a))!r}" for a in _FINE)
     return f"<table><independentVar>aero/alpha-rad</independentVar><tableData>\n{rows}\n</tableData></table>"
 
 
 def _elevator_table() -> str:
-    columns = " ".join(repr(float(np.radians(de))) for de, _ in _ELEVATOR)
+    """Table over angle of attack and elevator, smooth through the values given."""
+    elevator = np.array([de for de, _ in _ELEVATOR])
+    smooth = RectBivariateSpline(np.array([-6.0, 2.0, 10.0, 18.0]), elevator, np.array([v for _, v in _ELEVATOR]).T)
+    wide = np.arange(elevator[0], elevator[-1] + 0.5, 1.0)
+    columns = " ".join(repr(float(np.radians(de))) for de in wide)
     rows = "\n".join(
-        f"{float(np.radians(a))!r} " + " ".join(repr(values[i]) for _, values in _ELEVATOR)
-        for i, a in enumerate((-6.0, 2.0, 10.0, 18.0))
+        f"{float(np.radians(a))!r} " + " ".join(repr(float(smooth(a, de)[0, 0])) for de in wide) for a in _FINE
     )
     return (
         '<table><independentVar lookup="row">aero/alpha-rad</independentVar>'
