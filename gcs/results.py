@@ -127,6 +127,7 @@ def identification_text(result: dict[str, Any]) -> str:
     compatibility = result.get("compatibility") or {}
     if compatibility:
         lines += ["", f"data compatible after correction: {'yes' if compatibility.get('compatible') else 'no'}"]
+        lines += [f"  {entry['verdict']}" for entry in compatibility.get("verdicts", [])]
     for refusal in result.get("refused", []):
         manoeuvre = f"; fly {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""
         lines.append(f"refused: {refusal['name']}: {refusal['reason']}{manoeuvre}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
 from sysid.residuals import body_of, coefficient_path, known_propulsion, moment_noise
 from sysid.sensorchoice import with_told_sensors
+from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.systematic import systematic_errors
@@ -72,6 +73,7 @@ class Identification:
     equation_error: EquationEstimate | None
     linear: LinearModel | str
     warnings: tuple[str, ...]
+    check: SignalCheck = field(default_factory=SignalCheck)
 
 
 def make_problem(
@@ -176,6 +178,7 @@ def identify(
     sensors: Sequence[str] | None = None,
     systematic: bool = True,
     progress: Progress = lambda share, text: None,
+    check: SignalCheck | None = None,
 ) -> Identification:
     """Identify a model.
 
@@ -184,6 +187,7 @@ def identify(
     before the flight, with its correlations (sysid.prior); start values alone where it has none.
     method: "ee" equation error, "oe" output error; "auto" is "oe". start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
+    check: what is known of mistakes in the signals already; None looks for them.
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
@@ -191,10 +195,15 @@ def identify(
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
+    if check is None:
+        progress(0.05, "units, signs, axes and delays")
+        check = check_signals(prepared, vehicle)
+    prepared = in_time(prepared, vehicle, check)
     progress(0.10, "data compatibility")
     compatible = check_compatibility(prepared)
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
     warnings += unmeasured_thrust(prepared)
+    warnings += [one.sentence for one in check.findings()]
     if compatible.gust_sigma > 0.0:
         warnings.append(
             f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors may be half of what they should be; "
@@ -247,13 +256,13 @@ def identify(
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")
-    validation = _validate(validate_on, vehicle, model, errors, problem.command_first, start_s, stop_s, warnings)
+    validation = _validate(validate_on, vehicle, model, errors, problem.command_first, check, warnings)
     progress(1.0, "done")
     return Identification(
         tuple(prepared), compatible, model, errors,
         (*refused, *(refusal for refusal in compatible.refused if refusal.name not in errors)), validation,
         tuple(flight.name for flight in validate_on), result, equations,
-        _linear(vehicle, model, prepared, compatible, result), tuple(dict.fromkeys(warnings)),
+        _linear(vehicle, model, prepared, compatible, result), tuple(dict.fromkeys(warnings)), check,
     )  # fmt: skip
 
 
@@ -353,8 +362,7 @@ def _validate(
     model: Model,
     errors: Mapping[str, tuple[float, float, str]],
     command_first: bool,
-    start_s: float | None,
-    stop_s: float | None,
+    check: SignalCheck,
     warnings: list[str],
 ) -> Validation | None:
     """Coefficients measured on other flights against the model's, refused ones counting as zero there."""
@@ -370,7 +378,8 @@ def _validate(
     predicted: dict[str, list[Any]] = {}
     for signals in flights:
         flight = prepare(signals, vehicle)
-        warnings += flight.warnings
+        warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
+        (flight,) = in_time([flight], vehicle, check)
         interval = flight.data.interval_s
         for stretch in flight.stretches:
             path = coefficient_path(stretch.record, flight.layout, vehicle, fixed)

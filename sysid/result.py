@@ -8,6 +8,7 @@ from typing import Any
 from sysid.identify import Identification
 from sysid.linear import LinearModel
 from sysid.validation import Validation
+from sysid.verdicts import verdicts
 
 
 def result_json(found: Identification) -> dict[str, Any]:
@@ -37,7 +38,10 @@ def result_json(found: Identification) -> dict[str, Any]:
             "compatible": compatible.compatible,
             "incompatible": compatible.incompatible,
             "turbulence": compatible.gust_sigma,
+            "verdicts": [one.to_json() for one in verdicts(compatible, found.check.findings())],
         },
+        "mistakes": [one.to_json() for one in found.check.findings()],
+        "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},
         "model": found.model.to_json(),
         **_linear(found.linear),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),

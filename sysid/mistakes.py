@@ -1,0 +1,393 @@
+"""Mistakes in signals: which of them make the sensors tell one motion, found by likelihood.
+
+Every hypothesis (sysid.hypotheses, a scale factor, a delay) reads the same data differently; the kinematic relations
+(sysid.relations) say how likely each reading is. The best one counts if it gains far more log likelihood than chance
+would give it among so many; then the search goes on in the data so corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.delays import Delay, delay_sentence
+from sysid.flight import Array, FlightData
+from sysid.hypotheses import ACCEL, GROUND, GROUPS, IMU, VANES, Hypothesis, hypotheses, joined, scale_hypothesis
+from sysid.kinematic_part import SensorLayout
+from sysid.relations import (
+    AIR,
+    CALM_RELATIONS,
+    DENSE,
+    GROUND_DELAY,
+    MEASURED_IN,
+    Comparison,
+    Fit,
+    Window,
+    delay_slope,
+    quick_cost,
+    scale_slope,
+)
+from sysid.shifts import read_later
+from sysid.smoothing import noise_sigma
+
+# Log likelihood by which a reading must beat the one as given: some 400 readings are tried.
+GAIN = 20.0
+# A delay counts from four standard errors and one millisecond on, up to LONGEST_DELAY_S.
+DELAY_SIGMAS, DELAY_LEAST_S, LONGEST_DELAY_S = 4.0, 1e-3, 0.3
+# A scale factor that no sensor error stands for counts from five standard errors and 3 % on ...
+SCALE_SIGMAS, SCALE_LEAST = 5.0, 0.03
+# ... and from here on the data are not used as they are.
+SCALE_REFUSED = 0.2
+_SHORTLIST = 6
+_LEVEL_GAIN = 5.0
+_MOST = 4
+_STEPS = 6
+_FEWEST = 100  # samples of a part
+_CALM_RATIO = 1.15
+_LONGEST_S = 60.0
+_SCALED = (
+    ("ax",), ("ay",), ("az",), ("p",), ("q",), ("r",), ("phi",), ("theta",), ("psi",), ("p", "q", "r"),
+    ("ax", "ay", "az"), ("vn", "ve", "vd"), ("vn",), ("ve",), ("vd",),
+)  # fmt: skip
+
+_SCALE_LINEAR, _LIKELIER = 0.01, 3.0
+# Delays tried where the relations do not hold, before the derivative is trusted.
+_SCAN_S = 0.02
+
+Columns = Mapping[str, Array]
+Names = tuple[str, ...] | None
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake found.
+
+    signal: its name, or that of a group of GROUPS. kind: unit, sign, axis, scale or delay.
+    found: the factor to multiply by, or the delay in s; NaN for axes. std: its standard error where it is an estimate.
+    unit: what the readings seem to be in, or the unit of `found`. signals: all signals concerned.
+    usable: whether the flight can be used, corrected (delays) or with care.
+    """
+
+    signal: str
+    kind: str
+    found: float
+    std: float
+    unit: str
+    sentence: str
+    signals: tuple[str, ...]
+    usable: bool
+
+    def to_json(self) -> dict[str, object]:
+        """As results hold it."""
+        return {
+            "signal": self.signal, "signals": list(self.signals), "kind": self.kind, "found": self.found,
+            "std": self.std, "unit": self.unit, "sentence": self.sentence,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One reading of the data with its gain over the one before; columns: per window."""
+
+    gain: float
+    mistake: Mistake
+    columns: list[dict[str, Array]]
+
+
+def find_mistakes(parts: Sequence[FlightData], layout: SensorLayout) -> list[Mistake]:
+    """Mistakes in the signals of uniform parts without NaN in IMU, attitude and airspeed, the surest first."""
+    parts = _longest(parts)
+    if not parts:
+        return []
+    windows = [Window(part, layout) for part in parts]
+    columns = [{name: window.data[name] for name in _known(window.data)} for window in windows]
+    found: list[Mistake] = []
+    while len(found) < _MOST:
+        best = _best(windows, columns)
+        if best is None:
+            break
+        found.append(best.mistake)
+        columns = best.columns
+    return _merged(found)
+
+
+def _longest(parts: Sequence[FlightData]) -> list[FlightData]:
+    """The longest parts, together at most some minutes: more of the same tells nothing new."""
+    kept: list[FlightData] = []
+    total = 0.0
+    for part in sorted(map(_whole, parts), key=lambda one: -one.time_s.size):
+        if part.time_s.size < _FEWEST or (kept and total > 2.0 * _LONGEST_S):
+            break
+        kept.append(part)
+        total += part.time_s.size * part.interval_s
+    return kept
+
+
+def _whole(part: FlightData) -> FlightData:
+    """The longest run in which vanes and heading, where they are there at all, carry values."""
+    good = np.ones(part.time_s.size, dtype=np.bool_)
+    for name in (*VANES, "psi"):
+        if name in part and np.isfinite(part[name]).mean() > 0.5:
+            good &= np.isfinite(part[name])
+    edges = np.concatenate(([-1], np.flatnonzero(~good), [good.size]))
+    longest = int(np.argmax(np.diff(edges)))
+    return part.window(int(edges[longest]) + 1, int(edges[longest + 1]))
+
+
+def _known(part: FlightData) -> list[str]:
+    names = [name for group in (*GROUPS.values(),) for name in group]
+    return [name for name in dict.fromkeys(names) if name in part and np.isfinite(part[name]).any()]
+
+
+def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate | None:
+    base = Comparison(windows, columns)
+    found = _discrete(windows, columns, base)
+    # Large scale errors of vanes and airspeed are estimated later; here they must only do no harm.
+    columns, base = _rescaled(windows, columns, base)
+    found += [*_scales(windows, columns, base), *_delays(windows, columns, base)]
+    return max(found, key=lambda one: one.gain, default=None)
+
+
+def _rescaled(
+    windows: list[Window], columns: list[dict[str, Array]], base: Comparison
+) -> tuple[list[dict[str, Array]], Comparison]:
+    """The signals without scale errors so large that their derivative does not hold, where that is likelier."""
+    for _ in range(_STEPS):
+        large = {name: s for name, s in base.null().scales.items() if name != "theta" and abs(s) > _SCALE_LINEAR}
+        if not large:
+            break
+        read, stretched = columns, 0.0
+        for name, scale in large.items():
+            one = scale_hypothesis((name,), max(scale, -0.5))
+            read = [one.apply(c) for c in read]
+            stretched += _stretched(one, windows)
+        there = Comparison(windows, read)
+        if base.null().cost - there.null().cost + stretched < _LIKELIER:
+            break
+        columns, base = read, there
+    return columns, base
+
+
+def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+    present = set.intersection(*(set(c) for c in columns))
+    filters = base.filters()
+    quick = quick_cost(windows, columns, filters)
+    ranked = []
+    quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
+    for one in hypotheses(present):
+        # Of a signal that is nothing but noise nothing can be said, but that its unit makes it so small.
+        if quiet.issuperset(one.signals) and one.shrinks(one.signals[0]) >= 0.0:
+            continue
+        read = [one.apply(c) for c in columns]
+        gain = quick - quick_cost(windows, read, filters) + _stretched(one, windows) - one.penalty
+        if gain > 0.5 * GAIN:
+            ranked.append((gain, one, read))
+    ranked.sort(key=lambda entry: -entry[0])
+    found = []
+    for _, one, read in ranked[:_SHORTLIST]:
+        there = Comparison(windows, read)
+        gain = base.null().cost - there.null().cost + _stretched(one, windows) - one.penalty
+        if gain > GAIN and (base.level_cost - there.level_cost > _LEVEL_GAIN or _moved_by(one, base)):
+            factor = float(one.matrix[0, 0]) if one.kind in ("unit", "sign") else float("nan")
+            mistake = Mistake(
+                _name(one.signals), one.kind, factor, float("nan"), one.unit, one.sentence, one.signals, False
+            )
+            found.append(_Candidate(gain, mistake, read))
+    return found
+
+
+def _moved_by(one: Hypothesis, base: Comparison) -> bool:
+    """Whether the motion itself speaks against the scale of an inertial signal, not the noise that it brings along."""
+    if one.kind == "axis" or not set(one.signals) <= set(IMU):
+        return True
+    slopes = [
+        _summed([scale_slope(w, c, name) for name in one.signals])
+        for w, c in zip(base.windows, base.smooth, strict=True)
+    ]
+    value, std = base.score(slopes)
+    return abs(value) > SCALE_SIGMAS * std
+
+
+def _stretched(one: Hypothesis, windows: Sequence[Window]) -> float:
+    """Log of the Jacobian: a reading in smaller numbers leaves smaller residuals, which is no merit."""
+    return sum(
+        one.shrinks(name) * window.rows[key].size
+        for window in windows
+        for name, relations in MEASURED_IN.items()
+        for key in relations
+        if key in window.relations
+    )
+
+
+def _name(signals: tuple[str, ...]) -> str:
+    for group, names in GROUPS.items():
+        if set(signals) == set(names) and len(names) > 1:
+            return group
+    return joined(signals)
+
+
+def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) -> bool:
+    """Whether a signal moves by no more than its own noise, so that its scale cannot be told."""
+    if name in GROUND:
+        return False
+    travel = np.sqrt(np.mean([np.var(c[name] - np.polyval(np.polyfit(w.data.time_s, c[name], 1), w.data.time_s))
+                              for w, c in zip(windows, columns, strict=True)]))  # fmt: skip
+    noise = np.mean([noise_sigma(c[name], w.interval_s) for w, c in zip(windows, columns, strict=True)])
+    return bool(travel < 3.0 * noise)
+
+
+def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+    """Scale factors of signals for which no sensor error stands."""
+    found = []
+    for names in _SCALED:
+        if not all(name in c for c in columns for name in names):
+            continue
+        if any(_still(windows, columns, name) for name in names):
+            continue
+        slopes = [
+            _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, base.smooth, strict=True)
+        ]
+        relations = None
+        scale, std = base.score(slopes)
+        if abs(scale) < max(0.5 * SCALE_LEAST, SCALE_SIGMAS * std):
+            continue
+        better = base.fit(slopes)
+        if not _calm(windows, columns, better):
+            relations = CALM_RELATIONS
+            better = base.fit(slopes, relations)
+        scale, std = _refined(windows, columns, names, float(better.values[0]), relations)
+        if abs(scale) < max(SCALE_LEAST, SCALE_SIGMAS * std) or scale < -0.9:
+            continue
+        one = scale_hypothesis(names, scale)
+        read = [one.apply(c) for c in columns]
+        there = Comparison(windows, read)
+        gain = base.null(relations).cost - there.null(relations).cost + _stretched(one, windows) - one.penalty
+        if gain > GAIN:
+            usable = abs(scale) < SCALE_REFUSED
+            mistake = Mistake(_name(names), "scale", 1.0 / (1.0 + scale), std, "1", one.sentence, names, usable)
+            found.append(_Candidate(gain, mistake, read))
+    return found
+
+
+def _refined(
+    windows: list[Window], columns: list[dict[str, Array]], names: tuple[str, ...], scale: float, relations: Names
+) -> tuple[float, float]:
+    """A scale error after further Gauss-Newton steps, with its standard error."""
+    std = float("inf")
+    for _ in range(2):
+        there = Comparison(windows, [scale_hypothesis(names, scale).apply(c) for c in columns])
+        slopes = [
+            _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, there.smooth, strict=True)
+        ]
+        more, std = there.score(slopes, relations)
+        scale = (1.0 + scale) * max(1.0 + more, 0.1) - 1.0
+    return scale, std
+
+
+def _summed(slopes: Sequence[dict[str, Array]]) -> dict[str, Array]:
+    return {key: np.sum([one[key] for one in slopes], axis=0) for key in slopes[0]}
+
+
+def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, names: Sequence[str] = AIR) -> bool:
+    """Whether what remains of the air data is their noise, so that gusts cannot feign what is looked for."""
+    for name in names:
+        if name in fit.sigma:
+            level = []
+            for window, c in zip(windows, columns, strict=True):
+                if name in window.relations:
+                    level.append(noise_sigma(window.measured(window.states(c, {}), c)[name], window.interval_s))
+            if fit.sigma[name] > _CALM_RATIO * float(np.mean(level)):
+                return False
+    return True
+
+
+def _delays(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+    """Delays of groups and single signals against all others."""
+    found = []
+    singles = [(name,) for name in dict.fromkeys(n for group in GROUPS.values() for n in group) if name not in GROUND]
+    astray = not _calm(windows, columns, base.null(), DENSE)
+    for names in dict.fromkeys([*GROUPS.values(), *singles]):
+        here = tuple(name for name in names if all(name in c for c in columns))
+        if len(here) != len(names) and not (names == GROUPS["attitude"] and len(here) == 2):
+            continue
+        slopes = [delay_slope(w, c, here) for w, c in zip(windows, base.smooth, strict=True)]
+        looks = [base.score(slopes, relations) for relations in (None, CALM_RELATIONS)]
+        likely = any(abs(value) > max(0.5 * DELAY_LEAST_S, DELAY_SIGMAS * std) for value, std in looks)
+        start = 0
+        if astray and (len(here) > 1 or here[0] in (*VANES, "airspeed")):
+            start = _scanned(windows, columns, here, base.filters())
+        if likely or start:
+            candidate = _delay(windows, columns, base, here, start)
+            if candidate is not None:
+                found.append(candidate)
+    return found
+
+
+def _scanned(
+    windows: list[Window], columns: list[dict[str, Array]], names: tuple[str, ...], filters: dict[str, Array]
+) -> int:
+    """Likeliest delay in whole samples among a few; 0 unless another one is far likelier."""
+    interval = windows[0].interval_s
+    stride = max(round(_SCAN_S / interval), 1)
+    last = int(LONGEST_DELAY_S / interval)
+    costs = {
+        shift: quick_cost(windows, [advanced(c, names, shift * interval, interval) for c in columns], filters)
+        for shift in range(-last + last % stride, last + 1, stride)
+    }
+    best = min(costs, key=lambda shift: costs[shift])
+    return best if costs[0] - costs[best] > GAIN else 0
+
+
+def _delay(
+    windows: list[Window], columns: list[dict[str, Array]], base: Comparison, names: tuple[str, ...], start: int
+) -> _Candidate | None:
+    """One delay by Gauss-Newton from `start` samples on: whole samples by shifting, the rest by its derivative."""
+    interval = windows[0].interval_s
+    for relations in (None, CALM_RELATIONS):
+        plain = base.null(relations)
+        shift, here, there = 0, columns, base
+        step = start
+        for _ in range(_STEPS):
+            if step:
+                shift += step
+                here = [advanced(c, names, shift * interval, interval) for c in columns]
+                there = Comparison(windows, here)
+            slopes = [delay_slope(w, c, names) for w, c in zip(windows, there.smooth, strict=True)]
+            fit = there.fit(slopes, relations)
+            step = round(float(fit.values[0]) / interval)
+            if step == 0 or abs(shift + step) * interval > LONGEST_DELAY_S:
+                break
+        delay, std = shift * interval + float(fit.values[0]), float(fit.std[0])
+        if relations is None and not _calm(windows, here, fit):
+            continue
+        gain = plain.cost - fit.cost - (0.0 if len(names) > 1 else 1.0)
+        if gain < GAIN or abs(delay) < max(DELAY_LEAST_S, DELAY_SIGMAS * std) or abs(delay) > LONGEST_DELAY_S:
+            return None
+        read = [advanced(c, names, delay, interval) for c in columns]
+        return _Candidate(gain, delay_mistake(Delay(names, delay, std)), read)
+    return None
+
+
+def delay_mistake(delay: Delay) -> Mistake:
+    """A delay as a finding."""
+    return Mistake(delay.name, "delay", delay.value, delay.std, "s", delay_sentence(delay), delay.signals, True)
+
+
+def advanced(columns: Columns, names: Sequence[str], delay: float, interval: float) -> dict[str, Array]:
+    """Signals taken earlier by any time; velocities over ground keep their samples, which then count as later."""
+    if set(names) <= set(GROUND):
+        return dict(columns) | {GROUND_DELAY: columns.get(GROUND_DELAY, np.array(0.0)) + delay}
+    return dict(columns) | {name: read_later(columns[name], delay, interval) for name in names}
+
+
+def _merged(found: list[Mistake]) -> list[Mistake]:
+    """One entry for a signal whose delay was found in two steps."""
+    merged: dict[tuple[tuple[str, ...], str], Mistake] = {}
+    for one in found:
+        key = (one.signals, one.kind)
+        if key in merged and one.kind == "delay":
+            one = delay_mistake(Delay(one.signals, merged[key].found + one.found, one.std))
+        merged[key] = one
+    return list(merged.values())

@@ -1,0 +1,43 @@
+"""Samples moved in time by parts of an interval."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.flight import Array
+
+
+def read_later(values: Array, delay: float, interval: float) -> Array:
+    """(N,) reading at k + delay / interval: whole samples shifted, the rest by the cubic through the four nearest.
+
+    Values at the ends are repeated; NaN makes its neighbours NaN where parts of a sample are asked for.
+    """
+    place = delay / interval
+    whole = int(np.floor(place + 1e-9))
+    part = max(place - whole, 0.0)
+    index = np.arange(values.size) + whole
+
+    def near(offset: int) -> Array:
+        taken: Array = values[np.clip(index + offset, 0, values.size - 1)]
+        return taken
+
+    if part < 1e-6:
+        return near(0)
+    return (
+        -part * (part - 1.0) * (part - 2.0) / 6.0 * near(-1)
+        + (part + 1.0) * (part - 1.0) * (part - 2.0) / 2.0 * near(0)
+        - (part + 1.0) * part * (part - 2.0) / 2.0 * near(1)
+        + (part + 1.0) * part * (part - 1.0) / 6.0 * near(2)
+    )
+
+
+def held_back(values: Array, delay: float, interval: float) -> Array:
+    """(N,) commands as they act when the aircraft follows late: the mean over each interval of what is then held."""
+    place = delay / interval
+    whole = int(np.floor(place + 1e-9))
+    part = max(place - whole, 0.0)
+    index = np.arange(values.size) - whole
+    now = values[np.clip(index, 0, values.size - 1)]
+    before = values[np.clip(index - 1, 0, values.size - 1)]
+    mixed: Array = (1.0 - part) * now + part * before
+    return mixed

@@ -1,0 +1,80 @@
+"""Before an estimation: no signal is in the wrong unit, sign or axis, and every signal is where it belongs in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.vehicle import Vehicle
+from sysid.delays import Delay, prepared_in_time
+from sysid.errors import SignalError
+from sysid.mistakes import Mistake, delay_mistake, find_mistakes
+from sysid.prepare import Prepared
+
+# What air can weigh between sea level in the cold and 10 km, kg/m^3.
+_DENSITIES = (0.3, 1.7)
+# Thrust over weight beyond which no small aircraft goes.
+_THRUST_TO_WEIGHT = 5.0
+_GRAM_FORCE = 9.80665e-3
+
+
+@dataclass(frozen=True)
+class SignalCheck:
+    """What was found: delays, for which the data are corrected, and other mistakes that only warn.
+
+    rounds: how often the delays were estimated anew with the model.
+    """
+
+    delays: tuple[Delay, ...] = ()
+    mistakes: tuple[Mistake, ...] = ()
+    rounds: int = 0
+
+    def findings(self) -> list[Mistake]:
+        """All mistakes, the delays with their last estimates."""
+        return [*self.mistakes, *(delay_mistake(one) for one in self.delays)]
+
+    def with_delays(self, delays: Sequence[Delay]) -> SignalCheck:
+        """The same after one more round of estimating them."""
+        return replace(self, delays=tuple(delays), rounds=self.rounds + 1)
+
+
+def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
+    """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
+    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
+    found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
+    wrong = [one for one in found if not one.usable]
+    if wrong:
+        name = ", ".join(dict.fromkeys(flight.data.name for flight in prepared))
+        raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
+    delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
+    return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
+
+
+def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:
+    """The flights corrected for the delays."""
+    return prepared_in_time(prepared, vehicle, check.delays)
+
+
+def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+    """Signals that no other one tells, against what is possible at all."""
+    found = []
+    density = np.concatenate([stretch.record.rho for flight in prepared for stretch in flight.stretches])
+    typical = float(np.median(density))
+    if not _DENSITIES[0] < typical < _DENSITIES[1]:
+        text = (
+            f"air density is {typical:.3g} kg/m^3, which no air has: give static pressure in Pa and temperature in K"
+            " by their scale and offset in [signals], or environment.air_density"
+        )
+        found.append(Mistake("air_density", "unit", typical, 0.0, "kg/m^3", text, ("air_density",), False))
+    thrust = [s.data["thrust"] for flight in prepared for s in flight.stretches if "thrust" in s.data]
+    if thrust:
+        ratio = float(np.nanmedian(np.abs(np.concatenate(thrust)))) / (vehicle.mass.mass * 9.80665)
+        if ratio > _THRUST_TO_WEIGHT:
+            text = (
+                f"thrust is {ratio:.0f} times the weight and looks like gram-force: scale it by {_GRAM_FORCE:.4g} in"
+                " [signals] of the vehicle file"
+            )
+            found.append(Mistake("thrust", "unit", _GRAM_FORCE, 0.0, "gf", text, ("thrust",), False))
+    return found
