@@ -42,6 +42,7 @@ SCALE_SIGMAS, SCALE_LEAST = 5.0, 0.03
 SCALE_REFUSED = 0.2
 _SHORTLIST = 6
 _LEVEL_GAIN = 5.0
+_HUGE = 1e20
 _MOST = 4
 _STEPS = 6
 _FEWEST = 100  # samples of a part
@@ -104,13 +105,22 @@ def find_mistakes(parts: Sequence[FlightData], layout: SensorLayout) -> list[Mis
     windows = [Window(part, layout) for part in parts]
     columns = [{name: window.data[name] for name in _known(window.data)} for window in windows]
     found: list[Mistake] = []
-    while len(found) < _MOST:
-        best = _best(windows, columns)
-        if best is None:
-            break
-        found.append(best.mistake)
-        columns = best.columns
+    # Readings far from any motion overflow; their likelihood is then no number, which wins no comparison.
+    with np.errstate(all="ignore"):
+        while len(found) < _MOST:
+            if not all(_finite(w, c) for w, c in zip(windows, columns, strict=True)):
+                break
+            best = _best(windows, columns)
+            if best is None:
+                break
+            found.append(best.mistake)
+            columns = best.columns
     return _merged(found)
+
+
+def _finite(window: Window, columns: Columns) -> bool:
+    """Whether the relations can be compared at all: their residuals are numbers whose squares are numbers."""
+    return all(np.isfinite(gap @ gap) and gap @ gap < _HUGE for gap in window.gaps(columns, {}).values())
 
 
 def _longest(parts: Sequence[FlightData]) -> list[FlightData]:
@@ -356,6 +366,8 @@ def _delay(
                 there = Comparison(windows, here)
             slopes = [delay_slope(w, c, names) for w, c in zip(windows, there.smooth, strict=True)]
             fit = there.fit(slopes, relations)
+            if not np.isfinite(fit.values[0]):
+                return None
             step = round(float(fit.values[0]) / interval)
             if step == 0 or abs(shift + step) * interval > LONGEST_DELAY_S:
                 break
