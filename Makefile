@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
+.PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes clean
 
 setup: $(VENV)/.ready
 
@@ -82,6 +82,9 @@ campaign-clock: setup
 
 campaign-recorder: setup
 	$(BIN)/python tests/campaign/full_disk.py
+
+campaign-mistakes: setup
+	$(BIN)/python tests/campaign/mistakes.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output

@@ -1,0 +1,183 @@
+"""Mistakes put into the signals of simulated flights: which are found and named. Run: make campaign-mistakes
+
+Every kind of mistake of tests/support/signal_mistakes.py, flight by flight. A mistake counts if it changes the fit by
+at least 5 standard errors of a coefficient: its output-error estimate is compared with that from the flight without
+the mistake, noise and all else the same. Clean flights in calm air and gusts show the false alarms. Every result is a
+line of JSON in --out; what is there already is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
+
+from signal_mistakes import Injection, injections
+from simulated import fly_mav
+
+from sim_vehicle.model import read_model
+from sim_vehicle.vehicle import load_vehicle
+from sysid.errors import SysidError
+from sysid.flight import FlightSignals
+from sysid.identify import identify
+from sysid.prepare import prepare
+from sysid.signalcheck import SignalCheck, check_signals
+
+VEHICLES = ("iitb-mav", "ultrastick25e")
+MANOEUVRES = ("multisine", "elevator-3211", "elevator-3211,aileron-doublet,rudder-doublet", "elevator-pulse")
+GUSTS = (0.0, 0.3, 1.0)
+CLEAN_SEEDS = range(100, 113)
+BIG = 5.0
+
+
+def fly(vehicle: str, manoeuvres: str, gusts: float, seed: int) -> FlightSignals:
+    """One flight with sensors of Table II, with a steady wind that the seed chooses."""
+    effects = [f"steady_wind:north={seed % 5 - 2},east={seed % 3 - 1},down=0"]
+    effects += [f"turbulence:sigma={gusts:g},length=30"] if gusts else []
+    craft, model = load_vehicle(vehicle), read_model(vehicle)
+    return fly_mav(manoeuvres, seed, effects=tuple(effects), vehicle=craft, model=model)[0]
+
+
+def checked(flight: FlightSignals, vehicle: str) -> tuple[str, list[dict[str, Any]]]:
+    """What is said of a flight: the line it stops with, and its findings."""
+    craft = load_vehicle(vehicle)
+    try:
+        check = check_signals([prepare(flight, craft)], craft)
+    except SysidError as error:
+        return str(error).partition(": ")[2], []
+    return "", [one.to_json() for one in check.findings()]
+
+
+def estimates(flight: FlightSignals, vehicle: str) -> dict[str, tuple[float, float]]:
+    """Coefficients by output error as if nothing were wrong."""
+    craft = load_vehicle(vehicle)
+    found = identify([flight], craft, method="oe", check=SignalCheck(), systematic=False)
+    entries = found.model.coefficients.items()
+    return {n: (e.value, e.std) for n, e in entries if e.value is not None and e.std is not None}
+
+
+def change_of(flight: FlightSignals, vehicle: str, clean: dict[str, tuple[float, float]]) -> float:
+    """Largest change of a coefficient in its clean standard errors; infinite where nothing can be estimated."""
+    try:
+        wrong = estimates(flight, vehicle)
+    except SysidError:
+        return 1e9
+    return max((abs(wrong[n][0] - v) / s if n in wrong else 1e9 for n, (v, s) in clean.items()), default=0.0)
+
+
+def named(one: Injection, line: str, findings: list[dict[str, Any]], flight: FlightSignals, vehicle: str) -> bool:
+    """Whether a mistake is found under its kind and for its signals, by the check or as a corrected scale error."""
+    if line:
+        return any(re.search(rf"\b{name}\b", line) for name in one.signals)
+    if any(f["kind"] == one.kind and set(f["signals"]) & set(one.signals) for f in findings):
+        return True
+    if one.kind != "scale" or one.signals[0] not in ("alpha", "beta", "airspeed", "theta"):
+        return False
+    found = identify([flight], load_vehicle(vehicle), method="ee", check=SignalCheck(), systematic=False)
+    entry = found.compatibility.parameters.get(f"{one.signals[0]}_scale")
+    return entry is not None and abs(entry.value) > 2.0 * entry.std
+
+
+class Results:
+    """Lines of JSON, by key."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        self.rows = {row["key"]: row for row in map(json.loads, lines)}
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Keep a row and write it at once."""
+        self.rows[row["key"]] = row
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def run_clean(results: Results, seeds: range, deadline: float) -> None:
+    """False alarms."""
+    for seed in seeds:
+        for vehicle in VEHICLES:
+            for manoeuvres in MANOEUVRES:
+                for gusts in GUSTS:
+                    key = f"clean|{vehicle}|{manoeuvres}|{gusts:g}|{seed}"
+                    if key in results.rows or time.process_time() > deadline:
+                        continue
+                    line, findings = checked(fly(vehicle, manoeuvres, gusts, seed), vehicle)
+                    said = line or "; ".join(str(one["sentence"]) for one in findings)
+                    results.add({"key": key, "kind": "clean", "gusts": gusts, "said": said})
+
+
+def run_injected(results: Results, seeds: range, stride: int, deadline: float) -> None:
+    """Found and named."""
+    for seed in seeds:
+        for vehicle in VEHICLES:
+            flight = fly(vehicle, "multisine", 0.0, seed)
+            clean: dict[str, tuple[float, float]] | None = None
+            for number, one in enumerate(injections()):
+                key = f"{one.name}|{vehicle}|{seed}"
+                if (number + seed) % stride or key in results.rows or time.process_time() > deadline:
+                    continue
+                clean = estimates(flight, vehicle) if clean is None else clean
+                wrong = one.apply(flight)
+                line, findings = checked(wrong, vehicle)
+                hit = named(one, line, findings, wrong, vehicle)
+                change = change_of(wrong, vehicle, clean)
+                said = line or "; ".join(str(entry["sentence"]) for entry in findings)
+                row = {"key": key, "kind": one.kind, "signals": list(one.signals), "change": change, "found": hit}
+                results.add({**row, "said": said})
+                print(f"{key:<60} change {change:8.3g} sigma  {'found' if hit else 'MISSED'}", flush=True)
+
+
+def table(results: Results) -> None:
+    """The figures."""
+    rows = list(results.rows.values())
+    clean = [row for row in rows if row["kind"] == "clean"]
+    print(f"\nclean flights: {len(clean)}, false alarms: {sum(bool(row['said']) for row in clean)}")
+    for row in clean:
+        if row["said"]:
+            print(f"  {row['key']}: {row['said']}")
+    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        if row["kind"] != "clean":
+            groups[row["kind"]].append(row)
+            groups["all"].append(row)
+    print(f"{'kind':<8} {'tried':>6} {'change the fit by 5 sigma':>26} {'of those found':>15}")
+    for kind, entries in sorted(groups.items()):
+        big = [row for row in entries if row["change"] >= BIG]
+        share = f"{sum(row['found'] for row in big) / len(big):.1%}" if big else "-"
+        print(f"{kind:<8} {len(entries):>6} {len(big) / len(entries):>26.1%} {share:>15}")
+    for row in groups["all"]:
+        if row["change"] >= BIG and not row["found"]:
+            print(f"  missed: {row['key']} (change {row['change']:.3g} sigma): {row['said'] or 'nothing said'}")
+
+
+def main() -> None:
+    """Run what is missing and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("campaign-output/mistakes.jsonl"))
+    parser.add_argument("--seeds", type=int, default=2, help="flights with mistakes per vehicle")
+    parser.add_argument("--quick", action="store_true", help="a sample of all, 3 minutes of CPU")
+    parser.add_argument("--table", action="store_true", help="print what is there, run nothing")
+    parser.add_argument("--only", choices=("clean", "injected"))
+    options = parser.parse_args()
+    results = Results(options.out)
+    if not options.table:
+        deadline = time.process_time() + (170.0 if options.quick else 1e9)
+        if options.only != "injected":
+            run_clean(results, range(100, 101) if options.quick else CLEAN_SEEDS, deadline)
+        if options.only != "clean":
+            seeds = range(500, 500 + (1 if options.quick else options.seeds))
+            run_injected(results, seeds, 12 if options.quick else 1, deadline)
+    table(results)
+
+
+if __name__ == "__main__":
+    main()
