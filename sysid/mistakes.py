@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.delays import Delay, delay_sentence
+from sysid.delays import Delay
+from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array, FlightData
 from sysid.hypotheses import ACCEL, GROUND, GROUPS, IMU, VANES, Hypothesis, hypotheses, joined, scale_hypothesis
 from sysid.kinematic_part import SensorLayout
@@ -59,33 +60,6 @@ _SCAN_S = 0.02
 
 Columns = Mapping[str, Array]
 Names = tuple[str, ...] | None
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """One mistake found.
-
-    signal: its name, or that of a group of GROUPS. kind: unit, sign, axis, scale or delay.
-    found: the factor to multiply by, or the delay in s; NaN for axes. std: its standard error where it is an estimate.
-    unit: what the readings seem to be in, or the unit of `found`. signals: all signals concerned.
-    usable: whether the flight can be used, corrected (delays) or with care.
-    """
-
-    signal: str
-    kind: str
-    found: float
-    std: float
-    unit: str
-    sentence: str
-    signals: tuple[str, ...]
-    usable: bool
-
-    def to_json(self) -> dict[str, object]:
-        """As results hold it."""
-        return {
-            "signal": self.signal, "signals": list(self.signals), "kind": self.kind, "found": self.found,
-            "std": self.std, "unit": self.unit, "sentence": self.sentence,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -380,11 +354,6 @@ def _delay(
         read = [advanced(c, names, delay, interval) for c in columns]
         return _Candidate(gain, delay_mistake(Delay(names, delay, std)), read)
     return None
-
-
-def delay_mistake(delay: Delay) -> Mistake:
-    """A delay as a finding."""
-    return Mistake(delay.name, "delay", delay.value, delay.std, "s", delay_sentence(delay), delay.signals, True)
 
 
 def advanced(columns: Columns, names: Sequence[str], delay: float, interval: float) -> dict[str, Array]:

@@ -10,7 +10,8 @@ import numpy as np
 from sim_vehicle.vehicle import Vehicle
 from sysid.delays import Delay, prepared_in_time
 from sysid.errors import SignalError
-from sysid.mistakes import Mistake, delay_mistake, find_mistakes
+from sysid.findings import Mistake, delay_mistake
+from sysid.mistakes import find_mistakes
 from sysid.prepare import Prepared
 
 # What air can weigh between sea level in the cold and 10 km, kg/m^3.

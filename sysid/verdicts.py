@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sysid.compatibility import CompatibilityResult, SensorError
-from sysid.mistakes import Mistake
+from sysid.findings import Mistake
 
 _IMU_BIAS = {
     "ax": "accel_bias_x", "ay": "accel_bias_y", "az": "accel_bias_z",
