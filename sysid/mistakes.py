@@ -274,6 +274,11 @@ def _summed(slopes: Sequence[dict[str, Array]]) -> dict[str, Array]:
     return {key: np.sum([one[key] for one in slopes], axis=0) for key in slopes[0]}
 
 
+def _noise(values: Array, interval: float) -> float:
+    """Noise of one sample, also of readings that were interpolated, whose neighbours share theirs."""
+    return max(noise_sigma(values, interval), noise_sigma(values[::2], 2.0 * interval))
+
+
 def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, names: Sequence[str] = AIR) -> bool:
     """Whether what remains of the air data is their noise, so that gusts cannot feign what is looked for."""
     for name in names:
@@ -281,7 +286,7 @@ def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, name
             level = []
             for window, c in zip(windows, columns, strict=True):
                 if name in window.relations:
-                    level.append(noise_sigma(window.measured(window.states(c, {}), c)[name], window.interval_s))
+                    level.append(_noise(window.measured(window.states(c, {}), c)[name], window.interval_s))
             if fit.sigma[name] > _CALM_RATIO * float(np.mean(level)):
                 return False
     return True
