@@ -3,7 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+<<<<<<< Updated upstream
 .PHONY: setup demo test check interop bench bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes clean
+=======
+.PHONY: setup demo test check interop bench bench-identification bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights clean
+>>>>>>> Stashed changes
 
 setup: $(VENV)/.ready
 
@@ -41,6 +45,9 @@ bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/udp.py
 	$(BIN)/python benchmarks/regression.py
+
+bench-identification: $(VENV)/.bench
+	$(BIN)/python benchmarks/output_error.py
 
 bench-regression: setup
 	$(BIN)/python benchmarks/regression.py
