@@ -143,12 +143,12 @@ def predict(
         if name not in whole.coefficients:
             whole = whole.with_coefficient(name, 0.0)
     signals, flown = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without)
-    problem, compatible = _problem(signals, vehicle)
+    problem, compatible = _problem(signals, vehicle, ground=gusts == 0.0)
     if gusts > 0.0:
         # Turbulence decides which sensor errors are told; the motion is the plan's own, or the commands with which the
         # autopilot answered the gusts would count as excitation.
         rough, _ = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without, gusts=gusts)
-        shaken, compatible = _problem(rough, vehicle)
+        shaken, compatible = _problem(rough, vehicle, ground=False)
         chosen = {
             name: value for name, value in shaken.sensors.items() if SENSOR_ERRORS[name][0] in problem.motion.outputs
         }
@@ -188,11 +188,11 @@ def predict(
     )
 
 
-def _problem(signals: FlightSignals, vehicle: Vehicle) -> tuple[Problem, CompatibilityResult]:
-    """What `identify` makes of a flight's signals before it estimates."""
+def _problem(signals: FlightSignals, vehicle: Vehicle, ground: bool) -> tuple[Problem, CompatibilityResult]:
+    """What `identify` makes of a flight's signals before it estimates; ground: as for make_problem, in calm air."""
     prepared = [prepare(signals, vehicle)]
     compatible = check_compatibility(prepared)
-    return make_problem(prepared, vehicle, compatible, ground=compatible.gust_sigma == 0.0), compatible
+    return make_problem(prepared, vehicle, compatible, ground=ground and compatible.gust_sigma == 0.0), compatible
 
 
 def _at_the_truth(problem: Problem, flown: FlownFlight) -> Problem:

@@ -205,9 +205,8 @@ def _thrust_shapes(experiment: Experiment) -> dict[str, Array]:
     if tau > 0.0:
         shapes["thrust lag"] = _after_lag(throttle, 1.01 * tau) - _after_lag(throttle, 0.99 * tau)
         shapes["thrust start"] = np.exp(-0.02 * np.arange(thrust.size) / tau)
-    for name in list(shapes)[1:]:
-        shapes[name] = (shapes[name] - shapes[name].mean()) / float(np.std(shapes[name]))
-    return shapes
+    moving = {name: shape - shape.mean() for name, shape in shapes.items() if float(np.std(shape)) > 1e-9}
+    return {"thrust offset": shapes["thrust offset"]} | {n: shape / float(np.std(shape)) for n, shape in moving.items()}
 
 
 def _after_lag(command: Array, tau: float, dt: float = 0.02) -> Array:
