@@ -147,10 +147,12 @@ class _Flight:
         self._tell(truth, command, self._servos.told(pulses, self._state.surfaces), reading, True, True)
         if last:
             return
-        wind, gust = self.wind.at(float(-self._state.x[2])), self._gusts[self._air_ticks]
+        wind = self.wind.at(float(-self._state.x[2]))
+        gust, next_gust = self._gusts[self._air_ticks : self._air_ticks + 2]
         self._air_ticks += 1
-        self._air = (wind, gust)
-        self.plant.step(self._state, command, self.dt, wind, gust)
+        self._air = (wind, next_gust)
+        # A gust goes on while the aircraft flies to the next tick: between its value here and the one sensed there.
+        self.plant.step(self._state, command, self.dt, wind, 0.5 * (gust + next_gust), next_gust)
 
     def _check(self, truth: Array) -> None:
         """Stop an aircraft that flies apart: its numbers would mean nothing, and some fit into no message."""

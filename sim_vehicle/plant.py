@@ -106,10 +106,12 @@ class Plant:
         dt: float,
         wind_ned: Array = _STILL,
         gust_body: Array = _STILL,
+        gust_at_end: Array | None = None,
     ) -> None:
         """Fly `dt` seconds under `command` (de, da, dr [rad], throttle 0..1), in place.
 
-        wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it.
+        wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it, its mean over the
+        step; gust_at_end: what the sensors meet there, None for the same.
         Raises ModelFileError for a delay of the actuators longer than the commands that are kept.
         """
         flat = self.flat
@@ -123,7 +125,7 @@ class Plant:
         tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
              _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
              state.surfaces)  # fmt: skip
-        self.evaluate(state, wind_ned, gust_body, dt)
+        self.evaluate(state, wind_ned, gust_body if gust_at_end is None else gust_at_end, dt)
 
     def read(self, state: PlantState) -> Array:
         """What ideal sensors at their mounting places read, (19,) in the order of CHANNELS."""

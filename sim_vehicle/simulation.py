@@ -105,8 +105,8 @@ def simulate(
     that sample (as many simulations do), or that of the sample before (as a vehicle does that reads, then commands).
     held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
     where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
-    model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air [m/s], or
-    (0, 3) for still air. y: (stop - start, 19) result, columns CHANNELS. A diverging motion leaves NaN rows.
+    model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples
+    [m/s], or (0, 3) for still air. y: (stop - start, 19) result, columns CHANNELS. A diverging motion leaves NaN rows.
     """
     x = x0.copy()
     actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
@@ -132,6 +132,7 @@ def simulate(
         read_sensors(x, W, P, E, 0.0 if k == start else dt, sensor, y[k - start])
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])
+            gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
             for i in range(slopes.size):
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
             tick(x, actuators, commands, k, dt, sub_steps, still, gust, rho[k], middle, slopes, P, E, C, F, K, T, W,

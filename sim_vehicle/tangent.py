@@ -204,6 +204,7 @@ def simulate_tangents(
         read_lanes(X, H, rows, gain, products, terms, columns, places, S[k - start], reading)
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])
+            gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
             for i in range(slopes.size):
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
             for i in range(sub_steps):

@@ -14,6 +14,7 @@ from sim_vehicle.model import Coefficient, Model, ModelEffect
 from sim_vehicle.parameters import flatten
 from sim_vehicle.terms import parse_term
 from sim_vehicle.vehicle import Vehicle
+from sysid.filter_error import FilterError, FilterErrorResult
 from sysid.flight import Array
 from sysid.identifiability import Refusal
 from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult, UnlikelyError
@@ -30,6 +31,7 @@ from sysid.parameterisation import (
 from sysid.prior import Gaussian
 from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
+from sysid.turbulence import Turbulence
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
 MAX_RUN_S = 20.0
@@ -74,7 +76,8 @@ class Motion:
 class Problem:
     """Everything an estimation needs besides the choice of parameters.
 
-    records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi.
+    records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi. paths: per
+    record (N, 9) the same at every sample, reconstructed from the measurements.
     sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
     known: coefficients and effect parameters known before the flight.
     """
@@ -88,6 +91,7 @@ class Problem:
     command_first: bool = False
     sub_steps: int = 2
     known: Gaussian | None = None
+    paths: tuple[Array, ...] = ()
 
 
 def excited_motion(records: Sequence[Record]) -> Motion:
@@ -108,7 +112,7 @@ def _measured(record: Record, names: Sequence[str]) -> bool:
 def split_runs(
     record: Record, states: Mapping[str, Array], motion: Motion, run_s: float = MAX_RUN_S
 ) -> tuple[list[Record], list[Array]]:
-    """Cut a stretch into runs of at most `run_s` seconds with initial-state guesses.
+    """Cut a stretch into runs of at most `run_s` seconds, each with its reconstructed states (N, 9).
 
     states: name of STATES -> (N,) reconstructed motion of the stretch, relative to the air.
     """
@@ -125,7 +129,7 @@ def split_runs(
     count = max(1, math.ceil((record.length - 1) * record.interval_s / run_s - 1e-6))
     edges = np.linspace(0, record.length, count + 1).astype(int)
     runs = [record.window(int(a), int(b)) for a, b in pairwise(edges)]
-    return runs, [path[int(a)].copy() for a in edges[:-1]]
+    return runs, [path[int(a) : int(b)].copy() for a, b in pairwise(edges)]
 
 
 def relevant_sensors(names: Sequence[str], motion: Motion) -> list[str]:
@@ -146,21 +150,38 @@ def build(
     sigma: Array | None = None,
 ) -> OutputError:
     """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
+    predictor = _predictor(problem, model, coefficients, effects)
+    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, _known(problem, predictor))
+
+
+def build_filter(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
+) -> FilterError:
+    """The same problem with turbulence as process noise."""
+    predictor = _predictor(problem, model, coefficients, effects)
+    return FilterError(predictor, problem.paths, problem.motion.outputs, _known(problem, predictor))
+
+
+def _known(problem: Problem, predictor: Predictor) -> Gaussian | None:
+    return None if problem.known is None else problem.known.of([entry.name for entry in predictor.parameters])
+
+
+def _predictor(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> Predictor:
     parameters: list[Parameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
     parameters += [effect_parameter(effect, name) for effect, name in effects]
     for name in problem.sensors:
         entry = sensor_error(name)
         mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
         parameters.append(replace(entry, prior_mean=mean, prior_std=std))
-    predictor = Predictor(
+    return Predictor(
         flatten(problem.vehicle, model),
         parameters,
         problem.records,
         command_first=problem.command_first,
         sub_steps=problem.sub_steps,
     )
-    prior = None if problem.known is None else problem.known.of([parameter.name for parameter in parameters])
-    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, prior)
 
 
 def warmed(problem: Problem, result: OutputErrorResult) -> Problem:
@@ -190,12 +211,35 @@ def fit(
     start: values by parameter name that differ from the model's and from problem.sensors. give_up_above: see
     `OutputError.solve`.
     """
-    values = {name: model.values()[name] for name in coefficients}
-    values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
-    values |= dict(problem.sensors)
-    values |= dict(start or {})
+    values = _start_values(problem, model, coefficients, effects) | dict(start or {})
     return build(problem, model, coefficients, effects).solve(
         values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations, give_up_above
+    )
+
+
+def _start_values(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> dict[str, float]:
+    values = {name: model.values()[name] for name in coefficients}
+    values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
+    return values | dict(problem.sensors)
+
+
+def fit_filter(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]] = (),
+    gust_sigma: float = 0.1,
+    start: Mapping[str, float] | None = None,
+    progress: Progress = lambda share, text: None,
+) -> FilterErrorResult:
+    """`fit` for a flight in turbulence of about `gust_sigma` m/s, by filter error."""
+    values = _start_values(problem, model, coefficients, effects) | dict(start or {})
+    return build_filter(problem, model, coefficients, effects).solve(
+        values,
+        Turbulence(gust_sigma, gust_sigma),
+        lambda i, cost: progress(min(1.0, i / 15.0), f"filter error, step {i}"),
     )
 
 

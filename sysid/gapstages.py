@@ -61,9 +61,9 @@ def stage_gaps(
     for stretch, states in zip(stretches, compatible.states, strict=True):
         full = dict(states)
         full.setdefault("psi", stretch.data.columns.get("psi", np.zeros(stretch.record.length)))
-        part_runs, part_starts = split_runs(stretch.record, full, problem.motion, MAX_STRETCH_S)
+        part_runs, paths = split_runs(stretch.record, full, problem.motion, MAX_STRETCH_S)
         runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
-        starts += part_starts
+        starts += [path[0] for path in paths]
     sigma = _output_noise(records)
     found["noise_floor"] = noise_floor(
         runs, starts, layout, last_fixed, sigma, thrust_sigma, compatible.gust_sigma, generator

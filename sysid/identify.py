@@ -94,14 +94,14 @@ def make_problem(
     motion = excited_motion([stretch.record for stretch in stretches])
     if ground and motion.longitudinal and motion.lateral and "wind_north" in compatible.parameters:
         motion = replace(motion, ground=True)
-    runs, guesses = [], []
+    runs, paths = [], []
     for stretch, found in zip(stretches, compatible.states, strict=True):
         states = dict(found)
         psi = stretch.data.columns.get("psi")
         states.setdefault("psi", np.zeros(stretch.record.length) if psi is None else psi)
-        part_runs, part_guesses = split_runs(stretch.record, states, motion, run_s)
+        part_runs, part_paths = split_runs(stretch.record, states, motion, run_s)
         runs += part_runs
-        guesses += part_guesses
+        paths += part_paths
     known = compatible.parameters
     names = relevant_sensors(list(known) if sensors is None else sensors, motion)
     # The same readings must not count twice.
@@ -111,7 +111,8 @@ def make_problem(
     at_once = command_shows_at_once(
         corrected_parts(prepared, vehicle, compatible), body_of(vehicle), lateral=not motion.longitudinal
     )
-    return Problem(vehicle, tuple(runs), tuple(guesses), motion, start, priors, at_once)
+    guesses = tuple(path[0].copy() for path in paths)
+    return Problem(vehicle, tuple(runs), guesses, motion, start, priors, at_once, paths=tuple(paths))
 
 
 def corrected_parts(

@@ -86,6 +86,18 @@ class UnlikelyError(EstimationError):
     """The estimate will be less likely than what was asked for."""
 
 
+def prior_knowledge(parameters: Sequence[Parameter], prior: Gaussian | None) -> tuple[Array, Array]:
+    """Means (P,) and information (P, P): each parameter's own, or `prior` for those that it names."""
+    mean = np.array([parameter.prior_mean for parameter in parameters])
+    information = np.diag([parameter.prior_std**-2.0 for parameter in parameters])
+    if prior is not None:
+        place = [[parameter.name for parameter in parameters].index(name) for name in prior.names]
+        mean[place] = prior.mean
+        information[place] = information[:, place] = 0.0
+        information[np.ix_(place, place)] = prior.information()
+    return mean, information
+
+
 class OutputError:
     """One estimation problem: a predictor, a start, and the outputs that count.
 
@@ -107,13 +119,7 @@ class OutputError:
         measured = np.any([np.isfinite(record.z).any(axis=0) for record in predictor.records], axis=0)
         self.columns = np.array([OUTPUTS.index(name) for name in used if measured[OUTPUTS.index(name)]])
         self.known_sigma = sigma
-        self.prior_mean = np.array([parameter.prior_mean for parameter in predictor.parameters])
-        self.prior_information = np.diag([parameter.prior_std**-2.0 for parameter in predictor.parameters])
-        if prior is not None:
-            place = [[parameter.name for parameter in predictor.parameters].index(name) for name in prior.names]
-            self.prior_mean[place] = prior.mean
-            self.prior_information[place] = self.prior_information[:, place] = 0.0
-            self.prior_information[np.ix_(place, place)] = prior.information()
+        self.prior_mean, self.prior_information = prior_knowledge(predictor.parameters, prior)
 
     def start(self, values: dict[str, float]) -> Array:
         """Unknowns from parameter values (0 where none is given) and the initial-state guesses."""

@@ -99,7 +99,12 @@ def _state_vector(states: Array) -> Array:
 
 def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
     """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias."""
-    out = y[:, OUTPUT_PLACES]
+    return with_placed_errors(y[:, OUTPUT_PLACES], errors)
+
+
+def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
+    """Readings (N, 15) from ideal OUTPUTS (N, 15): (1 + scale) true + bias."""
+    out = y.copy()
     for name, value in errors.items():
         output, form, _, _ = SENSOR_ERRORS[name]
         column = OUTPUTS.index(output)
@@ -107,7 +112,12 @@ def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
     return out
 
 
-def _sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
+def error_gains(errors: Mapping[str, float]) -> Array:
+    """(15,) what one unit of each true output reads."""
+    return np.array([1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS])
+
+
+def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
     """Derivative of the outputs by one sensor error, added to `out` (N, outputs)."""
     output, form, _, _ = SENSOR_ERRORS[name]
     column = OUTPUTS.index(output)
@@ -192,11 +202,12 @@ class Predictor:
         """
         record = self.records[index]
         y = np.empty((1, record.length, len(CHANNELS)))
-        shift = np.array([self._thrust_shift(record, errors)])
+        shift = np.array([self.thrust_shift(record, errors)])
         self._simulate(record, _state_vector(states)[None], flat, flat.E[None], flat.C[None], shift, gusts, y)
         return with_errors(y[0], errors)
 
-    def _thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
+    def thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
+        """What an accelerometer's bias adds to the thrust of a motor that hangs on the cell, N."""
         return -record.moving_mass * errors.get("accel_bias_x", 0.0)
 
     def _simulate(
@@ -236,7 +247,7 @@ class Predictor:
         self._differences(index, theta, states, predicted, differences, result)
         for i, parameter in enumerate(self.parameters):
             if parameter.kind == "sensor":
-                _sensor_derivative(parameter.name, predicted, errors, result[i])
+                sensor_derivative(parameter.name, predicted, errors, result[i])
         return result
 
     def _tangents(
@@ -257,10 +268,10 @@ class Predictor:
             steps = (self.sub_steps + 1) // 2
         inputs = Inputs(
             record.start, record.start + record.length, record.commands,
-            record.thrust + self._thrust_shift(record, errors), record.rho, record.interval_s, steps,
+            record.thrust + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
             self.command_first, record.held,
         )  # fmt: skip
-        gains = [1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS]
+        gains = error_gains(errors).tolist()
         tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)
 
     def _differences(
@@ -271,7 +282,7 @@ class Predictor:
             return
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
-        base, base_shift = _state_vector(states), self._thrust_shift(record, errors)
+        base, base_shift = _state_vector(states), self.thrust_shift(record, errors)
         # Per variant: the step, state, effects, coefficients, thrust.
         variants: list[tuple[float, Array, Array, Array, float]] = []
         for i in places:

@@ -1,0 +1,232 @@
+"""The filter of the filter-error method: predictions along a path, and one Kalman pass (compiled).
+
+Turbulence is process noise, so what is left over, the innovations, is white, and the estimate of the parameters is a
+generalised least squares fit. The step is linearised where the filter stood after a sample, the outputs where it was
+expected to be before: a regressor that knew the sample's own noise would bias every derivative. Sources: Jategaonkar,
+"Flight Vehicle System Identification", ch. 5; Maine & Iliff, NASA RP-1168, ch. 5.
+"""
+
+from __future__ import annotations
+
+from math import asin, atan2, cos, log, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.dynamics import derivatives, runge_kutta_step
+from sim_vehicle.jit import jit
+from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Par
+from sim_vehicle.sensing import read_sensors
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_TMAX = int(Par.max_thrust)
+
+
+@jit
+def run_actuators(
+    commands: Array, start: int, length: int, dt: float, sub_steps: int, command_first: bool, P: Array, E: Array,
+    mean: Array, seen: Array,
+) -> None:  # fmt: skip
+    """Surfaces and throttle along a record, which no state acts on.
+
+    commands: (M, 4). mean: (length, sub_steps, 4) result, what the motion feels. seen: (length, 4) result, what sensors
+    see at the samples.
+    """
+    actuators, middle, end = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4)
+    step = dt / sub_steps
+    start_actuators(commands[0], actuators)
+    surfaces_at_rest(commands[0], E, end)
+    for k in range(start + length):
+        if k >= start:
+            seen[k - start] = end
+            if command_first:
+                surfaces_after_command(commands, k, dt, E, seen[k - start])
+        for i in range(sub_steps):
+            advance_actuators(commands, k, i * step, step, dt, P, E, actuators, middle, end)
+            if k >= start:
+                mean[k - start, i] = middle
+
+
+@jit
+def to_simulation(s: Array, x: Array) -> None:
+    """State of the simulation (14,) from u v w p q r phi theta psi (9,)."""
+    x[:3] = 0.0
+    x[3:6] = s[:3]
+    x[10:13] = s[3:6]
+    cr, sr, cp, sp = cos(s[6] / 2), sin(s[6] / 2), cos(s[7] / 2), sin(s[7] / 2)
+    cy, sy = cos(s[8] / 2), sin(s[8] / 2)
+    x[6] = cr * cp * cy + sr * sp * sy
+    x[7] = sr * cp * cy - cr * sp * sy
+    x[8] = cr * sp * cy + sr * cp * sy
+    x[9] = cr * cp * sy - sr * sp * cy
+    x[13] = atan2(s[2], s[0])
+
+
+@jit
+def _from_simulation(x: Array, s: Array) -> None:
+    s[:3] = x[3:6]
+    s[3:6] = x[10:13]
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    s[6] = atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+    s[7] = asin(min(max(-2.0 * (q1 * q3 - q0 * q2), -1.0), 1.0))
+    s[8] = atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+
+
+@jit
+def _step(
+    s: Array, gust: Array, mean: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
+    C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
+) -> None:  # fmt: skip
+    """Nine states one sample later. mean: (sub_steps, 4). thrust: N, NaN where it follows from the throttle."""
+    still = np.zeros(3)
+    to_simulation(s, x)
+    sub_steps = mean.shape[0]
+    for i in range(sub_steps):
+        force = P[_TMAX] * mean[i, 3] if np.isnan(thrust) else thrust
+        runge_kutta_step(x, mean[i], force, still, gust, rho, dt / sub_steps, slopes, P, E, C, F, K, T, W, scratch)
+    _from_simulation(x, out)
+
+
+@jit
+def _read(
+    s: Array, gust: Array, seen: Array, thrust: float, rho: float, P: Array, E: Array, C: Array, F: IntArray,
+    K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array, full: Array, out: Array,
+) -> None:  # fmt: skip
+    """What perfect sensors read: the channels at `places`."""
+    still = np.zeros(3)
+    to_simulation(s, x)
+    force = P[_TMAX] * seen[3] if np.isnan(thrust) else thrust
+    derivatives(x, seen, force, still, gust, rho, P, E, C, F, K, T, W, rate)
+    read_sensors(x, W, P, E, 0.0, sensor, full)
+    for j in range(places.size):
+        out[j] = full[places[j]]
+
+
+@jit
+def predict_path(
+    before: Array, gust_before: Array, after: Array, gust_over: Array, free: IntArray, mean: Array, seen: Array,
+    thrust: Array, rho: Array, dt: float, held: bool, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
+    T: IntArray, places: IntArray,
+) -> tuple[Array, Array]:  # fmt: skip
+    """One step from every sample, and what perfect sensors read there.
+
+    before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before: (N, 3)
+    body-axis gusts at the samples, gust_over: (N - 1, 3) between them. free: states that are integrated; the others are
+    imposed if `held`. mean: (N, sub, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows from the throttle.
+    Returns ahead (N - 1, 9) and the channels at `places` (N, m).
+    """
+    n = before.shape[0]
+    ahead, y = np.empty((n - 1, 9)), np.empty((n, places.size))
+    x, W, scratch, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+    sensor, full = np.zeros(SENSOR_SIZE), np.empty(19)
+    slopes = np.full(6, np.nan) if held else np.zeros(0)
+    for k in range(n):
+        _read(before[k], gust_before[k], seen[k], thrust[k], rho[k], P, E, C, F, K, T, places, x, W, rate, sensor, full,
+              y[k])  # fmt: skip
+        if k + 1 == n:
+            break
+        if held:
+            for i in range(6):
+                slopes[i] = (before[k + 1, i] - before[k, i]) / dt
+            for i in free:
+                if i < 6:
+                    slopes[i] = np.nan
+        _step(after[k], gust_over[k], mean[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F, K, T,
+              x, W, scratch, ahead[k])  # fmt: skip
+    return ahead, y
+
+
+@jit
+def kalman_pass(
+    transition: Array, drift: Array, step_slopes: Array, left: Array, observe: Array, read_slopes: Array, jump: Array,
+    noise: Array, process: Array, p_start: Array, wanted: bool,
+) -> tuple[float, Array, Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """One forward pass over deviations from a path.
+
+    transition: (N - 1, nx, nx); drift: (N - 1, nx) path's own step less the path. step_slopes: (N - 1, nx, P).
+    left: (N, m) measured less the path's outputs, NaN missing. observe: (N, m, nx). read_slopes: (N, m, P).
+    jump: (N, nx) path after a sample less that before it. noise: (m,) variances. process: (N - 1, nx, nx), p_start:
+    (nx, nx) covariances.
+    wanted: whether information and gradient of the P parameters are.
+    Returns log likelihood; information (P, P) and downhill gradient (P,); innovations and their variances (N, m);
+    deviations before and after each sample (N, nx); and if `wanted` the slopes of the innovations (N, m, P) and of both
+    deviations (N, nx, P).
+    """
+    n, m, nx, count = left.shape[0], left.shape[1], p_start.shape[0], step_slopes.shape[2]
+    nu_all, variance = np.full((n, m), np.nan), np.full((n, m), np.nan)
+    before, after = np.empty((n, nx)), np.empty((n, nx))
+    kept = n if wanted else 0
+    slopes = np.zeros((kept, m, count))
+    d_before, d_after = np.zeros((kept, nx, count)), np.zeros((kept, nx, count))
+    information, gradient = np.zeros((count, count)), np.zeros(count)
+    s, p, d = np.zeros(nx), p_start.copy(), np.zeros((nx, count))
+    gain, hp, slope, fp, fresh = np.empty(nx), np.empty(nx), np.empty(count), np.empty((nx, nx)), np.empty((nx, count))
+    likelihood = 0.0
+    for k in range(n):
+        before[k] = s
+        if wanted:
+            d_before[k] = d
+        for j in range(m):
+            if np.isnan(left[k, j]):
+                continue
+            h = observe[k, j]
+            nu, big = left[k, j], noise[j]
+            for a in range(nx):
+                total = 0.0
+                for b in range(nx):
+                    total += p[a, b] * h[b]
+                hp[a] = total
+            for a in range(nx):
+                nu -= h[a] * s[a]
+                big += h[a] * hp[a]
+            for a in range(nx):
+                gain[a] = hp[a] / big
+                s[a] += gain[a] * nu
+            for a in range(nx):
+                for b in range(nx):
+                    p[a, b] -= gain[a] * hp[b]
+            nu_all[k, j], variance[k, j] = nu, big
+            likelihood -= 0.5 * (nu * nu / big + log(big))
+            if wanted:
+                for c in range(count):
+                    slope[c] = read_slopes[k, j, c]
+                for a in range(nx):
+                    if h[a] != 0.0:
+                        for c in range(count):
+                            slope[c] += h[a] * d[a, c]
+                for a in range(nx):
+                    for c in range(count):
+                        d[a, c] -= gain[a] * slope[c]
+                for c in range(count):
+                    slopes[k, j, c] = slope[c]
+        for a in range(nx):
+            s[a] -= jump[k, a]
+            after[k, a] = s[a]
+        if wanted:
+            d_after[k] = d
+        if k + 1 == n:
+            break
+        step = transition[k]
+        s = step @ s + drift[k]
+        fp[:] = step @ p
+        p = fp @ step.T + process[k]
+        if wanted:
+            fresh[:] = step @ d
+            for a in range(nx):
+                for c in range(count):
+                    d[a, c] = fresh[a, c] + step_slopes[k, a, c]
+    if wanted:
+        rows = np.empty((m, count))
+        for k in range(n):
+            for j in range(m):
+                good = not np.isnan(nu_all[k, j])
+                weight = 1.0 / np.sqrt(variance[k, j]) if good else 0.0
+                for c in range(count):
+                    rows[j, c] = slopes[k, j, c] * weight
+                    if good:
+                        gradient[c] += rows[j, c] * weight * nu_all[k, j]
+            information += rows.T @ rows
+    return likelihood, information, gradient, nu_all, variance, before, after, slopes, d_before, d_after
