@@ -131,16 +131,16 @@ def carry(
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for error in errors:
         changed = replace(problem, records=tuple(map(error.record, problem.records)))
-        feigned = _feigned(changed, problem, result)
-        shifted = [residual + change for residual, change in zip(residuals, feigned.outputs, strict=True)]
-        if feigned.inputs_changed:
+        false = feigned(changed, problem)
+        shifted = [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
+        if false.inputs_changed:
             other = build(changed, model, coefficients, effects, result.sigma)
             shifted = other.residuals(other.predict(result.theta))
         _, pull = estimation.normal_equations(result.theta, shifted, S, result.sigma)
-        pull[: len(result.parameters)] += _prior_pull(estimation, problem, feigned.sensors)
+        pull[: len(result.parameters)] += _prior_pull(estimation, problem, false.sensors)
         step = inverse @ (pull - still)
         for i, parameter in enumerate(result.parameters):
-            step[i] -= feigned.sensors.get(parameter.name, 0.0)
+            step[i] -= false.sensors.get(parameter.name, 0.0)
             moved = shares[parameter.name].get(error.source, 0.0)
             shares[parameter.name][error.source] = float(np.hypot(moved, step[i]))
         covariance += np.outer(step, step)
@@ -149,7 +149,7 @@ def carry(
 
 
 @dataclass(frozen=True)
-class _Feigned:
+class Feigned:
     """What a bench error does: to each record's outputs, whether to its inputs, and to the sensor errors estimated."""
 
     outputs: list[Array]
@@ -157,7 +157,8 @@ class _Feigned:
     sensors: dict[str, float]
 
 
-def _feigned(changed: Problem, problem: Problem, result: OutputErrorResult) -> _Feigned:
+def feigned(changed: Problem, problem: Problem) -> Feigned:
+    """What the difference of two sets of records feigns: `changed` after a bench error, `problem` as measured."""
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
     inputs = any(new.thrust is not old.thrust or new.commands is not old.commands for new, old in pairs)
@@ -173,7 +174,7 @@ def _feigned(changed: Problem, problem: Problem, result: OutputErrorResult) -> _
         design = np.column_stack([read if key.endswith("_scale") else np.ones(read.size) for key in free])
         absorbed = np.linalg.lstsq(design, change[good], rcond=None)[0]
         sensors |= dict(zip(free, absorbed.tolist(), strict=True))
-    return _Feigned(outputs, inputs, sensors)
+    return Feigned(outputs, inputs, sensors)
 
 
 def _prior_pull(estimation: OutputError, problem: Problem, sensors: Mapping[str, float]) -> Array:

@@ -14,7 +14,7 @@ from sim_vehicle.model import Coefficient, Model, ModelEffect
 from sim_vehicle.parameters import flatten
 from sim_vehicle.terms import parse_term
 from sim_vehicle.vehicle import Vehicle
-from sysid.filter_error import FilterError, FilterErrorResult
+from sysid.filter_error import FilterError
 from sysid.flight import Array
 from sysid.identifiability import Refusal
 from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult, UnlikelyError
@@ -31,7 +31,6 @@ from sysid.parameterisation import (
 from sysid.prior import Gaussian
 from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
-from sysid.turbulence import Turbulence
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
 MAX_RUN_S = 20.0
@@ -211,36 +210,19 @@ def fit(
     start: values by parameter name that differ from the model's and from problem.sensors. give_up_above: see
     `OutputError.solve`.
     """
-    values = _start_values(problem, model, coefficients, effects) | dict(start or {})
+    values = start_values(problem, model, coefficients, effects) | dict(start or {})
     return build(problem, model, coefficients, effects).solve(
         values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations, give_up_above
     )
 
 
-def _start_values(
+def start_values(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> dict[str, float]:
+    """Where an estimation starts: the model's values and the sensor errors of the problem."""
     values = {name: model.values()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
     return values | dict(problem.sensors)
-
-
-def fit_filter(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]] = (),
-    gust_sigma: float = 0.1,
-    start: Mapping[str, float] | None = None,
-    progress: Progress = lambda share, text: None,
-) -> FilterErrorResult:
-    """`fit` for a flight in turbulence of about `gust_sigma` m/s, by filter error."""
-    values = _start_values(problem, model, coefficients, effects) | dict(start or {})
-    return build_filter(problem, model, coefficients, effects).solve(
-        values,
-        Turbulence(gust_sigma, gust_sigma),
-        lambda i, cost: progress(min(1.0, i / 15.0), f"filter error, step {i}"),
-    )
 
 
 def likelier_timing(
@@ -270,6 +252,26 @@ class Estimates(Protocol):
         """Standard error of a parameter."""
 
 
+class Likeliest(Estimates, Protocol):
+    """A maximum-likelihood estimate, whatever method found it; the parameters stand first in theta and covariance."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What was estimated, P of them."""
+
+    @property
+    def theta(self) -> Array:
+        """(P or more,) estimates."""
+
+    @property
+    def covariance(self) -> Array:
+        """Their covariance."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration ended."""
+
+
 def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
     """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
     refused = []
@@ -285,7 +287,7 @@ def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
 def model_of(
     base: Model,
     name: str,
-    result: OutputErrorResult,
+    result: Likeliest,
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     refused: Sequence[Refusal],
@@ -321,7 +323,7 @@ def model_of(
     return Model(name, entries, tuple(model_effects), validity, None if joint is None else joint.correlation())
 
 
-def estimated(result: OutputErrorResult, names: Sequence[str]) -> Gaussian | None:
+def estimated(result: Likeliest, names: Sequence[str]) -> Gaussian | None:
     """Estimates of some parameters with their covariance; None without names."""
     every = [parameter.name for parameter in result.parameters]
     place = [every.index(name) for name in names]

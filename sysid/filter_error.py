@@ -17,6 +17,7 @@ from scipy.signal import fftconvolve
 from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.simulation import effects_flown
+from sysid.dryden import DEFAULT_LENGTH_M, Turbulence, gust_system
 from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.filter_variances import variance_pass
@@ -26,7 +27,6 @@ from sysid.parameterisation import Parameter, Predictor, error_gains, sensor_der
 from sysid.prior import Gaussian
 from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
 from sysid.smoothing import noise_sigma
-from sysid.dryden import DEFAULT_LENGTH_M, Turbulence, gust_system
 
 MAX_ITERATIONS = 30
 # Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.
@@ -77,6 +77,10 @@ class FilterErrorResult:
         """Standard error of a parameter."""
         i = self._index(name)
         return float(np.sqrt(self.covariance[i, i]))
+
+    def values(self) -> dict[str, float]:
+        """All estimates by name."""
+        return {parameter.name: float(value) for parameter, value in zip(self.parameters, self.theta, strict=True)}
 
     def _index(self, name: str) -> int:
         return [parameter.name for parameter in self.parameters].index(name)
@@ -187,8 +191,11 @@ class FilterError:
         turbulence: Turbulence,
         progress: Callable[[int, float], None] = lambda iteration, cost: None,
         max_iterations: int = MAX_ITERATIONS,
+        known: FilterErrorResult | None = None,
     ) -> FilterErrorResult:
         """Estimate from parameter values and a first guess of the turbulence.
+
+        known: an estimate whose noise of the outputs is kept, and the turbulence as given.
 
         Raises EstimationError where the filter diverges.
         """
@@ -196,9 +203,13 @@ class FilterError:
         theta = np.clip(theta, self.low, self.high)
         noise, converged, iteration = self.noise.copy(), False, 0
         linear, found = self._settled_path(theta, noise, turbulence)
-        noise, turbulence = self._likeliest(linear, noise, turbulence)
+        calls = 0
+        if known is None:
+            noise, turbulence = self._likeliest(linear, noise, turbulence)
+        else:
+            noise, calls = known.sigma[self.columns] ** 2, _NOISE_ROUNDS
         linear, found = self._settled_path(theta, noise, turbulence)
-        damping, calls, cost, last = 0.0, 0, self._cost(found, theta), np.zeros(theta.size)
+        damping, cost, last = 0.0, self._cost(found, theta), np.zeros(theta.size)
         while iteration < max_iterations and not converged:
             iteration += 1
             step, covariance = self._step(found, theta, damping)
@@ -235,6 +246,11 @@ class FilterError:
             self._move(found)
         linear = [self._linearised(k, theta) for k in range(len(self.records))]
         return linear, self._pass(linear, noise, turbulence)
+
+    def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
+        """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
+        theta = np.array([values.get(p.name, p.prior_mean) for p in self.predictor.parameters])
+        return self._step(self._settled_path(theta, self.noise, turbulence)[1], theta, 0.0)[1]
 
     def step_at(self, result: FilterErrorResult) -> Array:
         """(P,) Gauss-Newton step at an estimate, its noise and turbulence kept: what a changed problem would move."""
@@ -502,7 +518,7 @@ class FilterError:
                 middle += rows.T @ wide
         coloured = white @ (0.5 * (middle + middle.T)) @ white
         growth = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
-        return white * np.outer(growth, growth)
+        return np.asarray(white * np.outer(growth, growth))
 
 
 def _apart(ahead: Array, behind: Array) -> Array:

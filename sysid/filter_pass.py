@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Par
+from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
 from sim_vehicle.sensing import read_sensors
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-_TMAX = int(Par.max_thrust)
 
 
 @jit
@@ -85,8 +83,7 @@ def _step(
     to_simulation(s, x)
     sub_steps = mean.shape[0]
     for i in range(sub_steps):
-        force = P[_TMAX] * mean[i, 3] if np.isnan(thrust) else thrust
-        runge_kutta_step(x, mean[i], force, still, gust, rho, dt / sub_steps, slopes, P, E, C, F, K, T, W, scratch)
+        runge_kutta_step(x, mean[i], thrust, still, gust, rho, dt / sub_steps, slopes, P, E, C, F, K, T, W, scratch)
     _from_simulation(x, out)
 
 
@@ -98,8 +95,7 @@ def _read(
     """What perfect sensors read: the channels at `places`."""
     still = np.zeros(3)
     to_simulation(s, x)
-    force = P[_TMAX] * seen[3] if np.isnan(thrust) else thrust
-    derivatives(x, seen, force, still, gust, rho, P, E, C, F, K, T, W, rate)
+    derivatives(x, seen, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
     read_sensors(x, W, P, E, 0.0, sensor, full)
     for j in range(places.size):
         out[j] = full[places[j]]

@@ -22,7 +22,7 @@ from sysid.filter_pass import to_simulation
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_TMAX, _GRAVITY = int(Par.max_thrust), int(Par.gravity)
+_GRAVITY = int(Par.gravity)
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 _GROUND = READINGS.index("vn")  # from here on readings know nothing of gusts
 
@@ -102,10 +102,11 @@ def path_slopes(
     Q, A, middle, surfaces = np.zeros((4, 3)), np.zeros((9, 9)), np.empty(9), np.empty(4)
     inner, direct, unit = np.zeros((nf, nf)), np.zeros((nf, na + count)), np.eye(nf)
     for k in range(n):
-        pull = P[_TMAX] * seen[k, 3] if np.isnan(thrust[k]) else thrust[k]
         to_simulation(before[k], x)
-        derivatives(x, seen[k], pull, still, gust_before[k], rho[k], P, E, C, F, K, T, W, rate)
-        force_jacobian(x, seen[k], gust_before[k], P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        derivatives(x, seen[k], thrust[k], still, gust_before[k], rho[k], P, E, C, F, K, T, W, rate)
+        force_jacobian(
+            x, seen[k], np.isnan(thrust[k]), gust_before[k], P, E, C, F, K, T, W, flow, D, J, part, products, R
+        )
         reading_jacobian(x, W, x[5] - gust_before[k, 2], P, E, flow, R, angles, H)
         _quaternion_by_angles(before[k], Q)
         for j in range(m):
@@ -129,10 +130,9 @@ def path_slopes(
             for sub in range(mean.shape[1]):
                 surfaces[i] += mean[k, sub, i] / mean.shape[1]
         pull = 0.5 * (thrust[k] + thrust[k + 1])
-        pull = P[_TMAX] * surfaces[3] if np.isnan(pull) else pull
         to_simulation(middle, x)
         derivatives(x, surfaces, pull, still, gust_over[k], rho[k], P, E, C, F, K, T, W, rate)
-        force_jacobian(x, surfaces, gust_over[k], P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        force_jacobian(x, surfaces, np.isnan(pull), gust_over[k], P, E, C, F, K, T, W, flow, D, J, part, products, R)
         _quaternion_by_angles(middle, Q)
         _rates_by_states(middle, P[_GRAVITY], R, Q, A)
         for i in range(nf):

@@ -13,7 +13,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
-from sysid.bench import bench_errors, carry
+from sysid.bench import bench_errors
 from sysid.compatibility import CompatibilityResult, Refusal, correct
 from sysid.equation_error import equation_error
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
@@ -23,9 +23,7 @@ from sysid.estimate import (
     Motion,
     Problem,
     excited_motion,
-    fit,
     free_coefficients,
-    likelier_timing,
     model_of,
     refusals,
     relevant_sensors,
@@ -33,23 +31,21 @@ from sysid.estimate import (
 )
 from sysid.flight import FlightData, FlightSignals
 from sysid.gap import Fixed
-from sysid.inputnoise import with_thrust_noise
 from sysid.linear import LinearModel, linearise
-from sysid.output_error import OutputErrorResult
+from sysid.maximum_likelihood import MaximumLikelihood, maximum_likelihood
+from sysid.maximum_likelihood import systematic as systematic_effects
 from sysid.parameterisation import SENSOR_ERRORS
-from sysid.prepare import Prepared, check_compatibility, prepare, unmeasured_thrust
+from sysid.prepare import MAX_STRETCH_S, Prepared, check_compatibility, prepare, unmeasured_thrust
 from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
 from sysid.residuals import body_of, coefficient_path, known_propulsion, moment_noise
-from sysid.sensorchoice import with_told_sensors
 from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
-from sysid.systematic import systematic_errors
 from sysid.timing import command_shows_at_once
 from sysid.validation import Validation, validate
 
-METHODS = ("auto", "ee", "oe")
+METHODS = ("auto", "ee", "oe", "fe")
 Progress = Callable[[float, str], None]
 # The air data scale is told by GPS in the compatibility check, which the output-error step does not see again.
 _FROM_COMPATIBILITY = ("airspeed_scale", "airspeed_bias")
@@ -69,7 +65,7 @@ class Identification:
     refused: tuple[Refusal, ...]
     validation: Validation | None
     validation_flights: tuple[str, ...]
-    output_error: OutputErrorResult | None
+    likeliest: MaximumLikelihood | None
     equation_error: EquationEstimate | None
     linear: LinearModel | str
     warnings: tuple[str, ...]
@@ -186,7 +182,8 @@ def identify(
     flights: one or more, estimated together. validate_on: flights the model is judged by. structure: a model whose
     coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
     before the flight, with its correlations (sysid.prior); start values alone where it has none.
-    method: "ee" equation error, "oe" output error; "auto" is "oe". start_s, stop_s: the part to take, s.
+    method: "ee" equation error, "oe" output error, "fe" filter error; "auto" is "oe", and "fe" in turbulence.
+    start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
     check: what is known of mistakes in the signals already; None looks for them.
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
@@ -205,11 +202,6 @@ def identify(
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
     warnings += unmeasured_thrust(prepared)
     warnings += [one.sentence for one in check.findings()]
-    if compatible.gust_sigma > 0.0:
-        warnings.append(
-            f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors may be half of what they should be; "
-            "fly in calm air, or longer"
-        )
     # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.
     calm = compatible.gust_sigma == 0.0
     problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
@@ -220,7 +212,7 @@ def identify(
     progress(0.30, "equation error")
     start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
-    result: OutputErrorResult | None = None
+    likeliest: MaximumLikelihood | None = None
     errors = {name: (e.value, e.std, e.unit) for name, e in compatible.parameters.items()}
     carried = () if problem.known is None else problem.known.names
     quiet = _quiet([name for name in structure.coefficients if name not in carried], names)
@@ -234,37 +226,39 @@ def identify(
         model = _equation_model(start, equations, refused, _validity(prepared, compatible))
         model = _with_extra(model, "systematic", equations.systematic)
     else:
-        progress(0.40, "output error")
+        progress(0.40, "maximum likelihood")
         free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
-        result = fit(problem, start, names, free_effects, progress=lambda s, t: progress(0.4 + 0.35 * s, t))
-        progress(0.8, "timing of the commands")
-        problem, result = likelier_timing(problem, start, names, free_effects, result)
-        if sensors is None and calm:
-            unclear = [refusal.name for refusal in compatible.refused]
-            problem, result = with_told_sensors(problem, start, names, free_effects, result, unclear)
-        if not result.converged:
-            warnings.append("output error did not converge; the standard errors may be too small")
-        problem, result = with_thrust_noise(problem, start, names, free_effects, result)
-        result, from_bench = carry(bench_errors(prepared, vehicle), problem, start, names, free_effects, result)
-        refused = [*quiet, *refusals(result, names)]
+        turbulent = replace(make_problem(prepared, vehicle, compatible, sensors, MAX_STRETCH_S), known=problem.known)
+        likeliest = maximum_likelihood(
+            problem, turbulent, start, names, free_effects, compatible, bench_errors(prepared, vehicle), method=method,
+            sensors=sensors, progress=lambda s, t: progress(0.4 + 0.45 * s, t),
+        )  # fmt: skip
+        problem, result = likeliest.problem, likeliest.estimate
+        warnings += likeliest.warnings
+        refused = [*quiet, *refusals(result, names), *likeliest.refused]
         validity = _validity(prepared, compatible)
         model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
-        model = _with_extra(model, "bench", from_bench)
+        model = _with_extra(model, "bench", likeliest.from_bench)
         if systematic:
             progress(0.85, "systematic errors")
-            moved = systematic_errors(problem, start, names, free_effects, result)
+            moved = systematic_effects(likeliest, start, names, free_effects)
             model = _with_extra(model, "systematic", moved)
+        errors = {name: error for name, error in errors.items() if name not in {r.name for r in likeliest.refused}}
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")
     validation = _validate(validate_on, vehicle, model, errors, problem.command_first, check, warnings)
     progress(1.0, "done")
     return Identification(
-        tuple(prepared), compatible, model, errors,
-        (*refused, *(refusal for refusal in compatible.refused if refusal.name not in errors)), validation,
-        tuple(flight.name for flight in validate_on), result, equations,
-        _linear(vehicle, model, prepared, compatible, result), tuple(dict.fromkeys(warnings)), check,
+        tuple(prepared), compatible, model, errors, _once((*refused, *compatible.refused), errors), validation,
+        tuple(flight.name for flight in validate_on), likeliest, equations,
+        _linear(vehicle, model, prepared, compatible, likeliest), tuple(dict.fromkeys(warnings)), check,
     )  # fmt: skip
+
+
+def _once(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
+    """Every refusal once, and none of what another method could tell after all."""
+    return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in told}.values())[::-1]
 
 
 def _known(prior: Model | None, structure: Model, warnings: list[str]) -> Gaussian | None:
@@ -289,14 +283,15 @@ def _linear(
     model: Model,
     prepared: Sequence[Prepared],
     compatible: CompatibilityResult,
-    result: OutputErrorResult | None,
+    likeliest: MaximumLikelihood | None,
 ) -> LinearModel | str:
     """The model about the flights' mean airspeed and density, or in words why it cannot be had."""
     airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
     density = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
     covariance = None
-    if result is not None:
+    if likeliest is not None:
+        result = likeliest.estimate
         names = [parameter.name for parameter in result.parameters]
         covariance = (names, result.covariance[: len(names), : len(names)])
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from sysid.filter_error import FilterErrorResult
 from sysid.identify import Identification
 from sysid.linear import LinearModel
 from sysid.validation import Validation
@@ -42,6 +43,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         },
         "mistakes": [one.to_json() for one in found.check.findings()],
         "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},
+        **_method(found),
         "model": found.model.to_json(),
         **_linear(found.linear),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
@@ -52,6 +54,18 @@ def result_json(found: Identification) -> dict[str, Any]:
     }
     clean: dict[str, Any] = finite_json(result)
     return clean
+
+
+def _method(found: Identification) -> dict[str, Any]:
+    """How the coefficients were estimated, and in what turbulence."""
+    if found.likeliest is None:
+        return {"method": "ee", "turbulence": None}
+    result = found.likeliest.result
+    if not isinstance(result, FilterErrorResult):
+        return {"method": found.likeliest.method, "turbulence": None}
+    names = {"horizontal": "m/s", "vertical": "m/s", "length": "m"}
+    values = {name: {"value": getattr(result.turbulence, name), "unit": unit} for name, unit in names.items()}
+    return {"method": found.likeliest.method, "turbulence": values}
 
 
 def _linear(linear: LinearModel | str) -> dict[str, Any]:

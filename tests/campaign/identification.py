@@ -53,8 +53,8 @@ def trial(name: str, seed: int) -> dict[str, Any]:
         line["estimates"] = estimates_of(found, scenario)
         line["refused"] = {refusal.name: refusal.reason for refusal in found.refused}
         line["warnings"] = list(found.warnings)
-        if found.output_error is not None:
-            fitted = {parameter.name for parameter in found.output_error.parameters}
+        if found.likeliest is not None:
+            fitted = {parameter.name for parameter in found.likeliest.result.parameters}
     bounds = bounds_of(scenario, seed, flown, vehicle, fitted)
     true = true_values(scenario, flown)
     asked = {*line["estimates"], *bounds}

@@ -1,0 +1,146 @@
+"""Identification of flights in turbulence: what filter error is asked to estimate, and whether the air asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_vehicle.model import Model
+from sim_vehicle.parameters import flatten
+from sysid.bench import BenchError, feigned
+from sysid.compatibility import CompatibilityResult
+from sysid.dryden import Turbulence
+from sysid.errors import EstimationError
+from sysid.estimate import Problem, build_filter, start_values
+from sysid.filter_error import FilterErrorResult, supports
+from sysid.identifiability import Refusal, select
+from sysid.parameterisation import SENSOR_ERRORS
+from sysid.records import GROUND, OUTPUTS
+from sysid.systematic import LATE, LINEAR, SHARE
+
+Progress = Callable[[float, str], None]
+
+# Log likelihood that two intensities and a length must gain over calm air: 99 % for three parameters.
+_GAIN = 5.7
+# Log likelihood by which the other timing of the commands must be better.
+_TIMING = 5.0
+_LEAST_SIGMA = 0.02  # m/s, to start from
+
+
+def can_filter(problem: Problem, model: Model) -> bool:
+    """Whether the filter holds all the memory that a model has."""
+    return supports(flatten(problem.vehicle, model))
+
+
+def estimate_in_turbulence(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    compatible: CompatibilityResult,
+    sensors: Sequence[str] | None = None,
+    progress: Progress = lambda share, text: None,
+) -> tuple[Problem, FilterErrorResult, list[Refusal]]:
+    """Filter error with the sensor errors that this flight can tell, over the likelier timing of the commands.
+
+    problem: of the flight, with paths. sensors: names to estimate; None lets the flight decide, GPS velocity included
+    where it was measured. Raises EstimationError for a model whose lift or sensors lag.
+    Returns the problem as it was solved, the result, and refused sensor errors.
+    """
+    if not can_filter(problem, model):
+        raise EstimationError("filter error has no state for lagging lift or sensors; use --method oe for this model")
+    refused: list[Refusal] = []
+    if sensors is None:
+        problem, refused = _with_sensors(problem, model, coefficients, effects, compatible)
+    sigma = max(compatible.gust_sigma, _LEAST_SIGMA)
+    values = start_values(problem, model, coefficients, effects)
+    result = build_filter(problem, model, coefficients, effects).solve(
+        values, Turbulence(sigma, sigma), lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}")
+    )
+    other = replace(problem, command_first=not problem.command_first)
+    again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
+    if again.cost < result.cost - _TIMING:
+        again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence)
+        return other, again, refused
+    return problem, result, refused
+
+
+def is_turbulent(result: FilterErrorResult) -> bool:
+    """Whether the flight's innovations ask for turbulence."""
+    return result.calm_cost - result.cost > _GAIN
+
+
+def _with_sensors(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    compatible: CompatibilityResult,
+) -> tuple[Problem, list[Refusal]]:
+    """The problem with those sensor errors that its own information can tell beside the coefficients."""
+    z = np.concatenate([record.z for record in problem.records])
+    measured = {name for j, name in enumerate(OUTPUTS) if np.isfinite(z[:, j]).any()}
+    motion = replace(problem.motion, ground=measured >= {*GROUND, "psi"})
+    names = [name for name, entry in SENSOR_ERRORS.items() if entry[0] in motion.outputs and entry[0] in measured]
+    start = {
+        name: compatible.parameters[name].value if name in compatible.parameters else problem.sensors.get(name, 0.0)
+        for name in names
+    }
+    priors = {name: prior for name, prior in problem.priors.items() if name in names}
+    whole = replace(problem, motion=motion, sensors=start, priors=priors)
+    filtered = build_filter(whole, model, coefficients, effects)
+    sigma = max(compatible.gust_sigma, _LEAST_SIGMA)
+    covariance = filtered.covariance_at(start_values(whole, model, coefficients, effects), Turbulence(sigma, sigma))
+    place = [[p.name for p in filtered.predictor.parameters].index(name) for name in names]
+    kept, refused = select(names, covariance[place][:, place])
+    return replace(whole, sensors={name: start[name] for name in kept}), refused
+
+
+def systematic_in_turbulence(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: FilterErrorResult,
+) -> dict[str, dict[str, float]]:
+    """Change of every estimated parameter under each error of the vehicle file (sysid.systematic), to first order."""
+    names = [parameter.name for parameter in result.parameters]
+    # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
+    unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
+    moved: dict[str, dict[str, float]] = {name: {} for name in names}
+    for change, share in (*((one, SHARE) for one in LINEAR), (LATE, 1.0)):
+        changed = replace(
+            problem, vehicle=change.vehicle(problem.vehicle), records=tuple(map(change.record, problem.records))
+        )
+        step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
+        for name, value in zip(names, step, strict=True):
+            moved[name][change.name] = float(value) / share
+    return moved
+
+
+def carry_filtered(
+    errors: Sequence[BenchError],
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: FilterErrorResult,
+) -> tuple[FilterErrorResult, dict[str, dict[str, float]]]:
+    """The result with bench errors in its covariance, and what each contributes (see sysid.bench.carry)."""
+    shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
+    if not errors:
+        return result, shares
+    unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
+    covariance, white = result.covariance.copy(), result.covariance_white.copy()
+    for error in errors:
+        changed = replace(problem, records=tuple(map(error.record, problem.records)))
+        step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
+        false = feigned(changed, problem).sensors
+        for i, parameter in enumerate(result.parameters):
+            step[i] -= false.get(parameter.name, 0.0)
+            moved = shares[parameter.name].get(error.source, 0.0)
+            shares[parameter.name][error.source] = float(np.hypot(moved, step[i]))
+        covariance, white = covariance + np.outer(step, step), white + np.outer(step, step)
+    return replace(result, covariance=covariance, covariance_white=white), shares
