@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-identification bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes clean
+.PHONY: setup demo test check interop bench bench-identification bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-design clean
 
 setup: $(VENV)/.ready
 
@@ -73,6 +73,9 @@ campaign-load: setup
 
 campaign-crash: setup
 	$(BIN)/python tests/campaign/crash.py
+
+campaign-design: setup
+	$(BIN)/python tests/campaign/design.py
 
 campaign-jsbsim: setup
 	$(BIN)/python tests/campaign/other_engine.py

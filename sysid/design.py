@@ -128,13 +128,15 @@ def predict(
     without: Collection[str] = (),
     gusts: float = 0.0,
     seed: int = 0,
+    rehearsals: int = 3,
 ) -> Prediction:
     """Predict what `plan` will tell of `vehicle` if it flies as `model` says.
 
     structure: a model whose coefficients are to be estimated; None takes what `identify` takes. A coefficient that
     `model` lacks counts as 0. rate_hz: sample rate. gusts: turbulence, 1 sigma, m/s; the bound is then that of an
     estimator that knows the turbulence. without: sensors the aircraft does not carry (rehearsal.ABSENT).
-    seed: of the rehearsal's sensor noise, on which the choice of sensor errors may depend where it is close.
+    seed: of the sensor noise. rehearsals: how many are flown; where the noise decides which sensor errors are
+    estimated, the rehearsal with the middle number of them counts.
     Raises SimVehicleError for what cannot be flown and SysidError for a plan from which nothing can be told.
     """
     names = structure_of(vehicle, structure)
@@ -142,18 +144,10 @@ def predict(
     for name in names:
         if name not in whole.coefficients:
             whole = whole.with_coefficient(name, 0.0)
-    signals, flown = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without)
-    problem, compatible = _problem(signals, vehicle, ground=gusts == 0.0)
-    if gusts > 0.0:
-        # Turbulence decides which sensor errors are told; the motion is the plan's own, or the commands with which the
-        # autopilot answered the gusts would count as excitation.
-        rough, _ = rehearse(vehicle, whole, plan, seed=seed, rate_hz=rate_hz, without=without, gusts=gusts)
-        shaken, compatible = _problem(rough, vehicle, ground=False)
-        chosen = {
-            name: value for name, value in shaken.sensors.items() if SENSOR_ERRORS[name][0] in problem.motion.outputs
-        }
-        problem = replace(problem, sensors=chosen, priors=shaken.priors)
-    problem = _at_the_truth(problem, flown)
+    seeds = [int(number) for number in np.random.SeedSequence(seed).generate_state(rehearsals)]
+    flights = [_rehearsal(vehicle, whole, plan, one, rate_hz, without, gusts) for one in seeds]
+    flights.sort(key=lambda flight: len(flight[0].sensors))
+    problem, compatible, flown = flights[rehearsals // 2]
     free = free_coefficients(names, problem.motion)
     if gusts == 0.0:
         at = {**whole.values(), **problem.sensors}
@@ -186,6 +180,25 @@ def predict(
         gusts,
         tuple(_warnings(vehicle, model, names, flown, gusts)),
     )
+
+
+def _rehearsal(
+    vehicle: Vehicle, model: Model, plan: Plan, seed: int, rate_hz: float, without: Collection[str], gusts: float
+) -> tuple[Problem, CompatibilityResult, FlownFlight]:
+    """One flight of the plan in calm air: the problem that `identify` makes of it, at the truth.
+
+    Turbulence only decides which sensor errors are told. The motion is the plan's own, or the commands with which the
+    autopilot answered the gusts would count as excitation.
+    """
+    signals, flown = rehearse(vehicle, model, plan, seed=seed, rate_hz=rate_hz, without=without)
+    problem, compatible = _problem(signals, vehicle, ground=gusts == 0.0)
+    if gusts > 0.0:
+        rough, _ = rehearse(vehicle, model, plan, seed=seed, rate_hz=rate_hz, without=without, gusts=gusts)
+        shaken, compatible = _problem(rough, vehicle, ground=False)
+        measured = problem.motion.outputs
+        chosen = {name: value for name, value in shaken.sensors.items() if SENSOR_ERRORS[name][0] in measured}
+        problem = replace(problem, sensors=chosen, priors=shaken.priors)
+    return _at_the_truth(problem, flown), compatible, flown
 
 
 def _problem(signals: FlightSignals, vehicle: Vehicle, ground: bool) -> tuple[Problem, CompatibilityResult]:

@@ -15,7 +15,7 @@ from sim_vehicle.plan import Plan, plan_from_json, plan_of
 from sim_vehicle.vehicle import Vehicle, load_vehicle
 from sysid.design import Prediction, predict, structure_of
 from sysid.errors import EstimationError
-from sysid.excitation import band_harmonics, mode_frequencies, peak_factors, timed, tuned_plan
+from sysid.excitation import band_harmonics, mode_frequencies, multisine, peak_factors, timed, tuned_plan
 from sysid.identify import identify
 from sysid.linear import OUTPUTS, LinearModel, linearise
 from sysid.rehearsal import CHANNELS_OF, channel_noise, rehearse
@@ -38,13 +38,13 @@ def elevator_plan() -> Plan:
 
 @pytest.fixture(scope="module")
 def elevator(elevator_plan: Plan) -> Prediction:
-    return predict(VEHICLE, MODEL, elevator_plan)
+    return predict(VEHICLE, MODEL, elevator_plan, rehearsals=1)
 
 
 def test_flights_made_afterwards_scatter_and_report_as_predicted(elevator_plan: Plan, elevator: Prediction) -> None:
     truth = MODEL.values()
     misses, ratios = [], []
-    for seed in (31, 32, 33):
+    for seed in (31, 32):
         signals, _ = rehearse(VEHICLE, MODEL, elevator_plan, seed=seed, max_step=0.0021)
         found = identify([signals], VEHICLE).model.coefficients
         for name in (entry.name for entry in elevator.coefficients):
@@ -55,8 +55,8 @@ def test_flights_made_afterwards_scatter_and_report_as_predicted(elevator_plan: 
             ratios.append(std / elevator.std(name))
     assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
     assert np.percentile(ratios, [5.0, 95.0]) == pytest.approx([1.0, 1.0], abs=0.3)
-    # Ten coefficients of three flights, correlated among themselves: as good as some 12 independent ones.
-    assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 1.5
+    # Ten coefficients of two flights, correlated among themselves: as good as some eight independent ones.
+    assert 0.4 < np.sqrt(np.mean(np.square(misses))) < 1.7
 
 
 def test_what_is_not_excited_is_refused_with_a_manoeuvre_that_would(elevator: Prediction) -> None:
@@ -73,7 +73,7 @@ def test_a_timid_flight_is_told_to_tell_less(elevator_plan: Plan) -> None:
     timid = elevator_plan.with_settings({"amplitude": math.radians(0.35)})
     noisy = replace(VEHICLE, sensors=replace(VEHICLE.sensors, gyro=replace(VEHICLE.sensors.gyro, noise=0.05),
                     accelerometer=replace(VEHICLE.sensors.accelerometer, noise=2.0)))  # fmt: skip
-    prediction = predict(noisy, MODEL, timid)
+    prediction = predict(noisy, MODEL, timid, rehearsals=1)
     refused = {refusal.name: refusal for refusal in prediction.refused}
     assert "says nothing" in refused["CL_de"].reason
     assert refused["CL_de"].manoeuvre == "elevator-multisine"
@@ -83,7 +83,7 @@ def test_errors_are_proportional_to_the_noise(elevator_plan: Plan, elevator: Pre
     """Closed form: information is a sum of squares over the squared noise."""
     sensors = {key: getattr(VEHICLE.sensors, key) for key in CHANNELS_OF}
     quiet = {key: replace(entry, noise=0.9 * entry.noise) for key, entry in sensors.items() if entry.noise is not None}
-    better = predict(replace(VEHICLE, sensors=replace(VEHICLE.sensors, **quiet)), MODEL, elevator_plan)
+    better = predict(replace(VEHICLE, sensors=replace(VEHICLE.sensors, **quiet)), MODEL, elevator_plan, rehearsals=1)
     assert {entry.name for entry in better.sensor_errors} == {entry.name for entry in elevator.sensor_errors}
     for name in ("CL_alpha", "CL_de", "CL_q", "Cm_alpha", "Cm_de", "Cm_q"):
         assert better.std(name) == pytest.approx(0.9 * elevator.std(name), rel=0.02), name
@@ -206,9 +206,9 @@ def test_a_tuned_multisine_keeps_within_the_limits_and_uses_them() -> None:
     )
 
 
-def test_a_weighted_multisine_flies_the_weights_of_its_plan_file() -> None:
-    plan = tuned_plan(VEHICLE, MODEL, ["rudder-multisine"], spectrum="d-optimal")
-    (segment,) = plan_from_json(plan.to_json()).segments
+def test_a_weighted_multisine_flies_the_weights_of_its_plan_file(linear: LinearModel) -> None:
+    designed = multisine(VEHICLE, linear, manoeuvre("rudder-multisine"), 18.0, Limits(), "d-optimal")
+    (segment,) = plan_from_json(Plan((designed,)).to_json()).segments
     values = segment.increments(segment.start + np.arange(900) * 0.02)[:, 2]
     size = np.abs(np.fft.rfft(values))[list(segment.harmonics["rudder"])]
     assert size / size.max() == pytest.approx(segment.weights["rudder"], rel=1e-6)
@@ -240,6 +240,6 @@ def test_a_sensor_that_is_not_carried_is_not_predicted_for(elevator_plan: Plan) 
 
 def test_the_structure_asked_for_is_what_is_predicted(elevator_plan: Plan) -> None:
     few = Model("few", {name: MODEL.coefficients[name] for name in ("CL_0", "CL_alpha", "Cm_alpha", "Cm_de")})
-    prediction = predict(VEHICLE, MODEL, elevator_plan, structure=few)
+    prediction = predict(VEHICLE, MODEL, elevator_plan, structure=few, rehearsals=1)
     assert {entry.name for entry in prediction.coefficients} <= set(few.coefficients)
     assert any("is not estimated" in warning for warning in prediction.warnings)

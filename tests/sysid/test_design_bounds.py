@@ -56,7 +56,7 @@ def without_airspeed_errors(prediction: Prediction) -> dict[str, float]:
 
 
 def test_in_calm_air(plan: Plan, experiment: Experiment) -> None:
-    predicted = without_airspeed_errors(predict(VEHICLE, MODEL, plan))
+    predicted = without_airspeed_errors(predict(VEHICLE, MODEL, plan, rehearsals=1))
     told = slopes(experiment)
     bound = bounds(told.names, calm_information(told), list(predicted))
     for name in structure_of(VEHICLE, None):
@@ -64,14 +64,14 @@ def test_in_calm_air(plan: Plan, experiment: Experiment) -> None:
 
 
 def test_in_turbulence(plan: Plan, experiment: Experiment) -> None:
-    prediction = predict(VEHICLE, MODEL, plan, gusts=SIGMA)
+    prediction = predict(VEHICLE, MODEL, plan, gusts=SIGMA, rehearsals=1)
     predicted = without_airspeed_errors(prediction)
     told, path = slopes(experiment), linear_path(experiment)
     dt = float(experiment.flown.time_s[1] - experiment.flown.time_s[0])
     gusts = gust_model(SIGMA, LENGTH, float(np.mean(experiment.flown.truth["V"])), dt)
     bound = bounds(told.names, gust_information(told, path, gusts), list(predicted))
-    # The bound begins in calm air, the prediction amid the turbulence: the few samples at the start tell it less.
-    ratios = {name: predicted[name] / bound[name] for name in structure_of(VEHICLE, None)}
-    assert all(0.97 < ratio < 1.3 for ratio in ratios.values()), ratios
-    assert np.median(list(ratios.values())) == pytest.approx(1.0, abs=0.05)
+    # The bound begins in calm air, the prediction amid the turbulence. What a constant is told at the start, before the
+    # gusts have grown, counts for the one and not for the other, so these are left out.
+    for name in (name for name in structure_of(VEHICLE, None) if not name.endswith("_0")):
+        assert predicted[name] == pytest.approx(bound[name], rel=0.05), name
     assert prediction.gusts == SIGMA
