@@ -30,7 +30,8 @@ class FlownFlight:
 
     time_s: (N,) ticks, s since the first sample. truth: every OUTPUT of the plant, (N,), at the centre of gravity.
     command: (N, 4) de, da, dr, throttle as the servos got them, held from each tick to the next. servos:
-    output number -> (N,) us. wind_ned, gust_body: (N, 3) m/s, the air of the step that ends at each tick.
+    output number -> (N,) us. wind_ned, gust_body: (N, 3) m/s, the wind of the step that ends at each tick, and the gust
+    that a sensor meets there.
     measured: signal -> (times, values), as a recording carries them. sensor_errors: the true ones, by the
     names of an identification's result.
     """

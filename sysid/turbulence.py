@@ -5,7 +5,10 @@ sensitivities after the same filter (Mehra, IEEE TAC 19(6), 1974; Maine & Iliff,
 bound of an estimator that knows the turbulence; plain output error stays above it. With x the change of the states and
 f those of the gusts' filters (Dryden's form, as in sim_vehicle.wind):
 
-    x[k+1] = F[k] x[k] + B[k] H f[k],  f[k+1] = Phi f[k] + noise,  y[k] = C[k] x[k] + D[k] H f[k-1]
+    x[k+1] = F[k] x[k] + B[k] H (f[k] + f[k+1]) / 2,  f[k+1] = Phi f[k] + noise,  y[k] = C[k] x[k] + D[k] H f[k]
+
+A sensor meets the gust of its sample, the aircraft on its way the mean of both ends: the noise that changes the gust
+within a step moves the aircraft in the same step.
 
 The matrices follow the path: about trim alone, motion that the trimmed aircraft does not have would pass for motion
 that no gust can cause, and seem to tell several times more.
@@ -68,22 +71,20 @@ class GustyPath:
         F, B = self._discrete(here, free)
         C, D = self.C[here][:, columns][:, :, free], self.D[here][:, columns]
         filters, n, f = self.filters, len(free), self.filters.Phi.shape[0]
-        gusts, last = slice(n, n + f), slice(n + f, n + f + 3)
-        covariance, step, drive = (np.zeros((n + f + 3, n + f + 3)) for _ in range(3))
-        covariance[gusts, gusts] = filters.stationary
-        covariance[last, last] = filters.H @ filters.stationary @ filters.H.T
-        step[gusts, gusts], step[last, gusts], drive[gusts, gusts] = filters.Phi, filters.H, filters.Q
-        read = np.zeros((len(columns), n + f + 3))
-        mean, white = np.zeros((n + f + 3, rows.shape[2])), np.empty_like(rows)
+        covariance, step = np.zeros((n + f, n + f)), np.zeros((n + f, n + f))
+        covariance[n:, n:], step[n:, n:] = filters.stationary, filters.Phi
+        read, shaken = np.zeros((len(columns), n + f)), np.vstack((np.zeros((n, f)), np.eye(f)))
+        mean, white = np.zeros((n + f, rows.shape[2])), np.empty_like(rows)
         for k in range(count):
-            read[:, :n], read[:, last] = C[k], D[k]
-            step[:n, :n], step[:n, gusts] = F[k], B[k] @ filters.H
+            read[:, :n], read[:, n:] = C[k], D[k] @ filters.H
+            shaken[:n] = 0.5 * B[k] @ filters.H  # by the gust at the step's end, and by that at its begin
+            step[:n, :n], step[:n, n:] = F[k], shaken[:n] @ (np.eye(f) + filters.Phi)
             crossed = read @ covariance
             root = np.linalg.cholesky(crossed @ read.T + np.diag(sigma[k] ** 2))
             both = np.linalg.solve(root, np.hstack((rows[k] - read @ mean, crossed)))
             white[k], half = both[:, : rows.shape[2]], both[:, rows.shape[2] :]
             mean = step @ (mean + half.T @ white[k])
-            covariance = step @ (covariance - half.T @ half) @ step.T + drive
+            covariance = step @ (covariance - half.T @ half) @ step.T + shaken @ filters.Q @ shaken.T
         return white
 
     def _discrete(self, here: slice, free: list[int]) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -170,6 +171,9 @@ def _goals(rows: Sequence[Row], lines: Sequence[Mapping[str, Any]], gusty: bool)
             f"identifiable ones refused: {sum(found.missed.values())} of {found.asked} ({share:.1%})"
             + (f" ({named})" if named else ""),
         ]
+    methods = Counter(line["method"] for line in lines if line.get("method"))
+    if methods:
+        text.append("estimated by: " + ", ".join(f"{name} {count}" for name, count in sorted(methods.items())))
     failed = [line["failure"] for line in lines if line["failure"]]
     if failed:
         text.append(f"flights without any result: {len(failed)}; the first: {failed[0]}")

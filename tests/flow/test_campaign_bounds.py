@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,19 @@ from flight_bounds import (
     Slopes,
     bounds,
     calm_information,
+    simulated,
     slopes,
     true_model,
+    true_states,
 )
 from gust_bounds import gust_information, gust_model, linear_path
 
+from sim_vehicle.effects import parse_effect
 from sim_vehicle.fly import fly
+from sim_vehicle.layout import CHANNELS
 from sim_vehicle.manoeuvres import manoeuvre
 from sim_vehicle.model import read_model
+from sim_vehicle.parameters import flatten
 from sim_vehicle.plan import Plan
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
@@ -35,20 +41,20 @@ import paper_tables
 from tables import rows_of, verdict
 
 SIGMA, LENGTH = 0.3, 20.0
+SHORT = Plan((replace(manoeuvre("multisine"), duration=1.0, start=0.0, length=1.0, low=0.9, high=8.0),))
 
 
-def flight(seed, plan, vehicle, model):
+def flight(seed, plan, vehicle, model, noise="table2"):
     generator = np.random.default_rng(seed)
     plant = Plant(vehicle, model, max_step=0.0021)
-    return fly(plant, plan, suite=SensorSuite(vehicle, generator=generator), generator=generator)
+    return fly(plant, plan, suite=SensorSuite(vehicle, noise=noise, generator=generator), generator=generator)
 
 
 @pytest.fixture(scope="module")
 def short():
     """A flight of 1 s with all surfaces moving."""
     vehicle, model = paper_tables.paper_vehicle(True), read_model("iitb-mav")
-    segment = replace(manoeuvre("multisine"), duration=1.0, start=0.0, length=1.0, low=0.9, high=8.0)
-    flown = flight(3, Plan((segment,)), vehicle, model)
+    flown = flight(3, SHORT, vehicle, model)
     structure = default_structure(("de", "da", "dr"))
     return Experiment(
         flown, vehicle, true_model(model, structure), (*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS, *GPS), True
@@ -105,26 +111,41 @@ def test_gust_bound_is_that_of_the_dense_covariance(short):
     assert np.median([from_filter[name] / calm[name] for name in unknown]) > 1.5
 
 
-def gust_answers(experiment, count):
-    """Outputs' answer to 1 m/s of gust in every single step, (N * outputs, 3 N), by flying the plant again."""
+def fly_again(experiment, gusts):
+    """Readings (N, outputs) of the commands flown once more from trim, gusts (N, 3) being those at the samples."""
     plant = Plant(experiment.vehicle, experiment.model, max_step=0.01)
-    columns = [paper_tables.OUTPUTS.index(n) if n not in GPS else 14 + GPS.index(n) for n in experiment.outputs]
-    still = np.zeros(3)
+    columns = [CHANNELS.index(name) for name in experiment.outputs]
+    state, still, out = plant.trim().state, np.zeros(3), np.zeros((len(gusts), len(columns)))
+    plant.evaluate(state, still, gusts[0], 0.0)
+    out[0] = plant.read(state)[columns]
+    for k, (begin, end) in enumerate(pairwise(gusts)):
+        plant.step(state, experiment.flown.command[k], 0.02, still, 0.5 * (begin + end), end)
+        out[k + 1] = plant.read(state)[columns]
+    return out
 
-    def fly_again(step, gust):
-        state = plant.trim().state
-        out = np.zeros((count, len(columns)))
-        for k in range(count):
-            out[k] = plant.read(state)[columns]
-            plant.step(state, experiment.flown.command[k], 0.02, still, gust if k == step else still)
-        return out.ravel()
 
-    answers = np.zeros((count * len(columns), 3 * count))
-    for k in range(count - 1):
-        for axis in range(3):
-            gust = 1e-3 * np.eye(3)[axis]
-            answers[:, 3 * k + axis] = (fly_again(k, gust) - fly_again(k, -gust)) / 2e-3
+def gust_answers(experiment, count):
+    """Outputs' answer to 1 m/s of gust at every single sample, (N * outputs, 3 N), by flying the plant again."""
+    answers = np.zeros((count * len(experiment.outputs), 3 * count))
+    for place in range(3 * count):
+        gusts = 1e-3 * np.eye(3 * count)[place].reshape(count, 3)
+        answers[:, place] = (fly_again(experiment, gusts) - fly_again(experiment, -gusts)).ravel() / 2e-3
     return answers
+
+
+def test_flight_in_gusts_is_what_the_bounds_take_it_for(short):
+    """Flown in turbulence by the simulator's own loop, against the same commands with and without the gusts it met."""
+    rough = short.model.with_effect(*parse_effect(f"turbulence:sigma=0.05:length={LENGTH}"))
+    flown = flight(5, SHORT, short.vehicle, rough, noise="none")
+    again = replace(short, flown=flown, outputs=(*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS))
+    seen = np.stack([flown.measured[name][1] for name in again.outputs], axis=1)
+    calm, gusty = (fly_again(again, gusts) for gusts in (np.zeros_like(flown.gust_body), flown.gust_body))
+    # What is left of the gusts' effect is that of the integration's step.
+    assert np.all(np.std(seen - gusty, axis=0) < 0.01 * np.std(seen - calm, axis=0))
+    # The sensitivities are taken along that flight: from its own gusts, by another simulation.
+    flat, path = flatten(again.vehicle, again.model), true_states(flown)
+    simulation = simulated(again, flat, path, flat.C, path[0], flown.truth["thrust"])
+    assert np.all(np.std(seen - simulation, axis=0) < 0.01 * np.std(seen - calm, axis=0))
 
 
 def test_gusts_that_are_flown_have_the_spectrum_of_the_bound():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sim_vehicle.flown import FlownFlight
 from sim_vehicle.layout import CHANNELS
 from sim_vehicle.model import Coefficient, Model
-from sim_vehicle.parameters import flatten
+from sim_vehicle.parameters import FlatModel, flatten
 from sim_vehicle.plantstate import quaternion
 from sim_vehicle.sensors import RATES_HZ, TABLE_II
 from sim_vehicle.simulation import simulate
@@ -111,30 +111,35 @@ def true_states(flown: FlownFlight) -> Array:
     return np.hstack([ground, np.stack([truth[name] for name in STATES[3:]], axis=1)])
 
 
-def slopes(experiment: Experiment) -> Slopes:
-    """Derivatives by coefficients, sensor errors, initial states and what is not known of the thrust."""
-    flat = flatten(experiment.vehicle, experiment.model)
+def simulated(experiment: Experiment, flat: FlatModel, path: Array, C: Array, start: Array, thrust: Array) -> Array:
+    """The outputs (N, outputs) without noise, for coefficients C, nine states at the start, and thrust (N,).
+
+    path: (N, 9) true states, of which those that are not free are imposed.
+    """
     flown = experiment.flown
-    path, thrust = true_states(flown), flown.truth["thrust"]
-    columns = [CHANNELS.index(name) for name in experiment.outputs]
-    free = [STATES.index(name) for name in experiment.states]
     held = np.zeros((0, 9))
     if not experiment.lateral:
         held = path.copy()
-        held[:, free] = np.nan
+        held[:, [STATES.index(name) for name in experiment.states]] = np.nan
+    x0 = np.zeros(14)
+    x0[3:6], x0[10:13], x0[13] = start[:3], start[3:6], np.nan
+    x0[6:10] = quaternion(*(float(angle) for angle in start[6:]))
+    count = path.shape[0]
+    y = np.empty((count, len(CHANNELS)))
+    dt = float(flown.time_s[1] - flown.time_s[0])
+    simulate(x0, 0, 0, count, np.ascontiguousarray(flown.command), thrust, flown.truth["rho"], dt, _SUB_STEPS,
+             False, held, flown.gust_body, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
+    return y[:, [CHANNELS.index(name) for name in experiment.outputs]]
+
+
+def slopes(experiment: Experiment) -> Slopes:
+    """Derivatives by coefficients, sensor errors, initial states and what is not known of the thrust."""
+    flat = flatten(experiment.vehicle, experiment.model)
+    path, thrust = true_states(experiment.flown), experiment.flown.truth["thrust"]
+    free = [STATES.index(name) for name in experiment.states]
 
     def fly(C: Array, states: Array, force: Array) -> Array:
-        x0 = np.zeros(14)
-        x0[3:6], x0[10:13], x0[13] = states[:3], states[3:6], np.nan
-        x0[6:10] = quaternion(*(float(angle) for angle in states[6:]))
-        count = path.shape[0]
-        y = np.empty((count, len(CHANNELS)))
-        dt = float(flown.time_s[1] - flown.time_s[0])
-        # What the flight calls the gust of a sample is that of the step which ends there.
-        gusts = np.vstack([flown.gust_body[1:], flown.gust_body[-1:]])
-        simulate(x0, 0, 0, count, np.ascontiguousarray(flown.command), force, flown.truth["rho"], dt, _SUB_STEPS,
-                 False, held, gusts, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
-        return y[:, columns]
+        return simulated(experiment, flat, path, C, states, force)
 
     found: dict[str, Array] = {}
     for name in experiment.coefficients:

@@ -50,7 +50,10 @@ def gust_model(sigma: float, length: float, airspeed: float, dt: float) -> GustM
 
 @dataclass(frozen=True)
 class LinearPath:
-    """The motion linearised about the truth: x[k+1] = A[k] x[k] + B[k] gust[k], y[k] = C[k] x[k] + D[k] gust[k-1]."""
+    """The motion linearised about the truth, gust[k] being that which a sensor meets at sample k:
+
+    x[k+1] = A[k] x[k] + B[k] (gust[k] + gust[k+1]) / 2, y[k] = C[k] x[k] + D[k] gust[k].
+    """
 
     A: Array
     B: Array
@@ -80,7 +83,8 @@ def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
 
     for k in range(count):
         place = np.array([flown.truth[name][k] for name in ("north", "east", "down")])
-        before, after = flown.gust_body[k], flown.gust_body[min(k + 1, count - 1)]
+        here = flown.gust_body[k]
+        over = 0.5 * (here + flown.gust_body[min(k + 1, count - 1)])
         for j in range(n + m):
             ends, reads = [], []
             for sign in (1.0, -1.0):
@@ -90,9 +94,9 @@ def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
                 else:
                     gust[air[j - n]] = sign * _STEP
                 moved = state(k, change, place)
-                plant.evaluate(moved, _STILL, before + gust, 0.0)
+                plant.evaluate(moved, _STILL, here + gust, 0.0)
                 reads.append(plant.read(moved)[columns])
-                plant.step(moved, flown.command[k], dt, _STILL, after + gust)
+                plant.step(moved, flown.command[k], dt, _STILL, over + gust)
                 ends.append(_nine(moved)[free])
             step, read = (ends[0] - ends[1]) / (2.0 * _STEP), (reads[0] - reads[1]) / (2.0 * _STEP)
             if j < n:
@@ -103,17 +107,15 @@ def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
 
 
 def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
-    """Fisher information of the unknowns (P, P) with the gusts as process noise, calm in the first step."""
+    """Fisher information of the unknowns (P, P) with the gusts as process noise, calm at the first sample."""
     n, f = path.A.shape[1], gusts.F.shape[0]
-    size = n + f + 3
+    size = n + f
     covariance, mean = np.zeros((size, size)), np.zeros((size, len(told.names)))
-    drive = np.zeros((size, size))
-    drive[n : n + f, n : n + f] = gusts.Q
     information = told.prior.copy()
     for k in range(told.values.shape[0]):
         used = np.isfinite(told.sigma[k])
         H = np.zeros((int(used.sum()), size))
-        H[:, :n], H[:, n + f :] = path.C[k][used], path.D[k][used]
+        H[:, :n], H[:, n:] = path.C[k][used], path.D[k][used] @ gusts.H
         gap = told.values[k][used] - H @ mean
         root = np.linalg.cholesky(H @ covariance @ H.T + np.diag(told.sigma[k][used] ** 2))
         white = np.linalg.solve(root, gap)
@@ -121,10 +123,12 @@ def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
         half = np.linalg.solve(root, H @ covariance)
         mean = mean + half.T @ white
         covariance = covariance - half.T @ half
+        # The noise of a step changes the gust at its end, half of which the aircraft has felt by then.
+        noise = np.vstack((0.5 * path.B[k] @ gusts.H, np.eye(f)))
         step = np.zeros((size, size))
-        step[:n, :n], step[:n, n : n + f] = path.A[k], path.B[k] @ gusts.H
-        step[n : n + f, n : n + f], step[n + f :, n : n + f] = gusts.F, gusts.H
-        mean, covariance = step @ mean, step @ covariance @ step.T + drive
+        step[:n, :n], step[:n, n:] = path.A[k], noise[:n] @ (np.eye(f) + gusts.F)
+        step[n:, n:] = gusts.F
+        mean, covariance = step @ mean, step @ covariance @ step.T + noise @ gusts.Q @ noise.T
     return np.asarray(information, dtype=np.float64)
 
 
