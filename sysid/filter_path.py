@@ -1,0 +1,269 @@
+"""A flight as the filter-error method sees it: linearised along a path, filtered in turbulence.
+
+The path is where the filter itself runs: predictions before and states after each sample. It moves with every estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.parameters import FlatModel
+from sim_vehicle.simulation import effects_flown
+from sysid.dryden import Turbulence, gust_system
+from sysid.filter_pass import kalman_pass, predict_path, run_actuators
+from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
+from sysid.flight import Array, IntArray
+from sysid.output_error import angle_wrap
+from sysid.parameterisation import Predictor, error_gains, sensor_derivative, with_placed_errors
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
+from sysid.smoothing import noise_sigma
+
+# Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.
+_START = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
+_FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
+_LOWEST_NOISE = 1e-5
+_GPS_NOISE = 0.1  # m/s; too few samples to read it off them
+
+
+@dataclass
+class Path:
+    """Where a record is linearised: (N, 9) states and (N, 3) gusts before and after each sample."""
+
+    before: Array
+    after: Array
+    gust_before: Array
+    gust_after: Array
+
+    def copy(self) -> Path:
+        """The same, free to move."""
+        return Path(self.before.copy(), self.after.copy(), self.gust_before.copy(), self.gust_after.copy())
+
+    @property
+    def gust_over(self) -> Array:
+        """(N - 1, 3) mean gust of each step, as far as it is known at its begin."""
+        return 0.5 * (self.gust_after[:-1] + self.gust_before[1:])
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A record linearised about its path; gusts still as body-axis velocities, scaled in by `_pass`."""
+
+    drift: Array  # (N - 1, nf)
+    step_x: Array  # (N - 1, nf, nf + na)
+    step_theta: Array  # (N - 1, nf, P)
+    left: Array  # (N, m) of the used outputs
+    read_x: Array  # (N, m, nf + na)
+    read_theta: Array  # (N, m, P)
+
+
+@dataclass(frozen=True)
+class System:
+    """A record as a linear system driven by white noise (sysid.filter_pass.kalman_pass). output: gusts from states."""
+
+    transition: Array
+    drift: Array
+    left: Array
+    observe: Array
+    jump: Array
+    process: Array
+    p_start: Array
+    output: Array
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Sums over all records of one filter pass; per record innovations, their variances and slopes, and deviations of
+    the filter from the path before and after each sample, with their slopes.
+    """
+
+    likelihood: float
+    information: Array
+    gradient: Array
+    innovations: list[Array]
+    variances: list[Array]
+    slopes: list[Array]
+    deviations: list[tuple[Array, Array]]
+    deviation_slopes: list[tuple[Array, Array]]
+    outputs: list[Array]
+
+
+class FilteredFlight:
+    """Records of one or more flights, and the paths that they are linearised along.
+
+    predictor: of the records, with the parameters. paths: per record (N, 9) u v w p q r phi theta psi, reconstructed.
+    used: names of OUTPUTS in the likelihood.
+    """
+
+    def __init__(self, predictor: Predictor, paths: Sequence[Array], used: Sequence[str]) -> None:
+        self.predictor = predictor
+        self.records: tuple[Record, ...] = predictor.records
+        measured = np.any([np.isfinite(record.z).any(axis=0) for record in self.records], axis=0)
+        self.columns = np.array([OUTPUTS.index(name) for name in used if measured[OUTPUTS.index(name)]])
+        self.free = [np.array(free, dtype=np.int64) for free in predictor.free_states]
+        # Gusts along an imposed axis would act on nothing.
+        self.axes = [np.array([a for a in range(3) if a in free], dtype=np.int64) for free in self.free]
+        self.noise = self._measured_noise()
+        calm = [np.zeros((record.length, 3)) for record in self.records]
+        self.paths = [Path(p.copy(), p.copy(), g.copy(), g.copy()) for p, g in zip(paths, calm, strict=True)]
+
+    def _measured_noise(self) -> Array:
+        """(m,) variances of the used outputs from their highest frequencies."""
+        found = []
+        for j in self.columns:
+            name = OUTPUTS[j]
+            if name in ("vn", "ve", "vd"):
+                found.append(_GPS_NOISE**2)
+                continue
+            sigma = [noise_sigma(r.z[:, j], r.interval_s) for r in self.records if np.isfinite(r.z[:, j]).sum() > 20]
+            found.append(max(float(np.median(sigma)) if sigma else 0.0, _FLOOR.get(name, _LOWEST_NOISE)) ** 2)
+        return np.array(found)
+
+    def linearised(self, k: int, theta: Array, slopes: bool = True) -> Linear:
+        """A record about its path at parameters theta (P,); without their slopes if not `slopes`."""
+        record, path, free = self.records[k], self.paths[k], self.free[k]
+        flat, errors = self.predictor.apply(theta)
+        thrust = self._thrust(k, errors)
+        mean, seen = self._surfaces(k, flat)
+        ahead, y = self._predicted(k, flat, thrust, mean, seen)
+        gains = error_gains(errors)
+        predicted = with_placed_errors(y, errors)
+        places, terms, columns, weights = self._direct(flat, record if slopes else None)
+        step_x, step_v, read_x, read_v = path_slopes(
+            path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], mean, seen, thrust,
+            record.rho[record.start :], record.interval_s, flat.P, self._effects(flat, record), flat.C, flat.F, flat.K,
+            flat.T, terms, columns, weights, np.arange(len(OUTPUTS)),
+        )  # fmt: skip
+        count = theta.size if slopes else 0
+        step_theta = np.zeros((record.length - 1, free.size, count))
+        read_theta = np.zeros((record.length, len(OUTPUTS), count))
+        step_theta[:, :, places] = step_v
+        read_theta[:, :, places] = read_v * gains[None, :, None]
+        for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
+            if parameter.kind == "sensor":
+                sensor_derivative(parameter.name, predicted, errors, read_theta[:, :, i])
+            elif parameter.kind != "coefficient":
+                h = parameter.step * max(1.0, abs(theta[i]))
+                h = -h if theta[i] + h > parameter.high else h
+                moved = theta.copy()
+                moved[i] += h
+                other, _ = self.predictor.apply(moved)
+                there = self._predicted(k, other, thrust, *self._surfaces(k, other))
+                step_theta[:, :, i] = _apart(there[0], ahead)[:, free] / h
+                read_theta[:, :, i] = (there[1] - y) * gains / h
+        return Linear(
+            drift=_apart(ahead, path.before[1:])[:, free],
+            step_x=step_x,
+            step_theta=step_theta,
+            left=angle_wrap(record.z - predicted)[:, self.columns],
+            read_x=(read_x * gains[None, :, None])[:, self.columns],
+            read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
+        )
+
+    def _direct(self, flat: FlatModel, record: Record | None) -> tuple[list[int], IntArray, IntArray, Array]:
+        """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights."""
+        axis = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
+        found: list[tuple[int, int, int, float]] = []
+        for i, parameter in enumerate(self.predictor.parameters if record is not None else ()):
+            if parameter.kind == "coefficient":
+                term = flat.names.index(parameter.name)
+                found.append((i, term, STATE_COLUMNS + int(axis[term]), 1.0))
+            elif parameter.name == "accel_bias_x" and record is not None and record.moving_mass > 0.0:
+                # The thrust that the bias feigns, beside the bias itself.
+                found.append((i, -1, THRUST_COLUMN, -record.moving_mass))
+        places, terms, columns, weights = zip(*found, strict=True) if found else ((), (), (), ())
+        return list(places), np.array(terms, np.int64), np.array(columns, np.int64), np.array(weights, np.float64)
+
+    def _thrust(self, k: int, errors: Mapping[str, float]) -> Array:
+        record = self.records[k]
+        return record.thrust[record.start :] + self.predictor.thrust_shift(record, errors)
+
+    def _effects(self, flat: FlatModel, record: Record) -> Array:
+        return effects_flown(flat.E, record.thrust[record.start])
+
+    def _surfaces(self, k: int, flat: FlatModel) -> tuple[Array, Array]:
+        """What the motion feels (N, sub, 4) and what sensors see (N, 4) of the surfaces along a record."""
+        record, sub_steps = self.records[k], self.predictor.sub_steps
+        mean, seen = np.empty((record.length, sub_steps, 4)), np.empty((record.length, 4))
+        run_actuators(record.commands, record.start, record.length, record.interval_s, sub_steps,
+                      self.predictor.command_first, flat.P, flat.E, mean, seen)  # fmt: skip
+        return mean, seen
+
+    def _predicted(self, k: int, flat: FlatModel, thrust: Array, mean: Array, seen: Array) -> tuple[Array, Array]:
+        record, path = self.records[k], self.paths[k]
+        return predict_path(
+            path.before, path.gust_before, path.after, path.gust_over, self.free[k], mean, seen, thrust,
+            record.rho[record.start :], record.interval_s, bool(record.held.size), flat.P, self._effects(flat, record),
+            flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+        )  # fmt: skip
+
+    def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
+        """The linear system of a record in these gusts."""
+        record, path, nf, axes = self.records[k], self.paths[k], self.free[k].size, self.axes[k]
+        n, m = one.left.shape
+        speed = float(np.mean(np.linalg.norm(path.before[:, :3], axis=1)))
+        gusts = gust_system(turbulence, axes.tolist(), speed, record.interval_s)
+        nx = nf + gusts.transition.shape[0]
+        transition, observe = np.zeros((n - 1, nx, nx)), np.zeros((n, m, nx))
+        # Over a step acts the mean of the gusts at both its ends, so what is new in the second acts at once, half.
+        felt = 0.5 * one.step_x[:, :, nf:] @ gusts.output
+        transition[:, :nf, :nf] = one.step_x[:, :, :nf]
+        transition[:, :nf, nf:] = felt + felt @ gusts.transition
+        transition[:, nf:, nf:] = gusts.transition
+        observe[:, :, :nf] = one.read_x[:, :, :nf]
+        observe[:, :, nf:] = one.read_x[:, :, nf:] @ gusts.output
+        entry = np.concatenate((felt, np.broadcast_to(np.eye(nx - nf), (n - 1, nx - nf, nx - nf))), axis=1)
+        p_start = np.zeros((nx, nx))
+        p_start[nf:, nf:] = gusts.stationary
+        p_start[np.arange(nf), np.arange(nf)] = _START[self.free[k]] ** 2
+        jump, drift = np.zeros((n, nx)), np.zeros((n - 1, nx))
+        jump[:, :nf] = _apart(path.after, path.before)[:, self.free[k]]
+        # Gusts are whole here, not deviations: what the path assumed of them comes off again.
+        drift[:, :nf] = one.drift - np.einsum("kia,ka->ki", one.step_x[:, :, nf:], path.gust_over[:, axes])
+        left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
+        process = entry @ gusts.process @ entry.transpose(0, 2, 1)
+        return System(transition, drift, left, observe, jump, process, p_start, gusts.output)
+
+    def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
+        """One filter pass over all records; with information and slopes if `wanted`."""
+        count = linear[0].step_theta.shape[2]
+        total = Pass(0.0, np.zeros((count, count)), np.zeros(count), [], [], [], [], [], [])
+        likelihood = 0.0
+        for k, one in enumerate(linear):
+            system, nf = self.system(k, one, turbulence), self.free[k].size
+            slopes = np.zeros((*system.drift.shape, count))
+            slopes[:, :nf] = one.step_theta
+            passed = kalman_pass(
+                system.transition, system.drift, slopes, system.left, system.observe, one.read_theta, system.jump,
+                noise, system.process, system.p_start, wanted,
+            )  # fmt: skip
+            likelihood += passed[0]
+            total.information[:] += passed[1]
+            total.gradient[:] += passed[2]
+            total.innovations.append(passed[3])
+            total.variances.append(passed[4])
+            total.slopes.append(passed[7])
+            total.deviations.append((passed[5], passed[6]))
+            total.deviation_slopes.append((passed[8], passed[9]))
+            total.outputs.append(system.output)
+        return replace(total, likelihood=likelihood if np.isfinite(likelihood) else -np.inf)
+
+    def move(self, found: Pass, step: Array | None = None) -> None:
+        """Bring every path to where the filter was, or to where it will be after a step (P,) of the parameters."""
+        for k, (deviations, slopes) in enumerate(zip(found.deviations, found.deviation_slopes, strict=True)):
+            path, free, axes, nf = self.paths[k], self.free[k], self.axes[k], self.free[k].size
+            there = [s if step is None else s + d @ step for s, d in zip(deviations, slopes, strict=True)]
+            path.before[:, free] += there[0][:, :nf]
+            path.after[:, free] += there[1][:, :nf]
+            path.gust_before[:, axes] = there[0][:, nf:] @ found.outputs[k].T
+            path.gust_after[:, axes] = there[1][:, nf:] @ found.outputs[k].T
+
+
+def _apart(ahead: Array, behind: Array) -> Array:
+    """(N, 9) differences of states, angles the short way round."""
+    apart = ahead - behind
+    for place in (6, 8):
+        apart[:, place] = (apart[:, place] + np.pi) % (2.0 * np.pi) - np.pi
+    return apart
