@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
+from sysid.compatibility import CompatibilityResult, SensorError
 from sysid.filter_error import FilterErrorResult
 from sysid.identify import Identification
 from sysid.linear import LinearModel
@@ -39,7 +41,7 @@ def result_json(found: Identification) -> dict[str, Any]:
             "compatible": compatible.compatible,
             "incompatible": compatible.incompatible,
             "turbulence": compatible.gust_sigma,
-            "verdicts": [one.to_json() for one in verdicts(compatible, found.check.findings())],
+            "verdicts": [one.to_json() for one in verdicts(_finally(found), found.check.findings())],
         },
         "mistakes": [one.to_json() for one in found.check.findings()],
         "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},
@@ -54,6 +56,12 @@ def result_json(found: Identification) -> dict[str, Any]:
     }
     clean: dict[str, Any] = finite_json(result)
     return clean
+
+
+def _finally(found: Identification) -> CompatibilityResult:
+    """The compatibility check with the sensor errors that the whole estimate ended with."""
+    errors = {name: SensorError(*error) for name, error in found.sensor_errors.items()}
+    return replace(found.compatibility, parameters=errors, refused=list(found.refused))
 
 
 def _method(found: Identification) -> dict[str, Any]:
