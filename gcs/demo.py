@@ -197,11 +197,8 @@ class Demo:
         print(f"   on flight 2, Theil's inequality coefficient: {scores} ({validation['reason']})")
 
     def _plots(self, result: dict[str, Any], found: dict[str, Any]) -> None:
-        try:
-            from gcs.demo_plots import draw
-        except ImportError:
-            print("   (no picture: matplotlib is not installed)")
-            return
+        from gcs.demo_plots import draw
+
         picture = self.folder / "demo.png"
         draw(result, read_model(VEHICLE).values(), found, picture)
         print(f"   A picture of both results is in {picture}")

@@ -12,6 +12,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── CatalogueFileError         a catalogue whose file cannot be read or written, as on a full disk
 ├── JobError                   a job that cannot be started or has failed
 ├── SignalMapError             a signal whose message or field does not exist
+├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
 └── SettingsError              a setting, of the command line or the environment, that is missing or impossible
 """
@@ -67,6 +68,10 @@ class SignalMapError(GcsError):
 
 class ServiceError(GcsError):
     """The service cannot have its data folder or its port."""
+
+
+class ReportError(GcsError):
+    """A file is no result, or holds not what its schema says."""
 
 
 class SettingsError(GcsError):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from gcs.made import made
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from gcs.signals import extract
@@ -64,6 +65,9 @@ def identify(
     )
     result = result_json(found)
     result["warnings"] = list(dict.fromkeys([*craft.warnings, *result["warnings"]]))
+    settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
+    models = [path for path in (structure, prior) if path is not None and path.is_file()]
+    result["made"] = made(settings, [*paths, *validate, craft.path, *models])
     return result
 
 
@@ -91,4 +95,6 @@ def discrepancy(
         progress=progress,
     )
     clean: dict[str, Any] = finite_json(found)
+    models = [model] if model.is_file() else []
+    clean["made"] = made({"vehicle": craft.name, "system": system}, [*paths, *validate, craft.path, *models])
     return clean

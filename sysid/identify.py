@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,8 @@ from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import MAX_STRETCH_S, Prepared, check_compatibility, prepare, unmeasured_thrust
 from sysid.prior import Gaussian, known_from
 from sysid.records import SURFACES
-from sysid.residuals import body_of, coefficient_path, known_propulsion, moment_noise
+from sysid.residuals import body_of, known_propulsion, moment_noise
+from sysid.series import Comparison
 from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.smoothing import noise_sigma
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
@@ -55,7 +55,8 @@ _FROM_COMPATIBILITY = ("airspeed_scale", "airspeed_bias")
 class Identification:
     """Everything an identification found. See `result_json` for the file.
 
-    linear: the model about the flight's mean airspeed, or why there is none.
+    linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
+    it is judged by, or where there are none those that it comes from.
     """
 
     flights: tuple[Prepared, ...]
@@ -70,6 +71,7 @@ class Identification:
     linear: LinearModel | str
     warnings: tuple[str, ...]
     check: SignalCheck = field(default_factory=SignalCheck)
+    compared: Comparison | None = None
 
 
 def make_problem(
@@ -247,12 +249,15 @@ def identify(
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     progress(0.88, "validation")
-    validation = _validate(validate_on, vehicle, model, errors, problem.command_first, check, warnings)
+    judges = [_judge(flight, vehicle, check, warnings) for flight in validate_on]
+    compared = _comparison(judges or prepared, vehicle, model, errors, problem.command_first)
+    validation = _validate(compared) if judges else None
     progress(1.0, "done")
     return Identification(
         tuple(prepared), compatible, model, errors, _once((*refused, *compatible.refused), errors), validation,
         tuple(flight.name for flight in validate_on), likeliest, equations,
         _linear(vehicle, model, prepared, compatible, likeliest), tuple(dict.fromkeys(warnings)), check,
+        compared,
     )  # fmt: skip
 
 
@@ -352,39 +357,34 @@ def _validity(prepared: Sequence[Prepared], compatible: CompatibilityResult) -> 
     }
 
 
-def _validate(
-    flights: Sequence[FlightSignals],
+def _judge(signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str]) -> Prepared:
+    """A flight to judge the model by, in time, its mistakes told."""
+    flight = prepare(signals, vehicle)
+    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
+    return in_time([flight], vehicle, check)[0]
+
+
+def _comparison(
+    flights: Sequence[Prepared],
     vehicle: Vehicle,
     model: Model,
     errors: Mapping[str, tuple[float, float, str]],
     command_first: bool,
-    check: SignalCheck,
-    warnings: list[str],
-) -> Validation | None:
-    """Coefficients measured on other flights against the model's, refused ones counting as zero there."""
-    if not flights:
-        return None
-    known = replace(model, coefficients={n: e for n, e in model.coefficients.items() if e.value is not None})
-    axes = {name.partition("_")[0] for name in known.coefficients}
+) -> Comparison:
+    """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
+    told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
+    known = replace(model, coefficients=told, effects=tuple(e for e in model.effects if not e.refused()))
+    axes = sorted({name.partition("_")[0] for name in known.coefficients})
     values = {name: value for name, (value, _, _) in errors.items()}
-    fixed = Fixed(flatten(vehicle, known), values, command_first)
-    interval = 0.0
-    moments: dict[str, list[float]] = {}
-    measured: dict[str, list[Any]] = {}
-    predicted: dict[str, list[Any]] = {}
-    for signals in flights:
-        flight = prepare(signals, vehicle)
-        warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
-        (flight,) = in_time([flight], vehicle, check)
-        interval = flight.data.interval_s
-        for stretch in flight.stretches:
-            path = coefficient_path(stretch.record, flight.layout, vehicle, fixed)
-            for axis, level in moment_noise(stretch.record, vehicle).items():
-                moments.setdefault(axis, []).append(level)
-            for axis in sorted(axes):
-                measured.setdefault(axis, []).append(path.measured[axis])
-                predicted.setdefault(axis, []).append(path.predicted[axis])
-    z = {axis: np.concatenate(parts) for axis, parts in measured.items()}
-    y = {axis: np.concatenate(parts) for axis, parts in predicted.items()}
-    noise = {axis: noise_sigma(z[axis], interval) for axis in z if axis in ("CL", "CD", "CY")}
-    return validate(z, y, noise | {axis: float(np.median(n)) for axis, n in moments.items() if axis in z})
+    return Comparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))
+
+
+def _validate(compared: Comparison) -> Validation:
+    """Coefficients measured on other flights against the model's."""
+    paths = [path for flight in compared.paths for path in flight]
+    z = {axis: np.concatenate([path.measured[axis] for path in paths]) for axis in compared.axes}
+    y = {axis: np.concatenate([path.predicted[axis] for path in paths]) for axis in compared.axes}
+    noise = {a: noise_sigma(z[a], compared.flights[-1].data.interval_s) for a in z if a in ("CL", "CD", "CY")}
+    stretches = [stretch for flight in compared.flights for stretch in flight.stretches]
+    moments = [moment_noise(stretch.record, compared.vehicle) for stretch in stretches]
+    return validate(z, y, noise | {a: float(np.median([m[a] for m in moments])) for a in ("Cl", "Cm", "Cn") if a in z})

@@ -10,6 +10,7 @@ from sysid.compatibility import CompatibilityResult, SensorError
 from sysid.filter_error import FilterErrorResult
 from sysid.identify import Identification
 from sysid.linear import LinearModel
+from sysid.series import series_json
 from sysid.validation import Validation
 from sysid.verdicts import verdicts
 
@@ -50,6 +51,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         **_linear(found.linear),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
         "validation": _validation(found.validation, found.validation_flights),
+        **_series(found),
         "refused": [vars(refusal) for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
         "warnings": list(found.warnings),
@@ -85,6 +87,14 @@ def _linear(linear: LinearModel | str) -> dict[str, Any]:
         "state_space": linear.system.to_json(),
         "frequency_responses": linear.responses_json(),
     }
+
+
+def _series(found: Identification) -> dict[str, Any]:
+    """Curves for a report."""
+    if found.compared is None:
+        return {}
+    use = "estimation" if found.validation is None else "validation"
+    return {"series": series_json(found.compared, use, found.likeliest)}
 
 
 def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:

@@ -1,0 +1,53 @@
+"""Tables and figure of a discrepancy's result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gcs.report.markup import estimate, number, table, text
+from gcs.report.tables import interval
+
+Result = Mapping[str, Any]
+_STAGES = {"given": "as given", "before": "fitted again", "after": "effect added", "noise_floor": "noise floor"}
+
+
+def where(result: Result) -> str:
+    """Axes and variables with which measurement and model disagree."""
+    rows = [
+        [text(one["axis"]), text(one["variable"]), number(one.get("share"), 3), number(one.get("p_value"), 2),
+         str(len(one.get("intervals", [])))]
+        for one in result.get("where", [])
+    ]  # fmt: skip
+    head = ["axis", "over", "share of the gap", "p value", "intervals"]
+    return table("Where the model and the flight disagree", head, rows)
+
+
+def effects(result: Result) -> list[str]:
+    """Per effect its probability, its parameters, and what it may be instead."""
+    found = []
+    for effect in result.get("effects", []):
+        rows = []
+        for name, entry in effect.get("parameters", {}).items():
+            ends, std = interval(entry), entry.get("std")
+            between = "–" if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
+            rows.append([f"<code>{text(name)}</code>", estimate(entry["value"], std), number(std, 2), between])
+        title = effect.get("title", effect["name"])
+        found.append(f"<p>{text(title)}: probability {number(effect.get('probability'), 3)}.</p>")
+        found.append(table(f"Parameters of {title}", ["parameter", "value", "± (1 σ)", "95 % interval"], rows))
+        others = [f"{text(o['name'])} ({number(o.get('probability'), 3)})" for o in effect.get("alternatives", [])]
+        if others:
+            found.append(f"<p>Or: {', '.join(others)}. To tell them apart: {text(effect['separating_manoeuvre'])}.</p>")
+    return found
+
+
+def gaps(result: Result) -> list[str]:
+    """RMS of measured minus free-running simulation, on the flights fitted to and on others."""
+    found = []
+    for use, gap in (result.get("gap") or {}).items():
+        stages = [stage for stage in _STAGES if gap and gap.get(stage)]
+        outputs = list(dict.fromkeys(name for stage in stages for name in gap[stage]))
+        rows = [[text(name), *(number(gap[stage].get(name)) for stage in stages)] for name in outputs]
+        caption = f"Gap on the {use} flights: RMS over windows of 5 s (SI units, rad)"
+        found.append(table(caption, ["output", *(_STAGES[stage] for stage in stages)], rows))
+    return found

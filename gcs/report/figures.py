@@ -1,0 +1,170 @@
+"""Figures of an identification's result: fits, residuals, frequency responses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
+from sim_vehicle.terms import AXES
+from sysid.flight import Array
+
+Result = Mapping[str, Any]
+_Z95 = 1.96
+_SYMBOLS = {axis: f"$C_{{{axis[1:]}}}$" for axis in AXES}
+# Consecutive points further apart than this many usual steps belong to different stretches.
+_BREAK = 8.0
+
+
+def flights(series: Result) -> list[str]:
+    """Per flight measured against predicted coefficients, and the residual over time and over angle of attack."""
+    found = []
+    for index, flight in enumerate(series.get("flights", [])):
+        axes, name = _ordered(flight["axes"]), flight["flight"]
+        if not axes:
+            continue
+        height = 1.35 * len(axes) + 0.5
+        found += [
+            figure(f"fit{index}", f"Flight {name}: coefficients measured (blue) and predicted by the model (red) over "
+                   "time", (7.4, height), partial(_fit, axes=axes)),
+            figure(f"residual{index}", f"Flight {name}: residual, measured minus predicted, over time", (7.4, height),
+                   partial(_residual, axes=axes)),
+            figure(f"alpha{index}", f"Flight {name}: residual over angle of attack", (7.4, 2.1 * -(-len(axes) // 3)),
+                   partial(_over_alpha, axes=axes)),
+        ]  # fmt: skip
+    return found
+
+
+def residual_statistics(series: Result) -> list[str]:
+    """Autocorrelation and distribution of the coefficients' residuals, and autocorrelation of the outputs'."""
+    found = []
+    residuals = _ordered(series.get("residuals", {}))
+    if residuals:
+        size = (7.4, 2.1 * -(-len(residuals) // 3))
+        found += [
+            figure("acf", "Autocorrelation of the coefficients' residuals; dashed: 95 % limits of a white series", size,
+                   partial(_autocorrelations, residuals=residuals)),
+            figure("histogram", "Distribution of the coefficients' residuals; curve: normal density of the same mean "
+                   "and standard deviation", size, partial(_histograms, residuals=residuals)),
+        ]  # fmt: skip
+    outputs = series.get("outputs", {})
+    if outputs:
+        size = (7.4, 1.7 * -(-len(outputs) // 4))
+        found.append(
+            figure("outputs", "Autocorrelation of the estimation's output residuals; dashed: 95 % limits of a white "
+                   "series", size, partial(_autocorrelations, residuals=outputs, columns=4))
+        )  # fmt: skip
+    return found
+
+
+def bode(responses: list[Result]) -> list[str]:
+    """Gain and phase with 95 % bands, one figure for each input."""
+    found = []
+    for source in dict.fromkeys(one["input"] for one in responses):
+        mine = [one for one in responses if one["input"] == source]
+        caption = f"Frequency responses to {source}, with 95 % bands; gain in dB of output (SI units, rad) per rad"
+        found.append(figure(f"bode-{source}", caption, (7.4, 4.4), partial(_bode, responses=mine)))
+    return found
+
+
+def _with_breaks(entry: Result, values: Array) -> tuple[Array, Array]:
+    """Time and values with a gap where one stretch ends and another begins."""
+    time = np.array(entry["time_s"])
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    places = np.flatnonzero(steps > _BREAK * max(usual, 1e-9)) + 1
+    return np.insert(time, places, np.nan), np.insert(values, places, np.nan)
+
+
+def _ordered(axes: Result) -> dict[str, Any]:
+    """Forces before moments, as everywhere."""
+    return {axis: axes[axis] for axis in AXES if axis in axes}
+
+
+def _stack(made: Figure, axes: Result) -> list[tuple[Any, str, Result]]:
+    plots = pages(made, len(axes), 1)
+    for plot in plots[1:]:
+        plot.sharex(plots[0])
+    plots[-1].set_xlabel("time, s")
+    for plot, axis in zip(plots, axes, strict=True):
+        plot.set_ylabel(_SYMBOLS.get(axis, axis))
+    return [(plot, axis, entry) for plot, (axis, entry) in zip(plots, axes.items(), strict=True)]
+
+
+def _fit(made: Figure, axes: Result) -> None:
+    for plot, _, entry in _stack(made, axes):
+        plot.plot(*_with_breaks(entry, np.array(entry["measured"])), color=MEASURED, label="measured")
+        plot.plot(*_with_breaks(entry, np.array(entry["predicted"])), color=PREDICTED, label="predicted")
+    made.axes[0].legend(loc="upper right", ncols=2)
+
+
+def _residual(made: Figure, axes: Result) -> None:
+    for plot, _, entry in _stack(made, axes):
+        plot.plot(*_with_breaks(entry, _difference(entry)), color=MEASURED)
+        plot.axhline(0.0, color="black", linewidth=0.6)
+
+
+def _over_alpha(made: Figure, axes: Result) -> None:
+    for plot, (axis, entry) in zip(pages(made, len(axes), min(3, len(axes))), axes.items(), strict=True):
+        plot.plot(np.degrees(entry["alpha"]), _difference(entry), ".", color=MEASURED, markersize=2.5)
+        plot.axhline(0.0, color="black", linewidth=0.6)
+        plot.set_title(_SYMBOLS.get(axis, axis), fontsize=9)
+        plot.set_xlabel("α, deg")
+
+
+def _difference(entry: Result) -> Array:
+    return _floats(entry["measured"]) - _floats(entry["predicted"])
+
+
+def _autocorrelations(made: Figure, residuals: Result, columns: int = 3) -> None:
+    plots = pages(made, len(residuals), min(columns, len(residuals)))
+    for plot, (name, entry) in zip(plots, residuals.items(), strict=True):
+        rho = np.array(entry["autocorrelation"])
+        plot.vlines(np.arange(rho.size) * entry["lag_step_s"], 0.0, rho, color=MEASURED, linewidth=1.0)
+        for limit in (-entry["limit"], entry["limit"]):
+            plot.axhline(limit, color=LIMIT, linestyle="--", linewidth=0.8)
+        plot.axhline(0.0, color="black", linewidth=0.6)
+        plot.set_title(_SYMBOLS.get(name, name), fontsize=9)
+        plot.set_xlabel("lag, s")
+
+
+def _histograms(made: Figure, residuals: Result) -> None:
+    plots = pages(made, len(residuals), min(3, len(residuals)))
+    for plot, (axis, entry) in zip(plots, residuals.items(), strict=True):
+        low, high, counts = (entry["histogram"][key] for key in ("low", "high", "counts"))
+        width = (high - low) / len(counts)
+        middle = low + width * (np.arange(len(counts)) + 0.5)
+        plot.bar(middle, np.array(counts) / (sum(counts) * width), width, color=MEASURED, alpha=0.6)
+        x = np.linspace(low, high, 200)
+        density = np.exp(-0.5 * ((x - entry["mean"]) / entry["std"]) ** 2) / (entry["std"] * np.sqrt(2.0 * np.pi))
+        plot.plot(x, density, color=PREDICTED)
+        plot.set_title(_SYMBOLS.get(axis, axis), fontsize=9)
+        plot.set_xlabel("residual")
+        plot.set_yticks([])
+        plot.locator_params(axis="x", nbins=3)
+
+
+def _bode(made: Figure, responses: list[Result]) -> None:
+    plots = made.subplots(2, len(responses), squeeze=False, sharex=True)
+    for column, one in enumerate(responses):
+        hz = np.array(one["frequency_hz"])
+        gain, phase = _floats(one["gain_db"]), np.degrees(np.unwrap(_floats(one["phase_rad"])))
+        for plot, values, std in (
+            (plots[0, column], gain, _floats(one["gain_std_db"])),
+            (plots[1, column], phase, np.degrees(_floats(one["phase_std_rad"]))),
+        ):
+            plot.fill_between(hz, values - _Z95 * std, values + _Z95 * std, color=MEASURED, alpha=0.3, linewidth=0.0)
+            plot.semilogx(hz, values, color=MEASURED)
+        plots[0, column].set_title(f"{one['output']} / {one['input']}", fontsize=9)
+        plots[1, column].set_xlabel("frequency, Hz")
+    plots[0, 0].set_ylabel("gain, dB")
+    plots[1, 0].set_ylabel("phase, deg")
+
+
+def _floats(values: list[float | None]) -> Array:
+    """Numbers, NaN where the file has null."""
+    return np.array(values, dtype=np.float64)

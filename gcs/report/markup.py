@@ -1,0 +1,82 @@
+"""Pieces of HTML: escaped text, numbers that keep their full value beside what is shown, tables, sections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+NONE = '<span aria-label="none">–</span>'
+
+
+def number(value: float | None, digits: int = 4, factor: float = 1.0) -> str:
+    """A number to `digits` significant digits, times `factor`; the element's value is the result file's own."""
+    if value is None:
+        return NONE
+    return f'<data value="{value!r}">{shown(value * factor, digits)}</data>'
+
+
+def shown(value: float, digits: int = 4) -> str:
+    """The number as people read it: a true minus sign, powers of ten in words of the field."""
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, _, power = text.partition("e")
+        return f"{mantissa.replace('-', '−')}·10<sup>{str(int(power)).replace('-', '−')}</sup>"
+    return text.replace("-", "−")
+
+
+def estimate(value: float, std: float | None, factor: float = 1.0) -> str:
+    """A value to the digits that its standard error allows."""
+    places = decimals(value * factor, None if std is None else std * factor)
+    if places is None:
+        return number(value, 4, factor)
+    digits = f"{value * factor:.{places}f}".replace("-", "−")
+    digits = digits if digits.strip("−0.") else digits.lstrip("−")
+    return f'<data value="{value!r}">{digits}</data>'
+
+
+def decimals(value: float, std: float | None) -> int | None:
+    """Decimal places that show two digits of the standard error; None where digits do not tell."""
+    if std is None or not 0.0 < std < math.inf or abs(value) >= 1e6:
+        return None
+    places = 1 - math.floor(math.log10(std))
+    return max(places, 0) if places <= 8 else None
+
+
+def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose first column names its rows. caption: text. head, cells: HTML. Nothing where there are no rows."""
+    if not rows:
+        return ""
+    top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    body = "\n".join(
+        f'<tr><th scope="row">{row[0]}</th>' + "".join(f"<td>{cell}</td>" for cell in row[1:]) + "</tr>" for row in rows
+    )
+    return (
+        f'<div class="wide"><table>\n<caption>{escape(caption)}</caption>\n<thead><tr>{top}</tr></thead>\n'
+        f"<tbody>\n{body}\n</tbody>\n</table></div>"
+    )
+
+
+def listing(items: Sequence[str]) -> str:
+    """A list of HTML items; nothing where there are none."""
+    return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>" if items else ""
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of plain text; nothing where there is none."""
+    return f"<p>{escape(text)}</p>" if text else ""
+
+
+def section(title: str, *parts: str) -> str:
+    """A section with its heading; nothing where there is nothing in it."""
+    inside = "\n".join(part for part in parts if part)
+    if not inside:
+        return ""
+    name = "".join(letter if letter.isalnum() else "-" for letter in title.lower())
+    return f'<section aria-labelledby="{name}">\n<h2 id="{name}">{escape(title)}</h2>\n{inside}\n</section>'
+
+
+def text(value: Any) -> str:
+    """Any value as escaped text."""
+    return escape(str(value))

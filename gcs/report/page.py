@@ -1,0 +1,181 @@
+"""The page of a result: what stands in it, and in what order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+from gcs.errors import ReportError
+from gcs.report import tables
+from gcs.report.markup import listing, paragraph, section, text
+from gcs.report.symbols import LEGEND, equations
+from gcs.version import VERSION
+
+Result = Mapping[str, Any]
+_METHODS = {
+    "ee": "equation error (linear regression)",
+    "oe": "output error (maximum likelihood, calm air)",
+    "fe": "filter error (maximum likelihood, turbulence as process noise)",
+}
+
+
+def report(result: Any) -> str:
+    """One HTML document of a result of schema identification/1 or discrepancy/1.
+
+    Raises ReportError for any other.
+    """
+    schema = result.get("schema") if isinstance(result, dict) else None
+    pages = {"identification/1": _identification, "discrepancy/1": _discrepancy}
+    if not isinstance(schema, str) or schema not in pages:
+        told = f"its schema is {schema!r}" if schema is not None else "it names no schema"
+        raise ReportError(f"this is no result that a report can be made of: {told}; give one of gcs identify -o")
+    try:
+        return pages[schema](result)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise ReportError(
+            f"the result does not hold what schema {schema} says ({type(error).__name__}: {error}); make it again"
+        ) from error
+
+
+def _identification(result: Result) -> str:
+    from gcs.report import figures
+
+    model, series = result["model"], result.get("series") or {}
+    name = model.get("name", "")
+    flights = ", ".join(map(str, result["flights"]))
+    return _document(
+        f"Flight model of {name} from {flights}",
+        _facts(result),
+        section("Validation", _validation_words(result), tables.validation(result)),
+        section(
+            "Model",
+            *(f'<p class="equation">{line}</p>' for line in equations(model["coefficients"])),
+            paragraph(LEGEND),
+            paragraph(_correlated(result)),
+            tables.validity(model),
+            tables.coefficients(model),
+            tables.systematic(model),
+            tables.refused(result),
+        ),
+        section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
+                tables.sensor_errors(result)),
+        section("Mistakes, delays, warnings", _mistakes(result), tables.delays(result),
+                listing([text(one) for one in result.get("warnings", [])])),
+        section("Measured and predicted", paragraph(_series_words(series)), *figures.flights(series)),
+        section("Residuals", *figures.residual_statistics(series)),
+        section("Modes", tables.modes(result)),
+        section("Frequency responses", *figures.bode(result.get("frequency_responses") or [])),
+        section("How it was made", tables.segments(result), _made(result)),
+    )  # fmt: skip
+
+
+def _discrepancy(result: Result) -> str:
+    from gcs.report import discrepancy
+
+    verdict = result["verdict"].replace("_", " ")
+    return _document(
+        f"What the flight model lacks: {verdict}",
+        _definitions({"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}),
+        section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
+        section("Where", discrepancy.where(result)),
+        section("Effects", *discrepancy.effects(result)),
+        section("Gap", *discrepancy.gaps(result)),
+        section("Model", *(f'<p class="equation">{e}</p>' for e in equations(result["model"]["coefficients"])),
+                paragraph(LEGEND), tables.coefficients(result["model"])),
+        section("Warnings", listing([text(one) for one in result.get("warnings", [])])),
+        section("How it was made", _made(result)),
+    )  # fmt: skip
+
+
+def _document(title: str, *parts: str) -> str:
+    style = files("gcs.report").joinpath("style.css").read_text(encoding="utf-8")
+    body = "\n".join(part for part in parts if part)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{text(title)}</title>\n'
+        f"<style>\n{style}</style>\n</head>\n<body>\n<main>\n<h1>{text(title)}</h1>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _definitions(entries: Mapping[str, str]) -> str:
+    rows = "".join(f"<dt>{text(name)}</dt><dd>{text(value)}</dd>" for name, value in entries.items() if value)
+    return f"<dl>{rows}</dl>"
+
+
+def _facts(result: Result) -> str:
+    """What one wants to know first."""
+    entries = result["model"]["coefficients"].values()
+    told = sum(entry.get("value") is not None for entry in entries)
+    judges = (result.get("validation") or {}).get("flights", [])
+    return _definitions(
+        {
+            "Vehicle": result["model"].get("name", ""),
+            "Flights": ", ".join(map(str, result["flights"])),
+            "Validated on": ", ".join(map(str, judges)) or "no other flight",
+            "Method": _METHODS.get(result.get("method", ""), str(result.get("method", "not told"))),
+            "Turbulence": _turbulence(result),
+            "Thrust": ", ".join(dict.fromkeys((result.get("thrust") or {}).values())),
+            "Coefficients": f"{told} told, {len(entries) - told} refused",
+            "Made": (result.get("made") or {}).get("utc", ""),
+        }
+    )
+
+
+def _turbulence(result: Result) -> str:
+    """Intensities of the filter, or what the compatibility check saw."""
+    filtered = result.get("turbulence")
+    if filtered:
+        return ", ".join(f"{name} {entry['value']:.3g} {entry['unit']}" for name, entry in filtered.items())
+    seen = (result.get("compatibility") or {}).get("turbulence")
+    return "none seen" if not seen else f"{seen:.2g} m/s by the kinematics"
+
+
+def _validation_words(result: Result) -> str:
+    found = result.get("validation")
+    if not found:
+        return '<p class="verdict">Not judged: no flight was given to validate on (--validate).</p>'
+    good = found.get("acceptable")
+    words = "Acceptable" if good else "Not acceptable: fly again"
+    return f'<p class="verdict{"" if good else " bad"}">{words}. {text(found.get("reason", ""))}.</p>'
+
+
+def _compatible(result: Result) -> str:
+    found = result.get("compatibility") or {}
+    if "compatible" not in found:
+        return ""
+    good = found["compatible"]
+    words = "After correction the sensors tell one motion." if good else "The sensors do not tell one motion."
+    return f'<p class="verdict{"" if good else " bad"}">{words}</p>'
+
+
+def _correlated(result: Result) -> str:
+    held = "correlation" in result["model"]
+    return "The result file holds the correlations of these estimates under model.correlation." if held else ""
+
+
+def _mistakes(result: Result) -> str:
+    found = result.get("mistakes", [])
+    if not found:
+        return "<p>No unit, sign, axis, scale or delay mistake was found in the signals.</p>"
+    return listing([f"{text(one['signal'])} ({text(one['kind'])}): {text(one['sentence'])}" for one in found])
+
+
+def _series_words(series: Result) -> str:
+    if not series:
+        return "The result holds no curves; identify the flight again with this version to have them."
+    if series.get("refused"):
+        return f"No curves: {series['refused']}."
+    if series["use"] == "validation":
+        return "On the flights that the model was not fitted to. Extremes are kept, points between left out."
+    return "On the flights that the model was fitted to. Extremes are kept, points between left out."
+
+
+def _made(result: Result) -> str:
+    """Settings, files and versions that repeat the result."""
+    made = result.get("made") or {}
+    software = made.get("software", {})
+    entries = {"Result made with": ", ".join(f"{name} {number}" for name, number in software.items())}
+    entries |= {"Settings": ", ".join(f"{name} {value}" for name, value in made.get("settings", {}).items())}
+    entries |= {f"SHA-256 of {one['name']}": one["sha256"] for one in made.get("files", [])}
+    return _definitions({**entries, "Page made with": f"gcs {VERSION}"})

@@ -1,0 +1,184 @@
+"""Tables of an identification's result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from gcs.report.markup import NONE, estimate, number, shown, table, text
+from gcs.report.symbols import axis_symbol, symbol
+from sim_vehicle.terms import AXES
+
+Result = Mapping[str, Any]
+_Z95 = 1.96
+_PERTURBATIONS = {
+    "mass_1pct": "mass 1 %", "inertia_5pct": "inertia 5 %", "density_2pct": "density 2 %",
+    "linkage_5pct": "linkage gain 5 %", "timing_10ms": "timing 10 ms",
+}  # fmt: skip
+_SCORES = {
+    "tic": "TIC", "tic_bias": "TIC: bias", "tic_variance": "TIC: variance", "tic_covariance": "TIC: covariance",
+    "r2": "R²", "residual_mean": "residual mean", "residual_std": "residual std", "rms_over_noise": "rms / noise",
+    "white": "white", "gaussian_p": "Gaussian p",
+}  # fmt: skip
+
+
+def interval(entry: Mapping[str, Any]) -> tuple[float, float] | None:
+    """The 95 % interval: the entry's own, else value ± 1.96 std; None without either."""
+    if entry.get("ci95"):
+        low, high = entry["ci95"]
+        return float(low), float(high)
+    value, std = entry.get("value"), entry.get("std")
+    return None if value is None or std is None else (value - _Z95 * std, value + _Z95 * std)
+
+
+def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
+    """Value, standard error, 95 % interval and relative error."""
+    value, std = entry.get("value"), entry.get("std")
+    if value is None:
+        return [NONE] * 4
+    ends = interval(entry)
+    between = NONE if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
+    relative = NONE if std is None or value == 0.0 else f"{shown(100.0 * std / abs(value), 2)} %"
+    return [estimate(value, std), number(std, 2), between, relative]
+
+
+def _named(name: str) -> str:
+    """A coefficient's symbol and its name in files; other names as they are."""
+    code = f"<code>{text(name)}</code>"
+    return code if symbol(name) == text(name) else f"{symbol(name)} {code}"
+
+
+def _told(model: Result) -> dict[str, Mapping[str, Any]]:
+    """Coefficients and effect parameters that have a value."""
+    entries = dict(model["coefficients"])
+    for effect in model.get("effects", []):
+        entries |= {f"{effect['name']}.{name}": entry for name, entry in effect.get("parameters", {}).items()}
+    return {name: entry for name, entry in entries.items() if entry.get("value") is not None}
+
+
+def coefficients(model: Result) -> str:
+    """Every coefficient told, with its error bars."""
+    rows = []
+    for name, entry in _told(model).items():
+        moved = [part for part in entry.get("systematic", {}).values() if part is not None]
+        total = shown(math.hypot(*moved), 2) if moved else NONE
+        rows.append([_named(name), *_estimate_cells(entry), total])
+    head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "systematic"]
+    caption = (
+        "Coefficients. σ is statistical, given the vehicle file; systematic: root sum of squares of the next table"
+    )
+    return table(caption, head, rows)
+
+
+def systematic(model: Result) -> str:
+    """What errors of the vehicle file would change in each coefficient."""
+    entries = {name: entry["systematic"] for name, entry in _told(model).items() if entry.get("systematic")}
+    causes = list(dict.fromkeys(cause for moved in entries.values() for cause in moved))
+    rows = [[_named(name), *(number(moved.get(cause), 2) for cause in causes)] for name, moved in entries.items()]
+    head = ["coefficient", *(_PERTURBATIONS.get(cause, text(cause)) for cause in causes)]
+    return table("Systematic: what such an error of the vehicle file would change", head, rows)
+
+
+def refused(result: Result) -> str:
+    """What the flight could not tell, why, and what would."""
+    rows = [
+        [
+            _named(one["name"]),
+            text(one["reason"]),
+            text(one.get("manoeuvre") or "–"),
+        ]
+        for one in result.get("refused", [])
+    ]
+    return table("Refused: what this flight cannot tell", ["name", "reason", "manoeuvre that would tell it"], rows)
+
+
+def sensor_errors(result: Result) -> str:
+    """Errors of the sensors with standard error and unit."""
+    rows = [
+        [f"<code>{text(name)}</code>", *_estimate_cells(entry)[:3], text(entry.get("unit") or "1")]
+        for name, entry in result.get("sensor_errors", {}).items()
+    ]
+    head = ["error", "value", "± (1 σ)", "95 % interval", "unit"]
+    return table(
+        "Errors of the sensors: measured = (1 + scale) true + bias; wind is the velocity of the air", head, rows
+    )
+
+
+def compatibility(result: Result) -> str:
+    """How far each sensor is from the motion that all tell, before and after correction."""
+    found = result.get("compatibility") or {}
+    before, after = found.get("before", {}), found.get("after", {})
+    rows = [
+        [text(name), *(number(fit.get(name, {}).get(key)) for fit in (before, after) for key in ("rms", "tic"))]
+        for name in dict.fromkeys([*before, *after])
+    ]
+    head = ["sensor", "rms before", "TIC before", "rms after", "TIC after"]
+    return table("Data compatibility before and after correction (SI units, rad)", head, rows)
+
+
+def verdicts(result: Result) -> str:
+    """What is said of each sensor in words."""
+    rows = [
+        [text(one["signal"]), text(one["verdict"]), text(one["status"])]
+        for one in (result.get("compatibility") or {}).get("verdicts", [])
+    ]
+    return table("Verdicts of the sensors", ["sensor", "verdict", "status"], rows)
+
+
+def _plus_minus(entry: Mapping[str, Any], factor: float = 1.0) -> str:
+    value, std = entry["value"], entry["std"]
+    return f"{estimate(value, std, factor)} ± {number(std, 2, factor)}"
+
+
+def modes(result: Result) -> str:
+    """Modes with frequency, damping and time constant."""
+    found = result.get("modes")
+    if not isinstance(found, list):
+        return f"<p>No modes: {text(found['refused'])}.</p>" if found else ""
+    keys = ("frequency_hz", "damping_ratio", "time_constant_s")
+    rows = []
+    for mode in found:
+        cells = []
+        for key in keys:
+            entry = mode.get(key)
+            cells.append(
+                NONE if entry is None else f"{estimate(entry['value'], entry['std'])} ± {number(entry['std'], 2)}"
+            )
+        rows.append([text(mode["name"]), *cells])
+    head = ["mode", "undamped natural frequency, Hz", "damping ratio", "time constant, s"]
+    return table("Modes about the mean airspeed (a negative time constant grows)", head, rows)
+
+
+def validation(result: Result) -> str:
+    """Figures of merit of each output on the flights that the model is judged by."""
+    outputs = (result.get("validation") or {}).get("outputs", {})
+    there = [key for key in _SCORES if any(entry.get(key) is not None for entry in outputs.values())]
+    ordered = sorted(outputs.items(), key=lambda one: AXES.index(one[0]) if one[0] in AXES else len(AXES))
+    rows = [[axis_symbol(name), *(number(entry.get(key), 3) for key in there)] for name, entry in ordered]
+    return table("Validation", ["output", *(_SCORES[key] for key in there)], rows)
+
+
+def delays(result: Result) -> str:
+    """Delays found, ms."""
+    rows = [[text(name), _plus_minus(entry, 1e3)] for name, entry in (result.get("delays") or {}).items()]
+    return table("Delays", ["signal", "delay, ms"], rows)
+
+
+def validity(model: Result) -> str:
+    """Ranges that the flights covered."""
+    names = {"alpha": ("angle of attack", "deg", 180.0 / math.pi), "airspeed": ("airspeed", "m/s", 1.0)}
+    rows = []
+    for name, (low, high) in (model.get("validity") or {}).items():
+        words, unit, factor = names.get(name, (name, "", 1.0))
+        rows.append([text(words), number(low, 4, factor), number(high, 4, factor), unit])
+    return table("Validity: the model says nothing outside", ["variable", "from", "to", "unit"], rows)
+
+
+def segments(result: Result) -> str:
+    """Parts of the flights that were taken."""
+    rows = [
+        [text(s["flight"]), number(s["start"]), number(s["end"]), text(s.get("kind", "")), text(s.get("reason") or "")]
+        for s in result.get("segments", [])
+    ]
+    return table("Parts of the flights that were used", ["flight", "from, s", "to, s", "kind", "reason"], rows)

@@ -1,0 +1,76 @@
+"""Curves and residual statistics of a result, against series whose statistics are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from statsmodels.tsa.stattools import acf
+
+from sysid.records import OUTPUTS
+from sysid.series import extremes, output_residuals, rounded
+
+
+def run_with(values: np.ndarray, output: str) -> np.ndarray:
+    """Residuals (N, 15) of one output, the others missing."""
+    residuals = np.full((values.size, len(OUTPUTS)), np.nan)
+    residuals[:, OUTPUTS.index(output)] = values
+    return residuals
+
+
+def first_order(samples: int, pole: float, seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).standard_normal(samples)
+    values = np.zeros(samples)
+    for i in range(1, samples):
+        values[i] = pole * values[i - 1] + noise[i]
+    return values
+
+
+def test_thinning_keeps_the_peaks_of_both_signals() -> None:
+    generator = np.random.default_rng(0)
+    measured, predicted = generator.standard_normal((2, 50_000))
+    measured[31_234], predicted[777] = 9.0, -9.0
+    kept = extremes(measured, predicted, 300)
+    assert kept.size <= 300
+    assert np.all(np.diff(kept) > 0)
+    assert {31_234, 777} <= set(kept.tolist())
+
+
+def test_a_short_signal_is_kept_whole() -> None:
+    assert extremes(np.zeros(7), np.ones(7), 300).tolist() == list(range(7))
+
+
+def test_numbers_have_five_digits() -> None:
+    assert rounded(np.array([1.2345678e-7, -123456.0, 0.0])) == [1.2346e-7, -123460.0, 0.0]
+
+
+def test_the_autocorrelation_is_that_of_statsmodels() -> None:
+    values = first_order(3000, 0.8, 1) + 5.0
+    found = output_residuals([run_with(values, "q")], 0.02)
+    assert list(found) == ["q"]
+    entry = found["q"]
+    assert entry["autocorrelation"] == pytest.approx(acf(values, nlags=50, adjusted=True), abs=2e-5)
+    assert (entry["lag_step_s"], entry["samples"]) == (0.02, 3000)
+    assert entry["limit"] == pytest.approx(1.96 / np.sqrt(3000))
+
+
+def test_missing_samples_and_several_runs_leave_the_correlation_as_it_is() -> None:
+    """Runs of a first-order process of pole 0.8, a tenth of the samples lost: 0.8^lag (standard error 0.02)."""
+    runs = []
+    for seed in range(4):
+        values = first_order(10_000, 0.8, seed)
+        values[np.random.default_rng(seed).random(values.size) < 0.1] = np.nan
+        runs.append(run_with(values, "alpha"))
+    entry = output_residuals(runs, 0.02)["alpha"]
+    assert entry["autocorrelation"][:8] == pytest.approx(0.8 ** np.arange(8), abs=0.05)
+
+
+def test_lags_reach_one_second_at_any_rate() -> None:
+    entry = output_residuals([run_with(first_order(4000, 0.5, 0), "p")], 0.0025)["p"]
+    assert entry["lag_step_s"] == pytest.approx(0.02)
+    assert (len(entry["autocorrelation"]) - 1) * entry["lag_step_s"] == pytest.approx(1.0)
+
+
+def test_a_sparse_output_has_no_lags() -> None:
+    values = np.full(1000, np.nan)
+    values[::10] = 1.0
+    assert output_residuals([run_with(values, "vn")], 0.02) == {}
