@@ -136,8 +136,8 @@ def _validation_words(result: Result) -> str:
     if not found:
         return '<p class="verdict">Not judged: no flight was given to validate on (--validate).</p>'
     good = found.get("acceptable")
-    words = "Acceptable" if good else "Not acceptable: fly again"
-    return f'<p class="verdict{"" if good else " bad"}">{words}. {text(found.get("reason", ""))}.</p>'
+    words = "Acceptable" if good else "Not acceptable, fly again"
+    return f'<p class="verdict{"" if good else " bad"}">{words}: {text(found.get("reason", ""))}.</p>'
 
 
 def _compatible(result: Result) -> str:

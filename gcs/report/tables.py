@@ -39,7 +39,7 @@ def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
         return [NONE] * 4
     ends = interval(entry)
     between = NONE if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
-    relative = NONE if std is None or value == 0.0 else f"{shown(100.0 * std / abs(value), 2)} %"
+    relative = NONE if std is None or value == 0.0 else _percent(100.0 * std / abs(value))
     return [estimate(value, std), number(std, 2), between, relative]
 
 
@@ -47,6 +47,11 @@ def _named(name: str) -> str:
     """A coefficient's symbol and its name in files; other names as they are."""
     code = f"<code>{text(name)}</code>"
     return code if symbol(name) == text(name) else f"{symbol(name)} {code}"
+
+
+def _percent(share: float) -> str:
+    """Two digits, and no power of ten below a million."""
+    return f"{share:.0f} %" if 100.0 <= share < 1e6 else f"{shown(share, 2)} %"
 
 
 def _told(model: Result) -> dict[str, Mapping[str, Any]]:

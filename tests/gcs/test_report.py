@@ -218,7 +218,7 @@ def test_equations_have_their_numbers(page: Page) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "<first> & foremost", "output error", "Not acceptable: fly again", "TIC above 0.25: CL 0.31",
+        "<first> & foremost", "output error", "Not acceptable, fly again", "TIC above 0.25: CL 0.31",
         "alpha reads 1.081 ± 0.021 of true", "the flight holds no yaw", "rudder doublets", "pitch is in degrees",
         "the mass is doubtful", "first.mcap", "ab12", "gcs 1.2", "5 told, 1 refused", "40.2 ± 1.1", "1.440 ± 0.012",
     ],
