@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
+from simulated import fly_mav
 from statsmodels.tsa.stattools import acf
 
+from sim_vehicle.vehicle import load_vehicle
+from sysid.identify import identify
 from sysid.records import OUTPUTS
+from sysid.result import result_json
 from sysid.series import extremes, output_residuals, rounded
+
+VEHICLE = load_vehicle("iitb-mav")
+ACCELEROMETER_NOISE = 0.0785  # m/s^2, of the simulated sensors
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    first, second = (replace(fly_mav("multisine", seed)[0], name=f"flight {seed}") for seed in (1, 2))
+    return result_json(identify([first], VEHICLE, validate_on=[second], method="ee", systematic=False))
 
 
 def run_with(values: np.ndarray, output: str) -> np.ndarray:
@@ -74,3 +91,29 @@ def test_a_sparse_output_has_no_lags() -> None:
     values = np.full(1000, np.nan)
     values[::10] = 1.0
     assert output_residuals([run_with(values, "vn")], 0.02) == {}
+
+
+def test_a_result_holds_the_curves_of_the_flight_it_is_judged_by(result: dict[str, Any]) -> None:
+    series = result["series"]
+    assert series["use"] == "validation"
+    (flight,) = series["flights"]
+    assert flight["flight"] == "flight 2"
+    assert sorted(flight["axes"]) == ["CD", "CL", "CY", "Cl", "Cm", "Cn"]
+    for entry in flight["axes"].values():
+        sizes = {len(column) for column in entry.values()}
+        assert len(sizes) == 1
+        assert max(sizes) <= 300
+        assert np.all(np.diff(entry["time_s"]) > 0.0)
+        assert np.corrcoef(entry["measured"], entry["predicted"])[0, 1] > 0.8
+    assert len(json.dumps(result, indent=2)) < 300_000
+
+
+def test_no_residual_is_smaller_than_the_noise_that_nothing_predicts(result: dict[str, Any]) -> None:
+    """CY = m ay / (qbar S): the accelerometer's noise of 0.008 g stays, whatever the model."""
+    airspeed = result["model"]["validity"]["airspeed"]
+    dynamic_pressure = 0.5 * 1.225 * max(airspeed) ** 2
+    noise = VEHICLE.mass.mass * ACCELEROMETER_NOISE / (dynamic_pressure * VEHICLE.geometry.S)
+    found = result["series"]["residuals"]["CY"]
+    assert found["std"] > noise
+    assert found["std"] == pytest.approx(result["validation"]["outputs"]["CY"]["residual_std"], rel=1e-6)
+    assert sum(found["histogram"]["counts"]) == found["samples"]
