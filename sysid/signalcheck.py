@@ -13,12 +13,15 @@ from sysid.errors import SignalError
 from sysid.findings import Mistake, delay_mistake
 from sysid.mistakes import find_mistakes
 from sysid.prepare import Prepared
+from sysid.records import STANDARD_DENSITY
 
 # What air can weigh between sea level in the cold and 10 km, kg/m^3.
 _DENSITIES = (0.3, 1.7)
 # Thrust over weight beyond which no small aircraft goes.
 _THRUST_TO_WEIGHT = 5.0
 _GRAM_FORCE = 9.80665e-3
+# Lift coefficients between which aircraft fly straight, from fast to nearly stalled.
+_LIFTS = (0.05, 2.0)
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
     """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
+    found = [one for one in found if not _unflyable(one, prepared, vehicle)]
     wrong = [one for one in found if not one.usable]
     if wrong:
         name = ", ".join(dict.fromkeys(flight.data.name for flight in prepared))
@@ -56,6 +60,21 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:
     """The flights corrected for the delays."""
     return prepared_in_time(prepared, vehicle, check.delays)
+
+
+def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle) -> bool:
+    """Whether a cure of the airspeed would make an aircraft that flies as read need a lift that no wing has.
+
+    In gusts a multiple of the airspeed can look likelier than the airspeed itself, for what the gusts do to it.
+    """
+    if mistake.kind not in ("unit", "scale") or "airspeed" not in mistake.signals:
+        return False
+    read = np.concatenate([stretch.data["airspeed"] for flight in prepared for stretch in flight.stretches])
+    load = np.concatenate([np.abs(stretch.data["az"]) for flight in prepared for stretch in flight.stretches])
+    pressure = 0.5 * STANDARD_DENSITY * float(np.nanmedian(read)) ** 2
+    lift = vehicle.mass.mass * float(np.nanmedian(load)) / max(pressure * vehicle.geometry.S, 1e-12)
+    low, high = _LIFTS
+    return low < lift < high and not 0.5 * low < lift / mistake.found**2 < 1.5 * high
 
 
 def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:

@@ -10,6 +10,7 @@ from simulated import fly_mav
 from sim_vehicle.vehicle import load_vehicle
 from sysid.compatibility import CompatibilityResult, OutputFit, Refusal, SensorError, SensorLayout
 from sysid.errors import SignalError
+from sysid.findings import Mistake
 from sysid.flight import FlightSignals
 from sysid.prepare import prepare
 from sysid.relations import autoregression, integral, whiten
@@ -133,3 +134,14 @@ def test_each_sensor_gets_a_verdict_in_words() -> None:
     assert told["ay"] == ("ay: its bias cannot be told: nothing turned", "unknown")
     assert told["airspeed"] == ("airspeed agrees within its noise", "ok")
     assert told["theta"] == ("theta disagrees with the other sensors by 0.3 (noise 0.001)", "mistake")
+
+
+def test_no_cure_is_believed_that_would_need_a_lift_no_wing_has(
+    flight: FlightSignals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten times the airspeed of a flight that is read right: a hundredth of the lift it flies with."""
+    wrong = Mistake("airspeed", "unit", 10.0, 0.0, "", "airspeed looks ten times too small", ("airspeed",), False)
+    monkeypatch.setattr("sysid.signalcheck.find_mistakes", lambda parts, layout: [wrong])
+    assert checked(flight).findings() == []
+    with pytest.raises(SignalError, match="ten times too small"):
+        checked(scaled(("airspeed",), 0.1).apply(flight))
