@@ -140,8 +140,13 @@ def test_no_cure_is_believed_that_would_need_a_lift_no_wing_has(
     flight: FlightSignals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ten times the airspeed of a flight that is read right: a hundredth of the lift it flies with."""
-    wrong = Mistake("airspeed", "unit", 10.0, 0.0, "", "airspeed looks ten times too small", ("airspeed",), False)
-    monkeypatch.setattr("sysid.signalcheck.find_mistakes", lambda parts, layout: [wrong])
+
+    def told(factor: float) -> None:
+        wrong = Mistake("airspeed", "unit", factor, 0.0, "", "airspeed is in another unit", ("airspeed",), False)
+        monkeypatch.setattr("sysid.signalcheck.find_mistakes", lambda parts, layout: [wrong])
+
+    told(10.0)
     assert checked(flight).findings() == []
-    with pytest.raises(SignalError, match="ten times too small"):
-        checked(scaled(("airspeed",), 0.1).apply(flight))
+    told(1.0 / 3.6)
+    with pytest.raises(SignalError, match="another unit"):
+        checked(scaled(("airspeed",), 3.6).apply(flight))
