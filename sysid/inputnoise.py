@@ -14,11 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.estimate import Problem, build
+from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
+from sysid.inputs import denoised_thrust
 from sysid.output_error import OutputError, OutputErrorResult
-from sysid.parameterisation import Predictor
-from sysid.records import Record
+from sysid.parameterisation import STATES, Predictor, free_states
+from sysid.records import OUTPUTS, Record
+
+_AHEAD = STATES.index("u")
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,46 @@ def with_thrust_noise(
         residuals=tuple(left),
     )  # fmt: skip
     return replace(problem, records=_corrected(problem.records, doubts, step[n:])), corrected
+
+
+def with_thrust_by_airspeed(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> tuple[Problem, OutputErrorResult]:
+    """The estimate with thrust that follows the airspeed flown again, by the airspeed of the estimate.
+
+    Where thrust falls with airspeed, noise of the measured airspeed becomes noise of the thrust, which acts like rough
+    air. The airspeed of the simulation has none. problem, model, coefficients, effects: as they were given to `fit`,
+    which gave `result`; the same two come back where no thrust follows the airspeed.
+    """
+    groups: dict[tuple[str, int], list[int]] = {}
+    for index, record in enumerate(problem.records):
+        if record.thrust_read.size and _AHEAD in free_states(record):
+            groups.setdefault((record.flight, record.stretch), []).append(index)
+    if not groups:
+        return problem, result
+    estimation = build(problem, model, coefficients, effects, result.sigma)
+    predicted = estimation.predict(result.theta)
+    records = list(problem.records)
+    for indices in groups.values():
+        flown = [np.arange(records[i].start, records[i].start + records[i].length) for i in indices]
+        airspeed = np.concatenate([predicted[i][:, OUTPUTS.index("airspeed")] for i in indices])
+        read = np.concatenate([records[i].thrust_read[part] for i, part in zip(indices, flown, strict=True)])
+        throttle = np.concatenate([records[i].commands[part, 3] for i, part in zip(indices, flown, strict=True)])
+        again = denoised_thrust(read, throttle, records[indices[0]].interval_s, airspeed)
+        place = 0
+        for i, part in zip(indices, flown, strict=True):
+            thrust, doubt = records[i].thrust.copy(), np.zeros((again.doubt.shape[0], records[i].thrust.size))
+            thrust[part] = again.values[place : place + part.size]
+            doubt[:, part] = again.doubt[:, place : place + part.size]
+            records[i] = replace(records[i], thrust=thrust, thrust_doubt=doubt)
+            place += part.size
+    corrected = warmed(replace(problem, records=tuple(records)), result)
+    values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
+    return corrected, fit(corrected, model, coefficients, effects, values)
 
 
 def _doubt(

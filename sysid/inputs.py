@@ -8,6 +8,7 @@ import numpy as np
 from scipy import fft, linalg, optimize, signal
 
 from sysid.flight import Array
+from sysid.smoothing import fourier_smooth
 
 # Motor lags tried when measured thrust is explained by the throttle, s.
 _LAGS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5)
@@ -20,10 +21,12 @@ class Denoised:
     """A measured input without its noise.
 
     values: (N,). doubt: (K, N) independent errors that are left in it, each of one standard deviation; K may be 0.
+    by_airspeed: whether the airspeed explains a part of it.
     """
 
     values: Array
     doubt: Array
+    by_airspeed: bool = False
 
 
 def smooth_series(values: Array, max_share: float = 0.5) -> Array:
@@ -56,19 +59,18 @@ def denoise_thrust(thrust: Array, throttle: Array, interval_s: float) -> Array:
     return denoised_thrust(thrust, throttle, interval_s).values
 
 
-def denoised_thrust(thrust: Array, throttle: Array, interval_s: float) -> Denoised:
-    """The same with what its own noise leaves uncertain: level, gain and lag of the throttle's share, slow swings."""
+def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed: Array | None = None) -> Denoised:
+    """The same with what its own noise leaves uncertain: level, gain and lag of the throttle's share, slow swings.
+
+    airspeed: (N,) m/s as measured, where there is one. A propeller pulls less the faster it flies: where airspeed
+    explains thrust, its first two powers take the place of the many slow swings that would else be needed.
+    """
     thrust = np.asarray(thrust, dtype=np.float64)
     if thrust.size < 16 or not np.isfinite(thrust).all() or np.ptp(thrust) == 0.0:
         return Denoised(np.ascontiguousarray(thrust), np.zeros((0, thrust.size)))
     n = thrust.size
-    explained, design = np.full(n, thrust.mean()), np.ones((n, 1))
-    if np.ptp(throttle) > 1e-6:
-        lag_s = _likeliest_lag(thrust, throttle, interval_s)
-        fitted = _explained(thrust, throttle, interval_s, lag_s)
-        gain = n * np.log(np.var(thrust) / max(float(np.mean((thrust - fitted) ** 2)), 1e-300))
-        if gain > 3.0 * np.log(n):
-            explained, design = fitted, _doubted(throttle, interval_s, lag_s)
+    powers = _airspeed_powers(airspeed, n, interval_s)
+    explained, design, by_airspeed = _explained(thrust, throttle, interval_s, powers)
     rest = thrust - explained
     values = explained + smooth_series(rest)
     kept = _terms(rest, fft.dct(rest, norm="ortho"), 0.5) if np.any(rest) else 1
@@ -77,14 +79,68 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float) -> Denois
     basis, sizes, _ = linalg.qr(design, mode="economic", pivoting=True)
     basis = basis[:, np.abs(np.diag(sizes)) > 1e-9 * np.abs(sizes[0, 0])]
     sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - basis.shape[1], 1)))
-    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T))
+    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), by_airspeed)
 
 
-def _likeliest_lag(thrust: Array, throttle: Array, interval_s: float) -> float | None:
+def _airspeed_powers(airspeed: Array | None, count: int, interval_s: float) -> Array:
+    """First and second power of the airspeed without its noise, scaled, (N, 2); (N, 0) where there is none."""
+    if airspeed is None or not np.isfinite(airspeed).all() or np.ptp(airspeed) == 0.0:
+        return np.zeros((count, 0))
+    smooth = fourier_smooth(airspeed, interval_s).values
+    scaled = (smooth - smooth.mean()) / max(float(np.std(smooth)), 1e-9)
+    return np.column_stack([scaled, scaled**2])
+
+
+def _explained(thrust: Array, throttle: Array, interval_s: float, powers: Array) -> tuple[Array, Array, bool]:
+    """What airspeed and throttle explain of thrust, (N,), what is uncertain of that, (N, unknowns), and whether
+    airspeed counts.
+
+    The powers of the airspeed, and the throttle behind its lag, count where the Bayesian information criterion asks for
+    them.
+    """
+    n = thrust.size
+    least, best = np.inf, (thrust, np.ones((n, 1)), False)
+    for air in (powers[:, :0], powers) if powers.shape[1] else (powers,):
+        for explanation in _explanations(throttle, interval_s, thrust, air):
+            # Gain, lag and start of the throttle's share count for three.
+            unknowns = air.shape[1] + (3 if explanation.throttle else 0)
+            fitted = _fitted(thrust, explanation.regressors)
+            power = max(float(np.mean((thrust - fitted) ** 2)), 1e-300)
+            criterion = n * np.log(power) + unknowns * np.log(n)
+            if criterion < least:
+                least, best = criterion, (fitted, explanation.uncertain, air.shape[1] > 0)
+    return best
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """A way to explain thrust: its regressors (N, K), what is uncertain of it (N, L), whether the throttle counts."""
+
+    regressors: Array
+    uncertain: Array
+    throttle: bool
+
+
+def _explanations(throttle: Array, interval_s: float, thrust: Array, air: Array) -> list[_Explanation]:
+    """Powers of the airspeed (N, k) without and with the throttle behind its likeliest lag."""
+    alone = np.column_stack([np.ones(throttle.size), air])
+    found = [_Explanation(alone, alone, False)]
+    if np.ptp(throttle) > 1e-6:
+        lag_s = _likeliest_lag(thrust, throttle, interval_s, air)
+        regressors = uncertain = np.column_stack([_regressors(throttle, interval_s, lag_s), air])
+        if lag_s is not None and lag_s >= 1e-6:
+            longer = _lagged(throttle, interval_s, 1.05 * lag_s) - _lagged(throttle, interval_s, 0.95 * lag_s)
+            uncertain = np.column_stack([regressors, longer])
+        found.append(_Explanation(regressors, uncertain, True))
+    return found
+
+
+def _likeliest_lag(thrust: Array, throttle: Array, interval_s: float, air: Array) -> float | None:
     """Lag of the motor, s, behind the throttle; None where thrust shows the throttle of its own sample."""
 
     def error(lag_s: float | None) -> float:
-        return float(np.mean((thrust - _explained(thrust, throttle, interval_s, lag_s)) ** 2))
+        regressors = np.column_stack([_regressors(throttle, interval_s, lag_s), air])
+        return float(np.mean((thrust - _fitted(thrust, regressors)) ** 2))
 
     tried = (None, *_LAGS_S)
     first = int(np.argmin([error(lag_s) for lag_s in tried]))
@@ -96,26 +152,16 @@ def _likeliest_lag(thrust: Array, throttle: Array, interval_s: float) -> float |
 
 
 def _regressors(throttle: Array, interval_s: float, lag_s: float | None) -> Array:
-    """Level, lagged throttle, and what was still under way at the first sample, (N, 2 or 3)."""
+    """Level, lagged throttle, and what the command before the first sample left under way, (N, 2 or 3)."""
     columns = [np.ones(throttle.size), _lagged(throttle, interval_s, lag_s)]
-    if lag_s is not None and lag_s >= 1e-6:
-        columns.append(np.exp(-interval_s * np.arange(throttle.size) / lag_s))
+    if lag_s is not None:
+        columns.append(np.exp(-interval_s * np.arange(throttle.size) / max(lag_s, 1e-6)))
     return np.column_stack(columns)
 
 
-def _doubted(throttle: Array, interval_s: float, lag_s: float | None) -> Array:
-    """What is uncertain of the explained part: its regressors, and its change with the lag."""
-    design = _regressors(throttle, interval_s, lag_s)
-    if lag_s is None or lag_s < 1e-6:
-        return design
-    longer = _lagged(throttle, interval_s, 1.05 * lag_s) - _lagged(throttle, interval_s, 0.95 * lag_s)
-    return np.column_stack([design, longer])
-
-
-def _explained(thrust: Array, throttle: Array, interval_s: float, lag_s: float | None) -> Array:
-    """The part of thrust that is linear in the lagged throttle, and in what was still under way at the first sample."""
-    design = _regressors(throttle, interval_s, lag_s)
-    return np.asarray(design @ np.linalg.lstsq(design, thrust, rcond=None)[0], dtype=np.float64)
+def _fitted(thrust: Array, regressors: Array) -> Array:
+    """What the regressors explain of thrust, by least squares."""
+    return np.asarray(regressors @ np.linalg.lstsq(regressors, thrust, rcond=None)[0], dtype=np.float64)
 
 
 def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:

@@ -11,7 +11,7 @@ from sysid.compatibility import CompatibilityResult
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal
-from sysid.inputnoise import with_thrust_noise
+from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
 from sysid.output_error import OutputErrorResult
 from sysid.sensorchoice import with_told_sensors
 from sysid.systematic import systematic_errors
@@ -86,6 +86,7 @@ def maximum_likelihood(
     result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
     progress(0.9, "timing of the commands")
     problem, result = likelier_timing(problem, model, coefficients, effects, result)
+    problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, result)
     if sensors is None and compatible.gust_sigma == 0.0:
         unclear = [refusal.name for refusal in compatible.refused]
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)

@@ -49,7 +49,8 @@ class Record:
     held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
     measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
-    thrust_source: where thrust comes from.
+    thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
+    part of it; else (0,).
     """
 
     flight: str
@@ -65,6 +66,7 @@ class Record:
     thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     stretch: int = 0
     thrust_source: ThrustSource = MEASURED
+    thrust_read: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def length(self) -> int:
@@ -79,6 +81,7 @@ class Record:
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
+            thrust_read=self.thrust_read[kept],
         )  # fmt: skip
 
 
@@ -120,9 +123,10 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     for j, name in enumerate(OUTPUTS):
         if name in data:
             z[:, j] = data[name][start:stop]
-    denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s)
+    airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
+    denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s, airspeed)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, start, source,
+        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0),
     )  # fmt: skip

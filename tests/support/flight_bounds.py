@@ -197,7 +197,8 @@ def bound_of(names: Sequence[str], information: Array, unknown: Sequence[str], n
 
 
 def _thrust_shapes(experiment: Experiment) -> dict[str, Array]:
-    """What the samples of the thrust sensor leave open, (N,) each: level; gain and lag behind the throttle; the start.
+    """What the samples of the thrust sensor leave open, (N,) each: level; gain and lag behind the throttle; the start;
+    where the propeller's thrust depends on it, the slope by the airspeed.
 
     Thrust follows the throttle as a first-order lag, of which the estimator knows neither gain nor time constant.
     """
@@ -205,6 +206,9 @@ def _thrust_shapes(experiment: Experiment) -> dict[str, Array]:
     shapes = {"thrust offset": np.ones(thrust.size)}
     if np.ptp(throttle) < 1e-6 or experiment.vehicle.propulsion is None:
         return shapes
+    if experiment.vehicle.propulsion.CT:
+        airspeed = experiment.flown.truth["V"] - experiment.flown.truth["V"].mean()
+        shapes |= {"thrust slope": airspeed, "thrust curvature": airspeed**2}
     tau = experiment.vehicle.propulsion.tau
     shapes["thrust gain"] = _after_lag(throttle, tau)
     if tau > 0.0:

@@ -103,6 +103,31 @@ def test_the_errors_that_are_left_are_as_large_as_told(step: float, start: float
     assert np.mean(found) == pytest.approx(np.mean(told), abs=4.0 * np.sqrt(2.0 * unknowns / RUNS))
 
 
+def test_thrust_that_falls_with_airspeed_needs_no_swings() -> None:
+    """Level and two powers of the airspeed are three unknowns, however much the airspeed swings."""
+    generator = np.random.default_rng(5)
+    airspeed = 17.0 + sum(0.4 * np.sin(2.0 * np.pi * f * TIME + f) for f in (0.13, 0.31, 0.55, 0.9, 1.4))
+    true = 2.5 - 0.27 * (airspeed - 17.0) - 0.004 * (airspeed - 17.0) ** 2
+    found, told, plain = np.zeros(RUNS), np.zeros(RUNS), np.zeros(RUNS)
+    for run in range(RUNS):
+        read = true + SIGMA * generator.standard_normal(N)
+        denoised = denoised_thrust(read, STEADY, DT, airspeed)
+        assert denoised.by_airspeed
+        found[run] = np.sum((denoised.values - true) ** 2) / SIGMA**2
+        told[run] = np.sum(denoised.doubt**2) / SIGMA**2
+        plain[run] = np.sum((denoise_thrust(read, STEADY, DT) - true) ** 2) / SIGMA**2
+    assert np.mean(told) == pytest.approx(3.0, rel=0.15)
+    assert np.mean(found) == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / RUNS))
+    assert np.mean(plain) > 10.0 * np.mean(found)
+
+
+def test_an_airspeed_that_has_nothing_to_do_with_thrust_is_not_believed() -> None:
+    generator = np.random.default_rng(6)
+    airspeed = 17.0 + np.sin(2.0 * np.pi * 0.3 * TIME)
+    reads = [3.7 + SIGMA * generator.standard_normal(N) for _ in range(RUNS)]
+    assert sum(denoised_thrust(read, STEADY, DT, airspeed).by_airspeed for read in reads) <= 2
+
+
 def test_thrust_that_goes_with_the_square_of_the_throttle_is_explained_by_it_just_as_well() -> None:
     throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
     share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.1)
