@@ -6,9 +6,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import compare, telemetry
 
-from gcs.columns import message_columns
-from gcs.dialect import Dialect
-from gcs.framing import Framer, scan
+from gcs.mavlink.columns import message_columns
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Framer, scan
 
 
 def main() -> None:

@@ -17,12 +17,12 @@ from pymavlink import mavutil
 from rerun.chunk import McapReader
 from telemetry import compare, telemetry
 
-from gcs.dialect import Dialect
-from gcs.framing import scan
+from gcs.formats.tlog import import_tlog
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import scan
 from gcs.recording.reader import Recording
 from gcs.recording.wire import WIRE_TOPIC
 from gcs.recording.writer import McapWriter
-from gcs.tlog import import_tlog
 
 SECONDS = 60.0
 COPIES = 20

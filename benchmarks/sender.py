@@ -13,7 +13,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import telemetry
 
-from gcs.dialect import Dialect
+from gcs.mavlink.dialect import Dialect
 
 _NO_STAMP = 255
 

@@ -14,7 +14,7 @@ import time
 from mcap.writer import CompressionType, Writer
 from pymavlink import mavutil
 
-from gcs.udplink import RECEIVE_BUFFER_BYTES
+from gcs.links.udp import RECEIVE_BUFFER_BYTES
 
 
 def main(port: str, path: str) -> None:

@@ -14,19 +14,19 @@ from types import FrameType
 import uvicorn
 
 from gcs.api import create_app
-from gcs.catalogue import Catalogue, Flight
-from gcs.dialect import Dialect
+from gcs.catalogue.intake import Recovery, leftovers
+from gcs.catalogue.retention import Retention, RetentionRule
+from gcs.catalogue.store import Catalogue, Flight
 from gcs.errors import GcsError, ServiceError
-from gcs.intake import Recovery, leftovers
-from gcs.jobs import JobRunner
-from gcs.links import Link, open_links
-from gcs.provenance import provenance
-from gcs.recorder import FlightRecorder
-from gcs.retention import Retention, RetentionRule
+from gcs.jobs.runner import JobRunner
+from gcs.links.opening import Link, open_links
+from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
-from gcs.station import RecordingStation
-from gcs.voice import StationVoice
-from gcs.warmup import warm_up
+from gcs.station.provenance import provenance
+from gcs.station.recorder import FlightRecorder
+from gcs.station.station import RecordingStation
+from gcs.station.voice import StationVoice
+from gcs.station.warmup import warm_up
 from sim_vehicle.vehicle import load_vehicle
 
 _log = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs.errors import SettingsError
-from gcs.linkoptions import LinkOptions
+from gcs.mavlink.linkoptions import LinkOptions
 from gcs.recording.storage import StorageOptions
 
 TOKEN_VARIABLE = "GCS_TOKEN"

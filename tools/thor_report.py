@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 
+from gcs.analysis.postflight import read_flights
 from gcs.errors import GcsError
-from gcs.postflight import read_flights
 from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import Vehicle, load_vehicle
 from sysid.flight import FlightData

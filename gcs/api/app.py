@@ -16,10 +16,10 @@ from gcs.api.page import PAGE
 from gcs.api.security import Guard
 from gcs.api.service import Service
 from gcs.api.status import router as status_router
-from gcs.catalogue import Catalogue
-from gcs.jobs import JobRunner
+from gcs.catalogue.store import Catalogue
+from gcs.jobs.runner import JobRunner
 from gcs.settings import Settings
-from gcs.station import RecordingStation
+from gcs.station.station import RecordingStation
 from gcs.version import VERSION
 
 

@@ -11,9 +11,9 @@ from starlette.concurrency import run_in_threadpool
 from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView
 from gcs.api.service import Serving
 from gcs.api.upload import receive_upload
-from gcs.catalogue import Flight
+from gcs.catalogue.store import Flight
 from gcs.errors import CatalogueError
-from gcs.utctext import utc_text
+from gcs.text.utctext import utc_text
 
 router = APIRouter(tags=["flights"])
 

@@ -7,12 +7,12 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from gcs.catalogue import Catalogue
-from gcs.flightview import FlightViewer
-from gcs.jobs import JobRunner
+from gcs.catalogue.flightview import FlightViewer
+from gcs.catalogue.store import Catalogue
+from gcs.jobs.runner import JobRunner
+from gcs.jobs.uploads import Uploads
 from gcs.settings import Settings
-from gcs.station import RecordingStation
-from gcs.uploads import Uploads
+from gcs.station.station import RecordingStation
 
 
 @dataclass

@@ -17,9 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print the curve."""
+    from gcs.analysis.results import calibration_text
     from gcs.errors import SettingsError
-    from gcs.jsontext import dumps
-    from gcs.results import calibration_text
+    from gcs.text.jsontext import dumps
     from sysid.calibration import MAX_DEGREE, UNITS, calibrate, read_points
 
     forms = {"linear", "spline", "pitot", *(f"polynomial:{degree}" for degree in range(1, MAX_DEGREE + 1))}

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration."""
-    from gcs.demo import Demo
+    from gcs.demo.run import Demo
     from gcs.errors import SettingsError
     from sim_vehicle.effects import parse_effect
 

@@ -39,14 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Design, write what was asked for, print what the flight will tell."""
-    from gcs.ardupilot import lua_script
-    from gcs.design import Request, compare, design
-    from gcs.designtext import comparison_text, design_text
+    from gcs.analysis.results import check_targets
+    from gcs.design.ardupilot import lua_script
+    from gcs.design.prediction import Request, compare, design
+    from gcs.design.pulses import pulse_schedule
+    from gcs.design.text import comparison_text, design_text
     from gcs.errors import SettingsError
-    from gcs.jsontext import dumps
-    from gcs.progress import Progress
-    from gcs.pulses import pulse_schedule
-    from gcs.results import check_targets
+    from gcs.text.jsontext import dumps
+    from gcs.text.progress import Progress
     from sim_vehicle.model import read_model
     from sim_vehicle.vehicle import load_vehicle
 

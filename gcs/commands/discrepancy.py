@@ -22,10 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse, write what was asked for, print the result."""
-    from gcs.info import as_recordings
-    from gcs.postflight import discrepancy
-    from gcs.progress import Progress
-    from gcs.results import check_targets, discrepancy_text, write_results
+    from gcs.analysis.postflight import discrepancy
+    from gcs.analysis.results import check_targets, discrepancy_text, write_results
+    from gcs.inspection.info import as_recordings
+    from gcs.text.progress import Progress
     from sim_vehicle.vehicle import load_vehicle
 
     check_targets(args.output, args.write_model)

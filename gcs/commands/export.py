@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Export and say where to."""
     if args.messages:
-        from gcs.tables import export_messages
+        from gcs.formats.tables import export_messages
 
         export_messages(args.file, args.output, args.messages)
     else:
-        from gcs.conversion import export_file
+        from gcs.formats.conversion import export_file
 
         export_file(args.file, args.output)
     print(args.output)

@@ -10,7 +10,7 @@ _QUIET_S = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.linkoptions import add_dialect_argument
+    from gcs.options.links import add_dialect_argument
 
     parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="must not exist yet")
@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Import and say where to."""
-    from gcs.conversion import import_file
-    from gcs.progress import Progress
+    from gcs.formats.conversion import import_file
+    from gcs.text.progress import Progress
 
     with Progress(after_s=_QUIET_S) as progress:
         import_file(args.file, args.output, progress=lambda share: progress(share, "importing"), dialect=args.dialect)

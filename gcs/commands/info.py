@@ -9,7 +9,7 @@ HELP = "show messages, rates, losses and clocks of a recording"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.linkoptions import add_dialect_argument, add_key_argument
+    from gcs.options.links import add_dialect_argument, add_key_argument
 
     parser.add_argument("file", metavar="FILE", type=Path, help="a recording, or anything that import reads")
     add_dialect_argument(parser)
@@ -19,9 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the description."""
-    from gcs.info import as_recordings, describe_recording, info_text
-    from gcs.jsontext import dumps
-    from gcs.signing import load_key
+    from gcs.inspection.info import as_recordings, describe_recording, info_text
+    from gcs.mavlink.signing import load_key
+    from gcs.text.jsontext import dumps
 
     key = None if args.signing_key is None else load_key(args.signing_key)
     with as_recordings([args.file], args.dialect) as (path,):

@@ -19,9 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse and print."""
-    from gcs.info import as_recordings
-    from gcs.jsontext import dumps
-    from gcs.noise import noise_of_recording, noise_text
+    from gcs.analysis.noise import noise_of_recording, noise_text
+    from gcs.inspection.info import as_recordings
+    from gcs.text.jsontext import dumps
     from sim_vehicle.vehicle import Vehicle, load_vehicle
 
     vehicle = load_vehicle(args.vehicle) if args.vehicle else Vehicle.unknown()

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gcs.capture import Capture
-    from gcs.link import Link
+    from gcs.links.link import Link
+    from gcs.station.capture import Capture
 
 NAME = "record"
 HELP = "record what links bring into an MCAP file, until Ctrl-C or --duration"
@@ -22,8 +22,8 @@ def problems(links: "list[Link]") -> list[str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.linkoptions import add_link_arguments
-    from gcs.storageoptions import add_storage_arguments
+    from gcs.options.links import add_link_arguments
+    from gcs.options.storage import add_storage_arguments
 
     parser.add_argument("--connect", metavar="URL", action="append", required=True, help="link, repeatable")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True)
@@ -37,13 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record and say what was recorded."""
-    from gcs.capture import CaptureOptions, record
     from gcs.errors import LinkError, SettingsError
-    from gcs.linkoptions import link_options
-    from gcs.links import open_links
-    from gcs.linkurl import parse_url
-    from gcs.progress import Progress
-    from gcs.storageoptions import storage_options
+    from gcs.links.opening import open_links
+    from gcs.links.url import parse_url
+    from gcs.options.links import link_options
+    from gcs.options.storage import storage_options
+    from gcs.station.capture import CaptureOptions, record
+    from gcs.text.progress import Progress
 
     if args.duration is not None and not args.duration > 0:
         raise SettingsError(f"--duration {args.duration}: give a time above 0 s")

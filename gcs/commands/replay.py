@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Replay and say what was sent."""
     from gcs.errors import LinkError
-    from gcs.linkurl import parse_url
-    from gcs.progress import Progress
+    from gcs.links.url import parse_url
+    from gcs.text.progress import Progress
 
     replay = _lock_step(args) if args.lock_step else _paced(args)
     parse_url(args.out)
@@ -47,7 +47,7 @@ def _paced(args: argparse.Namespace) -> Callable[..., Any]:
     from functools import partial
 
     from gcs.errors import SettingsError
-    from gcs.replay import replay_file
+    from gcs.station.replay import replay_file
 
     if args.step_ms is not None or args.answer_timeout is not None:
         raise SettingsError("--step-ms and --answer-timeout belong to --lock-step; give that too, or leave them out")
@@ -61,7 +61,7 @@ def _lock_step(args: argparse.Namespace) -> Callable[..., Any]:
     from functools import partial
 
     from gcs.errors import SettingsError
-    from gcs.replay import replay_in_lock_step
+    from gcs.station.replay import replay_in_lock_step
 
     if args.speed is not None:
         raise SettingsError("--speed has no meaning with --lock-step, where the other side sets the pace; leave it out")

@@ -15,9 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read the result, write the page."""
+    from gcs.analysis.results import check_targets
     from gcs.report.page import report
     from gcs.report.source import read_result
-    from gcs.results import check_targets
 
     check_targets(args.output)
     args.output.write_text(report(read_result(args.result)), encoding="utf-8")

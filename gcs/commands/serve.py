@@ -10,8 +10,8 @@ HELP = "record flights from links, identify them, and answer over REST"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.linkoptions import add_link_arguments
-    from gcs.storageoptions import add_storage_arguments
+    from gcs.options.links import add_link_arguments
+    from gcs.options.storage import add_storage_arguments
 
     parser.add_argument(
         "--connect", metavar="URL", action="append", default=[], help="link to receive from, repeatable"
@@ -45,12 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until told to stop."""
     from gcs.errors import SettingsError
-    from gcs.linkoptions import link_options
-    from gcs.linkurl import parse_url
+    from gcs.links.url import parse_url
+    from gcs.options.links import link_options
+    from gcs.options.storage import storage_options
     from gcs.serve import serve
     from gcs.settings import Settings, read_token
-    from gcs.sizes import parse_size
-    from gcs.storageoptions import storage_options
+    from gcs.text.sizes import parse_size
 
     if not 0 <= args.port <= 65535:
         raise SettingsError(f"--port {args.port}: a port is a number from 0 to 65535")

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
-from gcs.crc import Int
 from gcs.errors import ImportFileError
+from gcs.mavlink.crc import Int
 from sim_vehicle.jit import jit
 
 FMT_TYPE, FMT_LENGTH = 0x80, 89

@@ -11,11 +11,11 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from gcs.crc import CRC_TABLES, Int, crc_accumulate, crc_step
-from gcs.dialect import Dialect
 from gcs.errors import ImportFileError
-from gcs.framing import LARGEST_FRAME, MAGIC_V2, scan
-from gcs.recording.cdr import NUMPY_TYPES
+from gcs.mavlink.cdr import NUMPY_TYPES
+from gcs.mavlink.crc import CRC_TABLES, Int, crc_accumulate, crc_step
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import LARGEST_FRAME, MAGIC_V2, scan
 from gcs.recording.writer import McapWriter
 from sim_vehicle.jit import jit
 

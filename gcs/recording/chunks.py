@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gcs.recording import records
 from gcs.recording.records import ChunkInfo
 from gcs.recording.scan import next_chunk_head
-from gcs.sizes import size_text
+from gcs.text.sizes import size_text
 
 #: Uncompressed bytes of a chunk beyond which it is taken for damaged, or for an attack.
 LARGEST_CHUNK = 256 << 20

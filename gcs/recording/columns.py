@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import RecordingError
+from gcs.mavlink.cdr import Layout
 from gcs.recording import scan
-from gcs.recording.cdr import Layout
 from gcs.recording.container import Container, Group
 from gcs.recording.joined import JoinedContainer
 

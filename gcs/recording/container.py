@@ -13,16 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.conversion import IMPORTS
 from gcs.errors import RecordingError
 from gcs.recording import records
 from gcs.recording.chunks import checked_content, decompress, find_chunk, is_cut_off
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
 from gcs.recording.scan import first_unfit, list_messages, walk_records
-from gcs.sizes import size_text
+from gcs.text.sizes import size_text
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
+
+#: Logs that can be made recordings (`gcs.formats.conversion`).
+LOG_ENDINGS = (".tlog", ".bin", ".ulg")
 
 GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
 _FOOTER_BYTES = 9 + 20 + 8
@@ -130,8 +132,7 @@ class Container:
         if magic != records.MAGIC[: len(magic)] and end == records.MAGIC:
             self.damage.notes.append("the first bytes are not those of an MCAP file; its end was believed")
         elif magic != records.MAGIC[: len(magic)]:
-            others = " and ".join(ending for ending in IMPORTS if ending != ".mcap")
-            raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {others}")
+            raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {' and '.join(LOG_ENDINGS)}")
         if self.bytes.size < len(records.MAGIC) + 9:
             raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
 

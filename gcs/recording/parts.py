@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.dialect import Dialect
 from gcs.errors import RecordingError
-from gcs.framing import Frames
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Frames
 from gcs.recording.records import Attachment
 from gcs.recording.storage import StorageOptions
 from gcs.recording.writer import Counts, Lost, McapWriter

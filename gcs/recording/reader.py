@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.crc import CRC_TABLES
 from gcs.errors import RecordingError
+from gcs.mavlink.cdr import Layout, parse_ros2msg
+from gcs.mavlink.crc import CRC_TABLES
 from gcs.recording import scan
 from gcs.recording.build import RUN_NOISE, RUN_UNKNOWN
-from gcs.recording.cdr import Layout, parse_ros2msg
 from gcs.recording.columns import MessageChannel, MessageColumns, Selection, iter_columns, joined, message_channel
 from gcs.recording.container import Container, Damage, Group
 from gcs.recording.joined import JoinedContainer

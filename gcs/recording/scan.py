@@ -5,17 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.crc import Int, crc_accumulate, crc_step
-from gcs.framing import MAGIC_V1, MAGIC_V2, SIGNATURE_LENGTH, SIGNED
-from gcs.recording.build import (
-    FORM_EXPLICIT,
-    FORM_V1,
-    RUN_EXPLICIT,
-    copy_8,
-    get,
-    get_4,
-    put,
-)
+from gcs.mavlink.crc import Int, crc_accumulate, crc_step
+from gcs.mavlink.framing import MAGIC_V1, MAGIC_V2, SIGNATURE_LENGTH, SIGNED
+from gcs.mavlink.payload import copy_8, get, get_4, put
+from gcs.recording.build import FORM_EXPLICIT, FORM_V1, RUN_EXPLICIT
 from sim_vehicle.jit import jit
 
 Bytes = NDArray[np.uint8]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gcs.dialect import Dialect
-from gcs.framing import Framer
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Framer
 from gcs.recording.writer import McapWriter
 
 LINK_NAME = "simulator"

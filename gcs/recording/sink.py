@@ -28,7 +28,7 @@ from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
 from gcs.recording.storage import SyncPolicy
-from gcs.sizes import size_text
+from gcs.text.sizes import size_text
 
 CHUNK_BYTES = 1 << 20
 INDEX_ENTRIES = CHUNK_BYTES // (kernel.RECORD_HEADER + 1)

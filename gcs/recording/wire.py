@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.recording.cdr import CDR_HEADER
+from gcs.mavlink.cdr import CDR_HEADER
 
 WIRE_TOPIC = "/mavlink/wire"
 WIRE_SCHEMA_NAME = "mavlink/msg/Wire"

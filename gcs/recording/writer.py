@@ -18,16 +18,16 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.dialect import Dialect
 from gcs.errors import RecordingError
-from gcs.framing import Frames
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Frames
+from gcs.mavlink.sequence import sequence_states
 from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, Schema
 from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedChunk, Lost, RecordingSink
 from gcs.recording.storage import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
-from gcs.sequence import sequence_states
 
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
 _LAST_CHANNEL = 65535

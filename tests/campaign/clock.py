@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 from arrivals import JITTER, errors, flight, late_in_bursts, late_singly
 
-from gcs.clockfit import fit_clock
+from gcs.clock.fit import fit_clock
 
 
 def main() -> None:

@@ -25,9 +25,9 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 import numbered_sender  # noqa: E402
 from crash_trials import Fresh, Undamaged, damage_trial, flipped, kill_trial, zeroed  # noqa: E402
 
-import gcs.capture  # noqa: E402
 import gcs.cli  # noqa: E402
 import gcs.serve  # noqa: E402 - loaded for the stations
+import gcs.station.capture  # noqa: E402
 from gcs.recording.repair import complete  # noqa: E402
 
 

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from mutated_streams import MUTATIONS, frame_pool, mutated_stream
 from stream_check import judge
 
-from gcs.dialect import Dialect
+from gcs.mavlink.dialect import Dialect
 
 BLOCK = 50_000
 PIECES = 300  # reads that each block is cut into

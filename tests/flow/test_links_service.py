@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator import mavgen
 from traffic import Vehicle, wait_until
 
-from gcs.conversion import export_file, import_file
+from gcs.formats.conversion import export_file, import_file
 from gcs.recording.reader import Recording
 
 DEFINITION = """<?xml version="1.0"?><mavlink><include>minimal.xml</include><messages>

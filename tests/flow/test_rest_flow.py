@@ -14,9 +14,9 @@ import pytest
 from processes import free_port, run, service
 from traffic import wait_until
 
-from gcs.conversion import import_file
+from gcs.flights.signals import extract
+from gcs.formats.conversion import import_file
 from gcs.recording.reader import Recording
-from gcs.signals import extract
 from sim_vehicle.model import BUILT_IN
 from sim_vehicle.vehicle import load_vehicle
 

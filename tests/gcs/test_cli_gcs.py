@@ -13,10 +13,10 @@ import httpx
 import pytest
 from traffic import SECOND, Vehicle, batch, wait_until
 
-from gcs.capture import Capture
 from gcs.cli import main
-from gcs.dialect import Dialect
+from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
+from gcs.station.capture import Capture
 
 ROOT = Path(__file__).resolve().parents[2]
 

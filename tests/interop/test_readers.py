@@ -13,8 +13,8 @@ from node_reader import NodeReader
 from rerun_messages import rerun_messages
 from rosbags.highlevel import AnyReader
 
-from gcs.dialect import Dialect
-from gcs.framing import Framer
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Framer
 from gcs.recording.reader import Recording
 from gcs.recording.wire import WIRE_TOPIC
 from gcs.recording.writer import McapWriter

@@ -1,4 +1,4 @@
-"""Imports go one way, sim_vehicle <- sysid <- gcs, and no module needs itself to be imported."""
+"""Imports go one way: sim_vehicle <- sysid <- gcs, and among the parts of gcs; no module needs itself for import."""
 
 from __future__ import annotations
 
@@ -13,6 +13,12 @@ MAY_IMPORT = {
     "sysid": {"sim_vehicle", "sysid"},
     "gcs": {"sim_vehicle", "sysid", "gcs"},
 }
+# The parts of gcs (docs/architecture.md): each may import those named before it.
+PARTS = (
+    *("errors", "version", "text", "mavlink", "links", "clock", "recording", "settings", "flights", "analysis"),
+    *("importers", "formats", "inspection", "catalogue", "jobs", "station", "design", "report"),
+    *("api", "serve", "demo", "options", "commands", "cli", "__main__"),
+)
 
 
 def module_name(path: Path, root: Path) -> str:
@@ -54,6 +60,21 @@ def wrong_directions(root: Path) -> list[str]:
     ]
 
 
+def upward_imports(root: Path, parts: tuple[str, ...]) -> list[str]:
+    """Imports between the parts of gcs that do not go to one named before; a part that is not named is last."""
+    place = {part: i for i, part in enumerate(parts)}
+    found = []
+    for path in sorted((root / "gcs").rglob("*.py")):
+        module = module_name(path, root)
+        own = module.split(".")[1] if "." in module else ""
+        for name in imported(path, root, at_import_only=False):
+            package, _, rest = name.partition(".")
+            part = rest.split(".")[0]
+            if package == "gcs" and part != own and place.get(part, len(parts)) >= place.get(own, len(parts)):
+                found.append(f"{module} imports {name}")
+    return found
+
+
 def import_cycle(root: Path) -> list[str]:
     """Modules of one cycle of imports, or nothing. A package's __init__ counts only where named itself."""
     modules = {module_name(path, root): path for path in sources(root)}
@@ -77,6 +98,13 @@ def test_imports_go_one_way() -> None:
     assert wrong_directions(ROOT) == []
 
 
+def test_imports_go_one_way_among_the_parts_of_the_ground_station() -> None:
+    folder = ROOT / "gcs"
+    named = {path.stem for path in folder.glob("*.py")} | {path.parent.name for path in folder.glob("*/__init__.py")}
+    assert named - {"__init__"} == set(PARTS)
+    assert upward_imports(ROOT, PARTS) == []
+
+
 def test_no_module_imports_itself_through_others() -> None:
     assert import_cycle(ROOT) == []
 
@@ -88,9 +116,13 @@ def test_the_walk_sees_wrong_directions_and_cycles(tmp_path: Path) -> None:
         "sysid/d.py": "from . import e\n",
         "sysid/e.py": "if True:\n    from sysid.d import thing\n",
         "gcs/c.py": "import sysid.d\n",
+        "gcs/low/f.py": "def late():\n    from gcs.high import g\n",
+        "gcs/high/g.py": "from gcs.low.f import late\nfrom gcs.high import h\nfrom gcs.new import i\n",
     }.items():
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     assert wrong_directions(tmp_path) == ["sim_vehicle.b imports gcs.c"]
+    upward = ["gcs.high.g imports gcs.new.i", "gcs.low.f imports gcs.high.g"]
+    assert upward_imports(tmp_path, ("c", "low", "high")) == upward
     assert sorted(set(import_cycle(tmp_path))) == ["sysid.d", "sysid.e"]

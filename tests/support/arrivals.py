@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.clockfit import NS_PER_S, ClockFit
+from gcs.clock.fit import NS_PER_S, ClockFit
 
 Array = NDArray[np.float64]
 Jitter = Callable[[np.random.Generator, int], Array]

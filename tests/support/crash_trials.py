@@ -17,11 +17,11 @@ from mcap.reader import make_reader
 from processes import free_port
 from traffic import wait_until
 
-from gcs.catalogue import Catalogue
-from gcs.dialect import Dialect
+from gcs.catalogue.intake import recover
+from gcs.catalogue.store import Catalogue
 from gcs.errors import RecordingError
-from gcs.framing import Framer
-from gcs.intake import recover
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Framer
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from gcs.recording.writer import McapWriter

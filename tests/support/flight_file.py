@@ -10,8 +10,8 @@ os.environ.setdefault("MAVLINK20", "1")
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.dialect import Dialect
-from gcs.framing import Framer
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import Framer
 from gcs.recording.reader import Recording
 from gcs.recording.writer import McapWriter
 

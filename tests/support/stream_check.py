@@ -16,8 +16,8 @@ from mutated_streams import Stream
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.dialect import Dialect
-from gcs.framing import UNKNOWN, Framer, Frames, scan
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.framing import UNKNOWN, Framer, Frames, scan
 from gcs.recording.reader import Recording
 from gcs.recording.writer import McapWriter
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.datagrams import Batch
+from gcs.links.datagrams import Batch
 
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 SECOND = 1_000_000_000

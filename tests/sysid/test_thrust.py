@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import fly_mav
 
-from gcs.results import identification_text
+from gcs.analysis.results import identification_text
 from sim_vehicle.actuation import advance_actuators, start_actuators
 from sim_vehicle.layout import ACTUATOR_SIZE
 from sim_vehicle.model import read_model

@@ -1,0 +1,100 @@
+"""The post-flight job: from recordings to the result files, the one way for command line, REST and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gcs.analysis.made import made
+from gcs.flights.signals import extract
+from gcs.recording.joined import by_recording
+from gcs.recording.reader import Recording
+from sim_vehicle.model import read_model
+from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sysid.flight import FlightSignals
+
+Progress = Callable[[float, str], None]
+
+
+def _silent(share: float, text: str) -> None:
+    """Report nothing."""
+
+
+def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = None) -> list[FlightSignals]:
+    """Signals of each recording; files whose names say that they are parts of one count as one.
+
+    Raises GcsError or SysidError in one line where one cannot be read.
+    """
+    return [extract(Recording(parts), vehicle, system) for parts in by_recording(paths)]
+
+
+def identify(
+    paths: Sequence[Path],
+    vehicle: Path,
+    *,
+    validate: Sequence[Path] = (),
+    structure: Path | None = None,
+    prior: Path | None = None,
+    method: str = "auto",
+    start: float | None = None,
+    stop: float | None = None,
+    system: int | None = None,
+    progress: Progress = _silent,
+) -> dict[str, Any]:
+    """Identify the model of the vehicle from recordings; the JSON of schema identification/1.
+
+    paths: MCAP recordings, estimated together. validate: recordings the model is judged by. structure, prior: model
+    files. start, stop: s from the flight's first stamp. Raises GcsError, SysidError, SimVehicleError in one line.
+    """
+    from sysid.identify import identify as run
+    from sysid.result import result_json
+
+    craft = load_vehicle(str(vehicle))
+    progress(0.0, "reading the recordings")
+    found = run(
+        read_flights(paths, craft, system),
+        craft,
+        validate_on=read_flights(validate, craft, system),
+        structure=None if structure is None else read_model(structure),
+        prior=None if prior is None else read_model(prior),
+        method=method,
+        start_s=start,
+        stop_s=stop,
+        progress=progress,
+    )
+    result = result_json(found)
+    result["warnings"] = list(dict.fromkeys([*craft.warnings, *result["warnings"]]))
+    settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
+    models = [path for path in (structure, prior) if path is not None and path.is_file()]
+    result["made"] = made(settings, [*paths, *validate, craft.path, *models])
+    return result
+
+
+def discrepancy(
+    paths: Sequence[Path],
+    vehicle: Path,
+    model: Path,
+    *,
+    validate: Sequence[Path] = (),
+    system: int | None = None,
+    progress: Progress = _silent,
+) -> dict[str, Any]:
+    """Compare a model file with recordings; the JSON of schema discrepancy/1. Errors as for `identify`."""
+    from sysid.discrepancy import discrepancy as run
+    from sysid.result import finite_json
+
+    craft = load_vehicle(str(vehicle))
+    baseline = read_model(model)
+    progress(0.0, "reading the recordings")
+    found = run(
+        read_flights(paths, craft, system),
+        craft,
+        baseline,
+        validate_on=read_flights(validate, craft, system),
+        progress=progress,
+    )
+    clean: dict[str, Any] = finite_json(found)
+    models = [model] if model.is_file() else []
+    clean["made"] = made({"vehicle": craft.name, "system": system}, [*paths, *validate, craft.path, *models])
+    return clean

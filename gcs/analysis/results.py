@@ -1,0 +1,220 @@
+"""Results of identification and discrepancy analysis as tables for a terminal."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import SettingsError
+from gcs.text.jsontext import dumps
+
+_Z95 = 1.96
+
+
+def _number(value: Any, digits: int = 5) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
+    value, std = entry.get("value"), entry.get("std")
+    low, high = entry.get("ci95") or (None, None)
+    if low is None and value is not None and std is not None:
+        low, high = value - _Z95 * std, value + _Z95 * std
+    interval = f"{_number(low)} … {_number(high)}" if low is not None else ""
+    error = f"± {_number(std, 3)}" if std is not None else ""
+    moved = entry.get("systematic")
+    parts = [part for part in (moved or {}).values() if part is not None]
+    systematic = f"± {_number(math.hypot(*parts), 2)}" if parts else ""
+    return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {systematic or unit}".rstrip()
+
+
+def _model_lines(model: dict[str, Any]) -> list[str]:
+    entries = model.get("coefficients", {}).values()
+    told = "systematic" if any("systematic" in entry for entry in entries) else ""
+    lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26} {told}".rstrip()]
+    for name, entry in model.get("coefficients", {}).items():
+        if "refused" in entry:
+            lines.append(f"  {name:<24} {'refused':>12} {entry['refused']}")
+        else:
+            lines.append(_estimate_row(name, entry))
+    for effect in model.get("effects", []):
+        lines.append(f"  effect {effect['name']}")
+        lines += [_estimate_row(name, entry) for name, entry in effect.get("parameters", {}).items()]
+    return lines
+
+
+def _systematic_lines(model: dict[str, Any]) -> list[str]:
+    """What the column `systematic` means."""
+    names = {name for entry in model.get("coefficients", {}).values() for name in entry.get("systematic", {})}
+    if not names:
+        return []
+    return ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names))]
+
+
+def _bench_lines(model: dict[str, Any]) -> list[str]:
+    """What the standard errors hold of the bench's own errors."""
+    sources: dict[str, float] = {}
+    for entry in model.get("coefficients", {}).values():
+        for source, share in entry.get("bench", {}).items():
+            sources[source] = max(sources.get(source, 0.0), share / entry["std"] if entry.get("std") else 0.0)
+    if not sources:
+        return []
+    told = ", ".join(f"{source} (up to {share:.0%})" for source, share in sources.items())
+    return ["  std holds the bench's own errors, and the share of them in it: " + told]
+
+
+def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
+    columns = ("tic", "r2", "residual_mean", "residual_std", "gaussian_p")
+    lines = ["  " + f"{'output':<12}" + "".join(f"{column:>15}" for column in columns)]
+    for name, entry in outputs.items():
+        lines.append("  " + f"{name:<12}" + "".join(f"{_number(entry.get(column), 4):>15}" for column in columns))
+    return lines
+
+
+def _mode_lines(modes: Any) -> list[str]:
+    """The modes of the motion about the flight's mean airspeed."""
+    if not isinstance(modes, list):
+        return ["", f"modes: none: {modes['refused']}"] if modes else []
+    lines = ["", "modes:", f"  {'name':<28} {'frequency, Hz':<22} {'damping ratio':<22} time constant, s"]
+    for mode in modes:
+        cells = []
+        for key in ("frequency_hz", "damping_ratio", "time_constant_s"):
+            entry = mode[key]
+            cells.append("-" if entry is None else f"{_number(entry['value'], 4)} ± {_number(entry['std'], 2)}")
+        lines.append(f"  {mode['name']:<28} {cells[0]:<22} {cells[1]:<22} {cells[2]}")
+    return lines
+
+
+def _regression_lines(report: dict[str, Any] | None) -> list[str]:
+    """How well each axis is explained, and what cannot be told apart."""
+    if not report:
+        return []
+    lines = ["", "regression:", f"  {'axis':<6}{'R2':>9}{'condition':>11}   R2 in frequency, band   terms by stepwise"]
+    for axis, entry in report.items():
+        frequency = entry["frequency_domain"]
+        band = "-"
+        if "band_hz" in frequency:
+            low, high = frequency["band_hz"]
+            band = f"{frequency['r2']:.4f}, {low:.2f} to {high:.2f} Hz"
+        chosen = " ".join(entry["structure"].get("stepwise", []))
+        lines.append(f"  {axis:<6}{entry['r2']:>9.4f}{entry['condition']:>11.1f}   {band:<22}  {chosen}".rstrip())
+        lines += [f"    {words}" for words in entry["collinear"]]
+    return lines
+
+
+def identification_text(result: dict[str, Any]) -> str:
+    """A result of schema identification/1 as lines."""
+    lines = [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
+    lines += [f"thrust: {source}" for source in dict.fromkeys((result.get("thrust") or {}).values())]
+    for segment in result.get("segments", []):
+        if isinstance(segment, dict):
+            lines.append("segment: " + ", ".join(f"{key} {_plain(value)}" for key, value in segment.items()))
+    lines += [
+        "",
+        f"model {result['model'].get('name', '')}:",
+        *_model_lines(result["model"]),
+        *_bench_lines(result["model"]),
+        *_systematic_lines(result["model"]),
+    ]
+    lines += _regression_lines(result.get("regression"))
+    lines += _mode_lines(result.get("modes"))
+    if result.get("sensor_errors"):
+        lines += ["", "sensor errors:"]
+        lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]
+    compatibility = result.get("compatibility") or {}
+    if compatibility:
+        lines += ["", f"data compatible after correction: {'yes' if compatibility.get('compatible') else 'no'}"]
+        lines += [f"  {entry['verdict']}" for entry in compatibility.get("verdicts", [])]
+    for refusal in result.get("refused", []):
+        manoeuvre = f"; fly {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""
+        lines.append(f"refused: {refusal['name']}: {refusal['reason']}{manoeuvre}")
+    validation = result.get("validation") or {}
+    if validation.get("outputs"):
+        verdict = {True: "acceptable", False: "not acceptable: fly again", None: "not judged"}
+        lines += ["", f"validation: {verdict[_truth(validation.get('acceptable'))]}"]
+        lines += _score_lines(validation["outputs"])
+    lines += [f"warning: {warning}" for warning in result.get("warnings", [])]
+    return "\n".join(lines)
+
+
+def _truth(value: Any) -> bool | None:
+    """`acceptable` stands as a boolean, or as an object with the limit it was judged by."""
+    if isinstance(value, dict):
+        value = value.get("acceptable", value.get("value"))
+    return value if isinstance(value, bool) else None
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.2f}" if isinstance(value, float) and math.isfinite(value) else str(value)
+
+
+def discrepancy_text(result: dict[str, Any]) -> str:
+    """A result of schema discrepancy/1 as lines."""
+    lines = [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
+    for place in result.get("where", []):
+        lines.append(
+            f"where: {place['axis']} over {place['variable']}, share {_number(place.get('share'), 3)},"
+            f" p {_number(place.get('p_value'), 2)}"
+        )
+    for effect in result.get("effects", []):
+        lines += ["", f"effect {effect['name']}, probability {_number(effect.get('probability'), 3)}"]
+        lines += [_estimate_row(name, entry) for name, entry in effect.get("parameters", {}).items()]
+        for other in effect.get("alternatives", []):
+            lines.append(f"  or {other['name']}, probability {_number(other.get('probability'), 3)}")
+        if effect.get("alternatives") and effect.get("separating_manoeuvre"):
+            lines.append(f"  to tell them apart, fly {effect['separating_manoeuvre']}")
+    for flights, gap in (result.get("gap") or {}).items():
+        if gap:
+            lines += ["", f"gap on the {flights} flights (RMS):", *_gap_lines(gap)]
+    lines += [f"warning: {warning}" for warning in result.get("warnings", [])]
+    return "\n".join(lines)
+
+
+def _gap_lines(gap: dict[str, dict[str, Any]]) -> list[str]:
+    columns = [column for column in ("given", "before", "after", "noise_floor") if gap.get(column)]
+    outputs = list(dict.fromkeys(name for column in columns for name in gap[column]))
+    lines = ["  " + f"{'output':<10}" + "".join(f"{column:>13}" for column in columns)]
+    for name in outputs:
+        cells = "".join(f"{_number(gap[column].get(name), 4):>13}" for column in columns)
+        lines.append(f"  {name:<10}{cells}")
+    return lines
+
+
+def check_targets(*paths: Path | None) -> None:
+    """SettingsError where a file cannot be written: better known before an estimation than behind it."""
+    for path in paths:
+        if path is None:
+            continue
+        place = path if path.exists() else path.parent
+        if path.is_dir() or not place.exists() or not os.access(place, os.W_OK):
+            why = "a folder" if path.is_dir() else "not to be written" if place.exists() else "in no existing folder"
+            raise SettingsError(f"{path} is {why}; give another file for the result")
+
+
+def write_results(
+    result: dict[str, Any],
+    output: Path | None,
+    model: Path | None,
+    *,
+    as_json: bool,
+    text: Callable[[dict[str, Any]], str],
+) -> None:
+    """Write a result and its model to files where asked for, and print the result."""
+    if output is not None:
+        output.write_text(dumps(result, indent=2) + "\n", encoding="utf-8")
+    if model is not None:
+        model.write_text(dumps(result["model"], indent=2) + "\n", encoding="utf-8")
+    print(dumps(result, indent=2) if as_json else text(result))
+
+
+def calibration_text(result: dict[str, Any]) -> str:
+    """A calibration of schema calibration/1 as lines."""
+    lines = [f"form {result['form']}, unit {result['unit'] or 'as given'}"]
+    lines += [_estimate_row(entry["name"], entry) for entry in result["coefficients"]]
+    low, high = result["range"]
+    lines.append(f"  residual (RMS) {_number(result['residual_rms'])}, hysteresis {_number(result['hysteresis'])}")
+    lines.append(f"  readings from {_number(low)} to {_number(high)}")
+    return "\n".join(lines)

@@ -1,0 +1,119 @@
+"""Which recordings are deleted to make room: the oldest of those that have been worked on.
+
+A flight's entry, results and models stay. Never deleted: a flight that is being recorded, one with no identification
+that is done or was skipped (unless no vehicle speaks in it), one that a waiting or running job needs, an upload.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.catalogue.store import Catalogue, Flight
+from gcs.errors import CatalogueError, RecordingError, in_words
+from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE
+from gcs.recording.reader import Recording
+from gcs.text.sizes import size_text
+
+_log = logging.getLogger(__name__)
+
+_DAY_NS = 86_400_000_000_000
+_PERIOD_S = 60.0
+_STOP_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True)
+class RetentionRule:
+    """keep_days: age by the end of the flight beyond which its recording goes. keep_bytes: size that all may have."""
+
+    keep_days: float | None = None
+    keep_bytes: int | None = None
+
+    def __bool__(self) -> bool:
+        return self.keep_days is not None or self.keep_bytes is not None
+
+
+class Retention:
+    """Deletes recordings by a rule, once a minute in a thread of its own. `clock` gives UTC in ns."""
+
+    def __init__(
+        self, folder: Path, catalogue: Catalogue, rule: RetentionRule, clock: Callable[[], int] = time.time_ns
+    ) -> None:
+        self._folder = folder
+        self._catalogue = catalogue
+        self._rule = rule
+        self._clock = clock
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="retention", daemon=True)
+
+    def start(self) -> None:
+        """Begin, if there is a rule."""
+        if self._rule:
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stopping.set()
+        if self._thread.ident is not None:
+            self._thread.join(_STOP_TIMEOUT_S)
+
+    def _run(self) -> None:
+        try:
+            for flight in self._catalogue.deleted_flights():
+                self._unlink(flight)  # the service may have been stopped between the note and the deed
+        except Exception as error:
+            _log.error("recordings cannot be deleted: %s", in_words(error))
+        while not self._stopping.is_set():
+            try:
+                self.apply()
+            except Exception as error:  # the thread goes on whatever happens
+                _log.error("recordings cannot be deleted: %s", in_words(error))
+            self._stopping.wait(_PERIOD_S)
+
+    def apply(self) -> list[str]:
+        """Delete what the rule says now; the ids of the flights. Raises CatalogueFileError, OSError."""
+        kept = self._catalogue.kept_flights()
+        identified = self._catalogue.identified_flights()
+        total = sum(flight.bytes for flight in kept)
+        deleted = []
+        for flight in kept:
+            if not _is_processed(flight, identified):
+                continue
+            old = self._rule.keep_days is not None and self._age_ns(flight) > self._rule.keep_days * _DAY_NS
+            crowded = self._rule.keep_bytes is not None and total > self._rule.keep_bytes
+            if not (old or crowded) or (flight.id not in identified and self._may_hold_a_vehicle(flight)):
+                continue
+            if not self._catalogue.mark_deleted(flight.id):
+                continue
+            self._unlink(flight)
+            total -= flight.bytes
+            deleted.append(flight.id)
+            why = "its age" if old else "the size of all"
+            _log.info("recording of flight %s deleted for %s (%s)", flight.id, why, size_text(flight.bytes))
+        return deleted
+
+    def _age_ns(self, flight: Flight) -> int:
+        return self._clock() - flight.end_ns
+
+    def _may_hold_a_vehicle(self, flight: Flight) -> bool:
+        """Whether an autopilot speaks in the recording, though no HEARTBEAT told of one; also if it is unreadable."""
+        try:
+            heard = Recording(flight.kept_files(self._folder)).systems()
+        except (RecordingError, CatalogueError, OSError):
+            return True
+        return any(component == AUTOPILOT and system <= LAST_VEHICLE for system, component in heard)
+
+    def _unlink(self, flight: Flight) -> None:
+        for path in flight.files(self._folder):
+            path.unlink(missing_ok=True)
+
+
+def _is_processed(flight: Flight, identified: set[str]) -> bool:
+    """Whether nothing is to be had from the recording any more; where no vehicle was heard there never was."""
+    if flight.state == "recording" or flight.source == "upload":
+        return False
+    return flight.id in identified or (flight.system is None and flight.state == "complete")

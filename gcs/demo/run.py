@@ -1,0 +1,204 @@
+"""The demonstration: simulator, UDP, recording, post-flight job and REST in real processes, then a hidden effect."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+from gcs.analysis.results import discrepancy_text
+from gcs.demo.truth import signal_errors
+from gcs.errors import GcsError, JobError
+from gcs.text.progress import Progress
+from sim_vehicle.model import read_model
+from sim_vehicle.vehicle import load_vehicle
+
+VEHICLE = "iitb-mav"
+_PATIENCE_S = 150.0
+# What is flown: to fit, and to judge by.
+FIT, JUDGE = "elevator-3211,multisine", "elevator-doublet,aileron-doublet,rudder-doublet"
+
+
+def _free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Demo:
+    """One run of the demonstration.
+
+    folder: where everything is left. speed: flight time over wall time. hidden: effect of the second aircraft,
+    NAME:KEY=VALUE.
+    """
+
+    def __init__(self, folder: Path, speed: float, seed: int, hidden: str) -> None:
+        self.folder, self.speed, self.seed, self.hidden = folder, speed, seed, hidden
+        self.udp, self.http = _free_port(socket.SOCK_DGRAM), _free_port(socket.SOCK_STREAM)
+        self.url = f"http://127.0.0.1:{self.http}"
+
+    def run(self) -> None:
+        """Fly, identify, find the hidden effect, show what REST answers. Raises GcsError in one line."""
+        began = time.monotonic()
+        if (self.folder / "service").exists():
+            shutil.rmtree(self.folder / "service")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with (self.folder / "service.log").open("w", encoding="utf-8") as log, self._service(log) as service:
+            try:
+                self._await_service(service)
+                self._steps()
+            finally:
+                service.terminate()
+                service.wait(timeout=20)
+        print(f"\nDone in {time.monotonic() - began:.0f} s. Everything is in {self.folder}/; to look around:")
+        print(
+            f"  gcs serve --data {self.folder}/service --vehicle {VEHICLE}    then open /docs on the address it prints"
+        )
+
+    def _steps(self) -> None:
+        print(f"1. The paper's aircraft flies over UDP (a process of its own, {self.speed:g}x real time).")
+        first = self._fly("flight-1", FIT, ["--taxi"])
+        second = self._fly("flight-2", JUDGE, [])
+        print("\n2. Identification of flight 1, judged on flight 2.")
+        self._job(first, {"kind": "identify", "validate": [second]})
+        result = self._get(f"/api/flights/{first}/identification")
+        self._save("identification.json", result)
+        self._table(result)
+        print(f"\n3. Another aircraft, which hides an effect that the identified model lacks: {self.hidden}")
+        third = self._fly("flight-3", FIT, ["--effect", self.hidden])
+        fourth = self._fly("flight-4", JUDGE, ["--effect", self.hidden, "--set", "manoeuvre.amplitude=0.08"])
+        model = next(entry["id"] for entry in self._get("/api/models") if entry["flight_id"] == first)
+        self._job(third, {"kind": "discrepancy", "model": model, "validate": [fourth]})
+        found = self._get(f"/api/flights/{third}/discrepancy")
+        self._save("discrepancy.json", found)
+        print(discrepancy_text(found))
+        (self.folder / "repaired.tlog").unlink(missing_ok=True)
+        repaired = self._save("model-with-effect.json", found["model"])
+        self._run(["fly", "--model", str(repaired), "--manoeuvre", "cruise", "--duration", "5", "--record",
+                   str(self.folder / "repaired.tlog")])  # fmt: skip
+        print(f"The model with the effect is in {repaired}; sim-vehicle has flown it.")
+        self._plots(result, found)
+        newest = self._get("/api/models")[0]
+        print(f"\n4. REST answers: GET {self.url}/api/models/{newest['id']}")
+        print("   " + json.dumps(self._get(f"/api/models/{newest['id']}"))[:200] + " …")
+        print(f"   GET {self.url}/api/flights: {len(self._flights())} flights")
+
+    def _service(self, log: Any) -> subprocess.Popen[bytes]:
+        command = [
+            sys.executable, "-m", "gcs", "serve", "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", VEHICLE,
+            "--data", str(self.folder / "service"), "--port", str(self.http), "--silence", "4", "--no-identify",
+        ]  # fmt: skip
+        return subprocess.Popen(command, stdout=log, stderr=log)
+
+    def _await_service(self, service: subprocess.Popen[bytes]) -> None:
+        deadline = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < deadline:
+            if service.poll() is not None:
+                raise GcsError(f"the service ended at once; its words are in {self.folder}/service.log")
+            try:
+                self._get("/api/health")
+                return
+            except (JobError, OSError):
+                time.sleep(0.1)
+        raise GcsError(f"the service does not answer on {self.url}; its words are in {self.folder}/service.log")
+
+    def _run(self, arguments: list[str]) -> None:
+        done = subprocess.run([sys.executable, "-m", "sim_vehicle", *arguments], stdout=subprocess.DEVNULL, check=False)
+        if done.returncode != 0:
+            raise GcsError(f"the simulator ended with code {done.returncode}")
+
+    def _fly(self, name: str, manoeuvres: str, more: list[str]) -> str:
+        """Fly over UDP; the id of the recorded flight."""
+        before = {flight["id"] for flight in self._flights()}
+        self.seed += 1
+        print(f"   {name}: {manoeuvres} {' '.join(more)}".rstrip(), flush=True)
+        self._run(["fly", "--vehicle", VEHICLE, "--manoeuvre", manoeuvres, "--seed", str(self.seed), "--out",
+                   f"udpout:127.0.0.1:{self.udp}", "--speed", str(self.speed), "--truth",
+                   str(self.folder / f"{name}.truth.json"), *more])  # fmt: skip
+        deadline = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < deadline:
+            new = [flight for flight in self._flights() if flight["id"] not in before]
+            if new and all(flight["state"] != "recording" for flight in new):
+                if len(new) > 1:
+                    raise GcsError(
+                        f"{name} came in {len(new)} pieces: this machine held the stream up for seconds; try --speed 5"
+                    )
+                return self._check_complete(str(new[0]["id"]))
+            time.sleep(0.2)
+        raise GcsError(
+            f"{name} was flown but no recording appeared; the service's words are in {self.folder}/service.log"
+        )
+
+    def _check_complete(self, flight: str) -> str:
+        summary = self._get(f"/api/flights/{flight}")
+        lost = sum(entry["lost"] for entry in summary.get("components", []))
+        print(f"      recorded as {flight}: {summary['messages']} messages, {lost} lost by the sequence counters")
+        return flight
+
+    def _job(self, flight: str, request: dict[str, Any]) -> None:
+        job = self._get(f"/api/flights/{flight}/jobs", request)
+        with Progress() as progress:
+            while job["state"] in ("queued", "running"):
+                log = job.get("log") or [""]
+                progress(job.get("progress") or 0.0, str(log[-1]))
+                time.sleep(0.3)
+                job = self._get(f"/api/jobs/{job['id']}")
+        if job["state"] != "done":
+            raise JobError(f"the {request['kind']} job failed: {job.get('error')}")
+
+    def _flights(self) -> list[dict[str, Any]]:
+        answer = self._get("/api/flights?limit=100")
+        found: list[dict[str, Any]] = answer if isinstance(answer, list) else answer["flights"]
+        return found
+
+    def _get(self, path: str, body: dict[str, Any] | None = None) -> Any:
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.url + path, data, {"Content-Type": "application/json"})
+        try:
+            with urllib.request.urlopen(request, timeout=30) as answer:
+                return json.load(answer)
+        except urllib.error.HTTPError as error:
+            with error:
+                detail = error.read().decode(errors="replace")
+            raise JobError(f"{path} answers {error.code}: {detail[:300]}") from None
+
+    def _save(self, name: str, content: Any) -> Path:
+        path = self.folder / name
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        return path
+
+    def _table(self, result: dict[str, Any]) -> None:
+        """Estimates beside the truth that the simulator flew."""
+        truth = read_model(VEHICLE).values()
+        flown = json.loads((self.folder / "flight-1.truth.json").read_text(encoding="utf-8"))["sensor_errors"]
+        hidden = signal_errors(load_vehicle(VEHICLE), flown, result["sensor_errors"])
+        print(f"   {'':<18}{'true':>11}{'estimate':>12}{'std error':>12}{'off by':>10}")
+        rows = [(name, truth.get(name, 0.0), entry) for name, entry in result["model"]["coefficients"].items()]
+        rows += [(name, hidden[name], entry) for name, entry in result["sensor_errors"].items() if name in hidden]
+        for name, true, entry in rows:
+            if "refused" in entry:
+                print(f"   {name:<18}{true:>11.5f}  refused: {entry['refused']}")
+                continue
+            value, std = entry["value"], entry["std"]
+            print(f"   {name:<18}{true:>11.5f}{value:>12.5f}{std:>12.5f}{abs(value - true) / std:>8.1f} s.e.")
+        print(
+            "   Standard errors hold the flight's noise and the bench calibration's own error; mass, inertia, density"
+            " are as in the vehicle file."
+        )
+        validation = result["validation"]
+        scores = ", ".join(f"{axis} {entry['tic']:.3f}" for axis, entry in validation["outputs"].items())
+        print(f"   on flight 2, Theil's inequality coefficient: {scores} ({validation['reason']})")
+
+    def _plots(self, result: dict[str, Any], found: dict[str, Any]) -> None:
+        from gcs.demo.plots import draw
+
+        picture = self.folder / "demo.png"
+        draw(result, read_model(VEHICLE).values(), found, picture)
+        print(f"   A picture of both results is in {picture}")

@@ -1,0 +1,142 @@
+"""Recordings in other formats: which there are, and which module reads or writes each."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from gcs.errors import ImportFileError, RecordingError
+from gcs.mavlink.dialect import DEFAULT_DIALECT, Dialect
+
+#: Told the share that is done, 0 to 1.
+Progress = Callable[[float], None]
+
+
+def _copy(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    """A recording is taken as it is, once it has opened; one that was cut off is completed."""
+    from gcs.recording.container import Container
+    from gcs.recording.repair import repair
+
+    if Container(source).damage.truncated:
+        repair([source], target)
+    else:
+        shutil.copyfile(source, target)
+
+
+def _import_tlog(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    from gcs.formats.tlog import import_tlog
+
+    import_tlog(source, target, Dialect.load(dialect), progress, name)
+
+
+def _import_dataflash(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    from gcs.importers.ardupilot import import_dataflash
+
+    import_dataflash(source, target, progress, name)
+
+
+def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    from gcs.importers.ulog import import_ulog
+
+    import_ulog(source, target, progress, name)
+
+
+def _export_tlog(source: Path, target: Path) -> None:
+    from gcs.formats.tlog import export_tlog
+
+    export_tlog(source, target)
+
+
+def _export_csv(source: Path, target: Path) -> None:
+    from gcs.formats.tables import export_csv
+
+    export_csv(source, target)
+
+
+def _export_parquet(source: Path, target: Path) -> None:
+    from gcs.formats.tables import export_parquet
+
+    export_parquet(source, target)
+
+
+def _export_attached(source: Path, target: Path) -> None:
+    from gcs.formats.original import export_original
+
+    export_original(source, target)
+
+
+IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
+    ".mcap": _copy,
+    ".tlog": _import_tlog,
+    ".bin": _import_dataflash,
+    ".ulg": _import_ulog,
+}
+EXPORTS: dict[str, Callable[[Path, Path], None]] = {
+    ".tlog": _export_tlog,
+    ".csv": _export_csv,
+    ".parquet": _export_parquet,
+    ".bin": _export_attached,
+    ".ulg": _export_attached,
+}
+
+
+def check_file(path: Path) -> None:
+    """ImportFileError where there is no file of that name."""
+    if path.is_dir():
+        raise ImportFileError(f"{path} is a folder; name a file in it")
+    if not path.is_file():
+        raise ImportFileError(f"{path}: there is no such file")
+
+
+def import_file(
+    source: Path,
+    target: Path,
+    ending: str | None = None,
+    progress: Progress = lambda share: None,
+    dialect: str = DEFAULT_DIALECT,
+    name: str = "",
+) -> None:
+    """Write the recording `source` as MCAP to `target`, which must not exist.
+
+    ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
+    frames. name: by which the file is remembered, where `source` has another. Raises ImportFileError, RecordingError,
+    DialectError; no file is left behind then.
+    """
+    ending = (source.suffix if ending is None else ending).lower()
+    if ending not in IMPORTS:
+        raise ImportFileError(
+            f"{ending or 'a file without an ending'} cannot be imported; this version reads {', '.join(IMPORTS)}"
+        )
+    check_file(source)
+    if target.exists() and target.samefile(source):
+        raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
+    _check_new(target)
+    try:
+        IMPORTS[ending](source, target, progress, dialect, name or source.name)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+
+
+def export_file(source: Path, target: Path) -> None:
+    """Write the recording `source` in the format that the ending of `target`, which must not exist, names.
+
+    Raises RecordingError; no file is left behind then.
+    """
+    ending = target.suffix.lower()
+    if ending not in EXPORTS:
+        raise RecordingError(
+            f"{target.name}: {ending or 'no ending'} cannot be exported; this version writes {', '.join(EXPORTS)}"
+        )
+    _check_new(target)
+    try:
+        EXPORTS[ending](source, target)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+
+
+def _check_new(target: Path) -> None:
+    if target.exists():
+        raise RecordingError(f"{target} exists already; choose another name, or remove it first")

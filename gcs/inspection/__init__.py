@@ -1,0 +1,1 @@
+"""What a recording holds, for people and as JSON."""

@@ -1,0 +1,1 @@
+"""Work in processes of its own: estimations and uploads, which must not make reception wait."""

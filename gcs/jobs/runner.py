@@ -1,0 +1,250 @@
+"""Runs estimations one after another, each in a process of its own at low priority, so that reception never waits.
+
+The worker reads one JSON line on its standard input, reports progress as JSON lines on its standard output, and
+leaves its result in a file. Closing its input ends it, so no worker outlives the service.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from gcs.catalogue.store import Catalogue, Job
+from gcs.errors import CatalogueFileError, GcsError, JobError, in_words
+from gcs.settings import Settings
+from gcs.text.jsontext import dumps
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.model import model_from_json
+from sim_vehicle.vehicle import load_vehicle
+
+_log = logging.getLogger(__name__)
+
+KINDS = ("identify", "discrepancy")
+_MODEL_FIELDS = ("model", "structure", "prior")
+_STOP_TIMEOUT_S = 5.0
+_RETRY_S = 5.0
+
+
+class NothingToDoError(JobError):
+    """The recording holds nothing that the job could work on; no fault of anyone."""
+
+
+class JobRunner:
+    """Takes queued jobs from the catalogue. `worker` is the command that runs one.
+
+    problem: why they wait, in words, empty when all is well.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        catalogue: Catalogue,
+        worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.worker"),
+    ) -> None:
+        self._settings = settings
+        self._catalogue = catalogue
+        self._worker = tuple(worker)
+        self.problem = ""
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._process: subprocess.Popen[str] | None = None
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
+
+    def start(self) -> None:
+        """Queue again what the last stop interrupted, and begin."""
+        self._settings.jobs.mkdir(parents=True, exist_ok=True)
+        self._catalogue.requeue_interrupted_jobs()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the running worker (its job is queued again at the next start) and the thread."""
+        self._stopping.set()
+        self._wake.set()
+        with self._lock:
+            if self._process is not None:
+                self._process.terminate()
+        if self._thread.ident is not None:
+            self._thread.join(_STOP_TIMEOUT_S)
+
+    def submit(self, flight_id: str, request: dict[str, Any]) -> Job:
+        """Queue a job after checking all that can be checked at once.
+
+        request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
+        "validate" (flight ids), "method", "from", "to" (s), "system"; "automatic" where no person asked for it: a
+        recording of nothing but the ground is then skipped, not failed. Raises JobError, CatalogueError.
+        """
+        if self._settings.vehicle is None:
+            raise JobError("no vehicle file is configured; start the service with --vehicle FILE")
+        kind = request.get("kind")
+        if kind not in KINDS:
+            raise JobError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
+        if kind == "discrepancy" and request.get("model") is None:
+            raise JobError("discrepancy needs a model: give the id of one (GET /api/models), or the model itself")
+        for flight in (flight_id, *request.get("validate", ())):
+            if self._catalogue.flight(flight).state == "recording":
+                raise JobError(f"flight {flight} is still being recorded; wait until it has ended")
+            self._recordings(flight)
+        for name in _MODEL_FIELDS:
+            if request.get(name) is not None:
+                self._model(request[name], name)
+        job = self._catalogue.add_job(flight_id, kind, request)
+        self._wake.set()
+        return job
+
+    def _model(self, given: str | dict[str, Any], where: str) -> dict[str, Any]:
+        data = self._catalogue.model(given) if isinstance(given, str) else given
+        try:
+            model_from_json(data, where)
+        except SimVehicleError as error:
+            raise JobError(str(error)) from error
+        return data
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._run_next()
+            except Exception as error:  # the thread goes on whatever happens
+                self.problem = f"jobs wait: {in_words(error)}"
+                _log.error("%s", self.problem)
+                self._stopping.wait(_RETRY_S)
+                with contextlib.suppress(CatalogueFileError):
+                    self._catalogue.requeue_interrupted_jobs()  # whichever ran has no result now
+
+    def _run_next(self) -> None:
+        """Run the oldest queued job, or wait for one."""
+        job = self._catalogue.take_job()
+        self.problem = ""
+        if job is None:
+            self._wake.wait()
+            self._wake.clear()
+            return
+        try:
+            with tempfile.TemporaryDirectory(prefix=f"{job.id}-", dir=self._settings.jobs) as folder:
+                result = self._execute(job, Path(folder))
+                if result is not None:
+                    self._catalogue.finish_job(job, result)
+        except NothingToDoError as reason:
+            self._catalogue.skip_job(job.id, str(reason))
+        except CatalogueFileError:
+            raise
+        except (GcsError, SimVehicleError, OSError) as error:
+            self._catalogue.fail_job(job.id, str(error))
+        except Exception as error:  # as a worker that answers what nobody expects
+            _log.error("job %s failed: %s", job.id, in_words(error))
+            self._catalogue.fail_job(job.id, in_words(error))
+
+    def _execute(self, job: Job, folder: Path) -> dict[str, Any] | None:
+        """The result, None if the service is being stopped; JobError with the worker's reason."""
+        order = self._order(job, folder)
+        errors = folder / "stderr"
+        with errors.open("w", encoding="utf-8") as stderr:
+            process = subprocess.Popen(
+                self._worker,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+                env={**os.environ, "PYTHONPATH": python_path()},
+            )
+        with self._lock:
+            self._process = process
+            if self._stopping.is_set():
+                process.terminate()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            with contextlib.suppress(BrokenPipeError):  # it died at its start; exit code and last words tell why
+                process.stdin.write(dumps(order) + "\n")
+                process.stdin.flush()
+            last = self._follow(job, process.stdout)
+            code = process.wait()
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        finally:
+            with contextlib.suppress(BrokenPipeError):  # closing writes what the dead worker did not take
+                process.stdin.close()
+            process.stdout.close()
+            with self._lock:
+                self._process = None
+        if self._stopping.is_set():
+            return None
+        if "nothing" in last:
+            raise NothingToDoError(last["nothing"])
+        if "error" in last:
+            raise JobError(last["error"])
+        if code != 0:
+            raise JobError(last_words(code, errors))
+        return dict(json.loads(Path(order["output"]).read_text(encoding="utf-8")))
+
+    def _follow(self, job: Job, lines: IO[str]) -> dict[str, str]:
+        """Store progress until the worker's output ends; what it said last: an "error", or that there is "nothing"."""
+        last: dict[str, str] = {}
+        for line in lines:
+            try:
+                report = json.loads(line)
+            except json.JSONDecodeError:
+                report = {"log": line.rstrip()}  # a library that prints
+            if not isinstance(report, dict):
+                continue
+            last |= {key: str(report[key]) for key in ("error", "nothing") if key in report}
+            self._catalogue.report_progress(job.id, _share(report.get("progress")), str(report.get("log", "")))
+        return last
+
+    def _order(self, job: Job, folder: Path) -> dict[str, Any]:
+        """What the worker is to do; the paths in it are the service's own, none comes from a client."""
+        assert self._settings.vehicle is not None
+        request = job.request
+        models: dict[str, Path] = {}
+        for name in _MODEL_FIELDS:
+            if request.get(name) is not None:
+                models[name] = folder / f"{name}.json"
+                models[name].write_text(dumps(self._model(request[name], name)), encoding="utf-8")
+        return {
+            "kind": job.kind,
+            "recordings": self._recordings(job.flight_id),
+            "validate": [path for flight in request.get("validate", ()) for path in self._recordings(flight)],
+            "vehicle": load_vehicle(self._settings.vehicle).path,
+            "models": models,
+            "method": request.get("method", "auto"),
+            "start": request.get("from"),
+            "stop": request.get("to"),
+            "system": request.get("system"),
+            "automatic": request.get("automatic", False),
+            "output": folder / "result.json",
+        }
+
+    def _recordings(self, flight_id: str) -> list[Path]:
+        return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
+
+
+def _share(told: object) -> float:
+    """Progress as a worker tells it; 0, which changes nothing, for anything else."""
+    return float(told) if isinstance(told, int | float) and math.isfinite(told) else 0.0
+
+
+def python_path() -> str:
+    """The worker imports the same packages as the service, installed or not."""
+    root = str(Path(__file__).resolve().parents[2])
+    given = os.environ.get("PYTHONPATH")
+    return root + os.pathsep + given if given else root
+
+
+def last_words(code: int, errors: Path) -> str:
+    """Why a worker ended, by its exit code and what it wrote to standard error."""
+    if code < 0:
+        return f"the worker was ended by signal {-code}; is there enough memory?"
+    lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return f"the worker failed (exit code {code}): {lines[-1] if lines else 'without a message'}"

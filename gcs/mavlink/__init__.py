@@ -1,0 +1,1 @@
+"""MAVLink: dialects, frames in a stream of bytes, their fields as columns, counters and signatures."""

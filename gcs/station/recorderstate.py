@@ -1,0 +1,65 @@
+"""What the recorder knows of its surroundings: who was heard, what goes wrong, what could not be recorded."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+
+from gcs.errors import in_words
+from gcs.mavlink.frameparts import autopilots
+from gcs.mavlink.framing import Frames
+from gcs.station.segmentation import Heartbeat
+
+_log = logging.getLogger(__name__)
+
+
+class RecorderState:
+    """`problem`: what goes wrong, in words for /api/health, empty when all is well. `unrecorded_bytes`: in no file.
+
+    ground_stations, vehicles: the systems heard.
+    """
+
+    def __init__(self) -> None:
+        self.problem = ""
+        self.unrecorded_bytes = 0
+        self.ground_stations: set[int] = set()
+        self.vehicles: set[int] = set()
+        self._heard: set[int] = set()
+        self._lock = threading.Lock()
+
+    def report(self, error: Exception) -> None:
+        """Say what goes wrong, once until it is over."""
+        with self._lock:
+            if not self.problem:
+                self.problem = in_words(error)
+                _log.error("cannot record: %s", self.problem)
+
+    def recovered(self) -> None:
+        """Bytes are recorded again."""
+        with self._lock:
+            if self.problem:
+                _log.warning("recording again; %d bytes were not recorded so far", self.unrecorded_bytes)
+                self.problem = ""
+
+    def add_unrecorded(self, count: int) -> None:
+        """Count bytes that no file took."""
+        with self._lock:
+            self.unrecorded_bytes += count
+
+    def learn(self, frames: Frames, beats: Sequence[Heartbeat]) -> None:
+        """Who is a vehicle: by its HEARTBEAT, and where one is known already by the first word of an autopilot.
+
+        Else a second vehicle's frames up to its HEARTBEAT would be in the first one's flight.
+        """
+        for beat in beats:
+            if beat.ground_station:
+                self.ground_stations.add(beat.system)
+                self.vehicles.discard(beat.system)
+            else:
+                self.vehicles.add(beat.system)
+        new = set(frames.systems) - self._heard
+        if new:
+            self._heard |= new
+            if self.vehicles:
+                self.vehicles |= (new & autopilots(frames)) - self.ground_stations

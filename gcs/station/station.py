@@ -1,0 +1,212 @@
+"""The running station: a thread for each link, one that keeps time, the heartbeat, and the passing on of bytes."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+
+from gcs.clock import timesync
+from gcs.errors import in_words
+from gcs.links.datagrams import Batch
+from gcs.links.opening import Link
+from gcs.links.sources import FORWARD
+from gcs.mavlink.dialect import Dialect
+from gcs.station.forwarding import Forwarder
+from gcs.station.linkstats import merged
+from gcs.station.recorder import FlightRecorder
+from gcs.station.recorderstate import RecorderState
+from gcs.station.voice import StationVoice
+
+_RECEIVE_TIMEOUT_S = 0.25
+_TICK_S = 0.25
+_HEARTBEAT_S = 1.0
+_STOP_TIMEOUT_S = 5.0
+_DRAIN_S = 1.0
+_LAST_LOOK_S = 0.01
+_AFTER_ERROR_S = 0.01
+_MOST_ERRORS = 100
+
+_log = logging.getLogger(__name__)
+
+
+def _say_once() -> Callable[[Exception], None]:
+    """Logs each error in a line, but not one that was logged before."""
+    said: set[str] = set()
+
+    def say(error: Exception) -> None:
+        words = in_words(error)
+        if words not in said and len(said) < _MOST_ERRORS:
+            said.add(words)
+            _log.error("the station goes on after an error: %s", words)
+
+    return say
+
+
+class Station:
+    """Links in, bytes to `take`, frames on to the links of `forward` and what these say back to the vehicles.
+
+    take: called with (source name, batch) from the thread of that link; the sources of forward links have names that
+    begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself. report:
+    called with an error that nobody thought of; the threads go on behind it.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        take: Callable[[str, Batch], None],
+        tick: Callable[[int], None],
+        forward: Sequence[Link] = (),
+        clock: Callable[[], int] = time.time_ns,
+        *,
+        voice: StationVoice | None = None,
+        dialect: Dialect | None = None,
+        report: Callable[[Exception], None] | None = None,
+    ) -> None:
+        self.links = tuple(links)
+        self.forward = tuple(forward)
+        self._report = report or _say_once()
+        several = len(self.links) + len(self.forward) > 1
+        for link in (*links, *forward):
+            # Else what gathers on one link would be recorded behind what came later on another.
+            link.prompt = several
+        self.voice = voice or StationVoice()
+        self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
+        self._take = take
+        self._tick = tick
+        self._clock = clock
+        self._stopping = threading.Event()
+        self._threads = [
+            *(threading.Thread(target=self._receive, args=(link,), daemon=True) for link in self.links),
+            *(threading.Thread(target=self._answer, args=(link,), daemon=True) for link in self.forward),
+            threading.Thread(target=self._keep_time, daemon=True),
+        ]
+
+    def start(self) -> None:
+        """Begin to receive."""
+        if self._forwarder is not None:
+            self._forwarder.start()
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End the threads, then give the links back."""
+        self._stopping.set()
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join(_STOP_TIMEOUT_S)
+        if self._forwarder is not None:
+            self._forwarder.stop(_STOP_TIMEOUT_S)
+        for link in (*self.links, *self.forward):
+            link.close()
+
+    def _receive(self, link: Link) -> None:
+        while not self._stopping.is_set():
+            self._take_from(link, _RECEIVE_TIMEOUT_S, "")
+        # What had arrived when the station was told to stop was received.
+        deadline = time.monotonic() + _DRAIN_S
+        while self._take_from(link, _LAST_LOOK_S, "") and time.monotonic() < deadline:
+            pass
+
+    def _answer(self, link: Link) -> None:
+        """What another ground station behind a forward link says."""
+        while not self._stopping.is_set():
+            self._take_from(link, _RECEIVE_TIMEOUT_S, FORWARD)
+
+    def _take_from(self, link: Link, timeout_s: float, prefix: str) -> bool:
+        try:
+            batch = link.receive(timeout_s)
+            if batch is None:
+                return False
+            source = prefix + (batch.source or link.name)
+            try:
+                self._take(source, batch)
+            finally:
+                if self._forwarder is not None:
+                    self._forwarder.offer(source, batch, from_vehicle=not prefix)
+        except Exception as error:
+            self._report(error)
+            self._stopping.wait(_AFTER_ERROR_S)  # it may come back at once, for ever
+        return True
+
+    def _keep_time(self) -> None:
+        next_heartbeat = time.monotonic()
+        while not self._stopping.wait(_TICK_S):
+            try:
+                self._tick(self._clock())
+                if time.monotonic() >= next_heartbeat:
+                    next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
+                    self._say(self.voice.heartbeat())
+                    self._say(self.voice.frame(timesync.request(self._clock())))
+            except Exception as error:
+                self._report(error)
+
+    def _say(self, frame: bytes) -> None:
+        if self._forwarder is not None:
+            self._forwarder.note_own(frame)
+        for link in self.links:
+            link.send(frame)
+
+
+class RecordingStation(Station):
+    """A station that records what its links bring, cut into flights."""
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        recorder: FlightRecorder,
+        forward: Sequence[Link] = (),
+        clock: Callable[[], int] = time.time_ns,
+        *,
+        voice: StationVoice | None = None,
+        dialect: Dialect | None = None,
+    ) -> None:
+        super().__init__(
+            links,
+            recorder.feed,
+            recorder.tick,
+            forward,
+            clock,
+            voice=voice,
+            dialect=dialect,
+            report=recorder.state.report,
+        )
+        self._recorder = recorder
+
+    def stop(self) -> None:
+        """End the threads, then every flight."""
+        super().stop()
+        self._recorder.close(self._clock())
+
+    @property
+    def state(self) -> RecorderState:
+        """What went wrong, and who was heard."""
+        return self._recorder.state
+
+    @property
+    def problem(self) -> str:
+        """What goes wrong now, in words; empty when all is well."""
+        return self.state.problem or (self._forwarder.problem if self._forwarder is not None else "")
+
+    def live_flights(self) -> list[str]:
+        """Ids of the flights being recorded now."""
+        return self._recorder.live_flights()
+
+    def link_status(self) -> list[dict[str, object]]:
+        """State, counters and statistics of every link, those to other ground stations behind the others, as JSON."""
+        now = self._clock()
+        return [
+            {**link.status(), "role": role, **self._statistics(prefix, link, now)}
+            for role, prefix, links in (("vehicle", "", self.links), ("forward", FORWARD, self.forward))
+            for link in links
+        ]
+
+    def forwarding(self) -> dict[str, int] | None:
+        """What was passed on, as JSON; None where there is nobody to pass it on to."""
+        return None if self._forwarder is None else asdict(self._forwarder.counts)
+
+    def _statistics(self, prefix: str, link: Link, now_ns: int) -> dict[str, object]:
+        names = dict.fromkeys((link.name, *(source.name for source in link.sources.all())))
+        return merged([(name, self._recorder.statistics(prefix + name, now_ns)) for name in names])

@@ -1,0 +1,195 @@
+"""Jobs run in processes of their own; their workers here are small programs with known behaviour."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import service
+from traffic import SECOND, Vehicle, batch, wait_until
+
+from gcs.catalogue.store import Catalogue, Job
+from gcs.errors import CatalogueError, JobError
+from gcs.jobs.runner import JobRunner
+from gcs.mavlink.dialect import Dialect
+from gcs.settings import Settings
+from gcs.station.recorder import FlightRecorder
+
+GOOD = """
+import json, sys, os
+order = json.loads(sys.stdin.readline())
+assert all(os.path.isfile(path) for path in order["recordings"])
+print(json.dumps({"progress": 0.5, "log": "half way"}), flush=True)
+print("a library that prints", flush=True)
+models = {name: json.load(open(path)) for name, path in order["models"].items()}
+result = {"kind": order["kind"], "method": order["method"], "start": order["start"], "models": models,
+          "model": {"schema": "model/1", "name": "found", "coefficients": {"CL_0": {"value": 0.25}}, "effects": []}}
+json.dump(result, open(order["output"], "w"))
+"""
+NAMED_ERROR = """
+import json
+print(json.dumps({"error": "no airborne part was found; give --from and --to"}), flush=True)
+raise SystemExit(1)
+"""
+NOTHING = """
+import json
+print(json.dumps({"nothing": "the aircraft never flew"}), flush=True)
+"""
+ODD_PROGRESS = """
+import sys
+sys.stdin.readline()
+for odd in ('"n/a"', "NaN", "[]", "1e999", "null"):
+    print('{"progress": %s, "log": "odd"}' % odd, flush=True)
+raise SystemExit("gave up")
+"""
+NOT_TEXT = r"""
+import os, sys
+os.write(1, b"\xff\xfe\n")
+sys.stdin.read()
+"""
+CRASH = "raise RuntimeError('boom')"
+KILLED = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+ENDLESS = """
+import json, sys, threading
+sys.stdin.readline()
+print(json.dumps({"progress": 0.1, "log": "running"}), flush=True)
+sys.stdin.read()
+"""
+
+
+class Bench:
+    """A data folder with one recorded flight."""
+
+    def __init__(self, folder: Path) -> None:
+        self.settings = Settings(data=folder, vehicle="iitb-mav")
+        self.catalogue = Catalogue(self.settings.database)
+        recorder = FlightRecorder(self.settings.flights, Dialect.load(), self.catalogue)
+        recorder.feed("test", batch(Vehicle().second(), 1_800_000_000 * SECOND))
+        recorder.close(1_800_000_001 * SECOND)
+        self.flight = self.catalogue.flights()[0].id
+        self.runners: list[JobRunner] = []
+
+    def runner(self, program: str) -> JobRunner:
+        runner = JobRunner(self.settings, self.catalogue, (sys.executable, "-c", program))
+        self.runners.append(runner)
+        runner.start()
+        return runner
+
+    def run(self, program: str, request: dict[str, Any]) -> Job:
+        """One job from start to end."""
+        job = self.runner(program).submit(self.flight, request)
+        return wait_until(lambda: self.ended(job.id))
+
+    def ended(self, job_id: str) -> Job | None:
+        job = self.catalogue.job(job_id)
+        return job if job.state in ("done", "failed", "skipped") else None
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path)
+    yield made
+    for runner in made.runners:
+        runner.stop()
+    made.catalogue.close()
+
+
+def test_a_job_leaves_its_result_its_model_and_its_log(bench: Bench) -> None:
+    job = bench.run(GOOD, {"kind": "identify", "method": "ee", "from": 3.5})
+    assert (job.state, job.progress, job.error) == ("done", 1.0, None)
+    assert job.log == ["half way", "a library that prints"]
+    result = bench.catalogue.result(bench.flight, "identify")
+    assert (result["method"], result["start"]) == ("ee", 3.5)
+    assert bench.catalogue.model(job.id)["coefficients"]["CL_0"]["value"] == 0.25
+    assert list(bench.settings.jobs.iterdir()) == []
+
+
+def test_a_model_reaches_the_worker_by_id_and_as_json(bench: Bench) -> None:
+    found = bench.run(GOOD, {"kind": "identify"})
+    given = {"schema": "model/1", "name": "given", "coefficients": {"Cm_q": {"value": -9.0}}, "effects": []}
+    bench.runners[0].stop()
+    bench.run(GOOD, {"kind": "discrepancy", "model": found.id, "prior": given})
+    result = bench.catalogue.result(bench.flight, "discrepancy")
+    assert result["models"]["model"]["name"] == "found"
+    assert result["models"]["prior"]["coefficients"]["Cm_q"]["value"] == -9.0
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        (NAMED_ERROR, "no airborne part"),
+        (CRASH, "RuntimeError: boom"),
+        (KILLED, "signal 9"),
+        (ODD_PROGRESS, "gave up"),
+        (NOT_TEXT, "UnicodeDecodeError"),
+    ],
+)
+def test_a_job_that_fails_says_why(bench: Bench, program: str, words: str) -> None:
+    job = bench.run(program, {"kind": "identify"})
+    assert job.state == "failed"
+    assert words in (job.error or "")
+    assert "\n" not in (job.error or "")
+    following = bench.runners[0].submit(bench.flight, {"kind": "identify"})  # the thread is still there
+    assert wait_until(lambda: bench.ended(following.id)).state == "failed"
+
+
+def test_a_worker_that_dies_before_it_has_read_its_order_leaves_nothing_open(bench: Bench) -> None:
+    longer_than_a_pipe = [bench.flight] * 5000
+    job = bench.run(KILLED, {"kind": "identify", "validate": longer_than_a_pipe})
+    assert (job.state, job.error) == ("failed", "the worker was ended by signal 9; is there enough memory?")
+
+
+def test_a_job_with_nothing_to_do_is_skipped_and_says_why(bench: Bench) -> None:
+    job = bench.run(NOTHING, {"kind": "identify", "automatic": True})
+    assert (job.state, job.progress, job.error) == ("skipped", 1.0, None)
+    assert job.log[-1] == "the aircraft never flew"
+    with pytest.raises(CatalogueError, match=r"no identify result yet \(the aircraft never flew\)"):
+        bench.catalogue.result(bench.flight, "identify")
+
+
+@pytest.mark.parametrize(
+    ("request_", "error", "words"),
+    [
+        ({"kind": "paint"}, JobError, "kind"),
+        ({"kind": "discrepancy"}, JobError, "model"),
+        ({"kind": "discrepancy", "model": "nope"}, CatalogueError, "nope"),
+        ({"kind": "discrepancy", "model": {"schema": "model/1", "coefficients": {"CX_9": {}}}}, JobError, "CX_9"),
+        ({"kind": "identify", "validate": ["nope"]}, CatalogueError, "nope"),
+    ],
+)
+def test_what_cannot_work_is_refused_at_once(
+    bench: Bench, request_: dict[str, Any], error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        bench.runner(GOOD).submit(bench.flight, request_)
+
+
+def test_a_job_interrupted_by_a_stop_runs_again_at_the_next_start(bench: Bench) -> None:
+    job = bench.runner(ENDLESS).submit(bench.flight, {"kind": "identify"})
+    wait_until(lambda: bench.catalogue.job(job.id).log)
+    bench.runners[0].stop()
+    assert bench.catalogue.job(job.id).state == "running"
+    bench.runner(GOOD)
+    done = wait_until(lambda: bench.ended(job.id))
+    assert (done.state, done.attempts) == ("done", 2)
+
+
+def test_the_real_worker_reports_a_recording_without_a_flight_in_words(bench: Bench) -> None:
+    runner = JobRunner(bench.settings, bench.catalogue)
+    bench.runners.append(runner)
+    runner.start()
+    job = runner.submit(bench.flight, {"kind": "identify"})
+    ended = wait_until(lambda: bench.ended(job.id), timeout_s=200)
+    assert ended.state == "failed"
+    assert ended.error
+    assert "Error" not in ended.error
+    assert "Traceback" not in json.dumps(ended.to_json())
+
+
+def test_a_flight_that_ended_just_before_the_service_did_is_identified_after_its_next_start(bench: Bench) -> None:
+    assert bench.catalogue.jobs_of(bench.flight) == []
+    with service("--data", bench.settings.data, "--vehicle", "iitb-mav"):
+        (job,) = wait_until(lambda: bench.catalogue.jobs_of(bench.flight))
+    assert (job.kind, job.request["automatic"], job.request["system"]) == ("identify", True, 1)
