@@ -86,7 +86,7 @@ async def upload(
 def flight(service: Serving, flight_id: str) -> FlightSummary:
     """What a flight holds, and the state of its jobs."""
     found = service.catalogue.flight(flight_id)
-    jobs = [JobView.model_validate(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
+    jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
     return FlightSummary.model_validate({**_fields(found), **service.viewer.summary(found), "jobs": jobs})
 
 

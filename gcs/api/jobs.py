@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
 
 from gcs.api.schemas import JobRequest, JobView, ModelItem, Problem
 from gcs.api.service import Serving
 
 router = APIRouter(tags=["estimation"])
 
+# By the name of the result, the kind of job that makes it.
+_KINDS = {"identification": "identify", "discrepancy": "discrepancy"}
+_PAGE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
 
 
@@ -18,13 +22,13 @@ _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
 def start_job(service: Serving, flight_id: str, request: JobRequest) -> JobView:
     """Queue an identification or a discrepancy analysis."""
     wanted = request.model_dump(by_alias=True, exclude_none=True)
-    return JobView.model_validate(service.jobs.submit(flight_id, wanted).to_json())
+    return JobView.of(service.jobs.submit(flight_id, wanted).to_json())
 
 
 @router.get("/api/jobs/{job_id}", responses=_MISSING)
 def job(service: Serving, job_id: str) -> JobView:
     """State, progress, log, and the error in words."""
-    return JobView.model_validate(service.catalogue.job(job_id).to_json())
+    return JobView.of(service.catalogue.job(job_id).to_json())
 
 
 @router.get("/api/flights/{flight_id}/identification", responses=_MISSING)
@@ -39,6 +43,18 @@ def discrepancy(service: Serving, flight_id: str) -> dict[str, Any]:
     """Newest result of schema discrepancy/1."""
     service.catalogue.flight(flight_id)
     return service.catalogue.result(flight_id, "discrepancy")
+
+
+@router.get("/api/flights/{flight_id}/report", response_class=HTMLResponse, responses=_MISSING)
+def report(
+    service: Serving,
+    flight_id: str,
+    of: Annotated[Literal["identification", "discrepancy"], Query(description="Which result")] = "identification",
+) -> HTMLResponse:
+    """The newest result as one page to read, print and keep: style and figures inside, no scripts."""
+    service.catalogue.flight(flight_id)
+    result = service.catalogue.result(flight_id, _KINDS[of])
+    return HTMLResponse(service.reports.page(result), headers={"Content-Security-Policy": _PAGE_POLICY})
 
 
 @router.get("/api/models")

@@ -12,12 +12,19 @@ th, td { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ccc }
 <h1>Ground station</h1>
 <p id="state"></p>
 <form id="login" hidden><label>Token <input type="password" id="token"></label> <button>Open</button></form>
-<table><thead><tr><th>Flight</th><th>Start (UTC)</th><th>Duration</th><th>Messages</th><th>State</th></tr></thead>
+<table><thead><tr><th>Flight</th><th>Start (UTC)</th>
+<th>Duration</th><th>Messages</th><th>State</th><th></th></tr></thead>
 <tbody id="flights"></tbody></table>
 <p><a href="/docs">Description of the interface</a></p>
 <script>
 const get = path => fetch(path, {headers: sessionStorage.token ?
   {Authorization: 'Bearer ' + sessionStorage.token} : {}})
+async function report(id) {
+  const page = window.open('', '_blank')
+  const answer = await get(`/api/flights/${id}/report`)
+  if (!answer.ok) { page.close(); alert((await answer.json()).detail); return }
+  page.location = URL.createObjectURL(await answer.blob())
+}
 async function show() {
   const answer = await get('/api/flights')
   document.getElementById('login').hidden = answer.status !== 401
@@ -29,6 +36,10 @@ async function show() {
     const row = document.createElement('tr')
     for (const text of [flight.id, flight.start, flight.duration_s.toFixed(1) + ' s', flight.messages, flight.state])
       row.insertCell().textContent = text
+    const button = document.createElement('button')
+    button.textContent = 'Report'
+    button.onclick = () => report(flight.id)
+    row.insertCell().append(button)
     return row
   })
   document.getElementById('flights').replaceChildren(...rows)

@@ -177,6 +177,14 @@ class JobView(BaseModel):
     started_ns: int | None
     ended_ns: int | None
     log: list[str]
+    report: str | None = Field(None, description="Once it is done: the address of the flight's newest result as a page")
+
+    @classmethod
+    def of(cls, job: dict[str, Any]) -> JobView:
+        """The view of a job's own fields."""
+        result = {"identify": "identification"}.get(job["kind"], job["kind"])
+        address = f"/api/flights/{job['flight_id']}/report?of={result}"
+        return cls.model_validate({**job, "report": address if job["state"] == "done" else None})
 
 
 class FlightSummary(FlightItem):

@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 
 from gcs.catalogue.flightview import FlightViewer
 from gcs.catalogue.store import Catalogue
+from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
 from gcs.jobs.uploads import Uploads
 from gcs.settings import Settings
@@ -26,6 +27,7 @@ class Service:
     started: float
     viewer: FlightViewer = field(init=False)
     uploads: Uploads = field(init=False)
+    reports: Reports = field(default_factory=Reports)
 
     def __post_init__(self) -> None:
         self.viewer = FlightViewer(self.settings)

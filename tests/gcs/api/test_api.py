@@ -35,7 +35,7 @@ import json, sys
 order = json.loads(sys.stdin.readline())
 print(json.dumps({"progress": 0.5, "log": "half way"}), flush=True)
 model = {"schema": "model/1", "name": "found", "coefficients": {"CL_0": {"value": 0.25}}, "effects": []}
-json.dump({"schema": "identification/1", "model": model}, open(order["output"], "w"))
+json.dump({"schema": "identification/1", "flights": ["one"], "model": model}, open(order["output"], "w"))
 """
 
 
@@ -281,6 +281,17 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     assert model["flight_id"] == flight
     assert client.get(f"/api/models/{model['id']}").json()["coefficients"] == {"CL_0": {"value": 0.25}}
     assert client.get(f"/api/flights/{flight}").json()["jobs"][0]["state"] == "done"
+    assert job["report"] is None
+    page = client.get(ended["report"])
+    assert page.headers["content-type"] == "text/html; charset=utf-8"
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "<title>Flight model of found from one</title>" in page.text
+    assert '<data value="0.25">0.25</data>' in page.text
+    assert "no discrepancy result" in problem(client.get(f"/api/flights/{flight}/report?of=discrepancy"), 404)
+    assert "'identification' or 'discrepancy'" in problem(client.get(f"/api/flights/{flight}/report?of=x"), 422)
+    other = bench.catalogue.add_job(flight, "discrepancy", {})
+    bench.catalogue.finish_job(other, {"schema": "unheard/9"})
+    assert "unheard/9" in problem(client.get(f"/api/flights/{flight}/report?of=discrepancy"), 400)
 
 
 @pytest.mark.parametrize(
@@ -359,6 +370,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/jobs/{job_id}",
         "GET /api/flights/{flight_id}/identification",
         "GET /api/flights/{flight_id}/discrepancy",
+        "GET /api/flights/{flight_id}/report",
         "GET /api/models",
         "GET /api/models/{model_id}",
     }

@@ -1,0 +1,52 @@
+"""Reports for the REST interface, each made in a process of its own: drawing would make reception wait."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from gcs.errors import ReportError, ServiceError
+from gcs.jobs.runner import python_path
+from gcs.text.jsontext import dumps
+
+_LONGEST_S = 120.0
+
+
+class Reports:
+    """Makes one page at a time. `worker` is the command that makes it."""
+
+    def __init__(self, worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.reportworker")) -> None:
+        self._worker = tuple(worker)
+        self._free = threading.Lock()
+
+    def page(self, result: dict[str, Any]) -> str:
+        """The result as one HTML page.
+
+        Raises ReportError where it cannot be shown, ServiceError where others are still waiting for theirs.
+        """
+        if not self._free.acquire(timeout=_LONGEST_S):
+            raise ServiceError("other reports are being made; ask again in a minute")
+        try:
+            made = subprocess.run(
+                self._worker,
+                input=dumps(result),
+                capture_output=True,
+                encoding="utf-8",
+                env={**os.environ, "PYTHONPATH": python_path(), "PYTHONIOENCODING": "utf-8"},
+                timeout=_LONGEST_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise ServiceError(
+                f"the report was not made within {_LONGEST_S:g} s; make it by hand with gcs report"
+            ) from None
+        finally:
+            self._free.release()
+        if made.returncode != 0:
+            lines = made.stderr.strip().splitlines()
+            raise ReportError(lines[-1] if lines else f"the report failed (exit code {made.returncode})")
+        return made.stdout

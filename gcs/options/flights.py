@@ -1,0 +1,57 @@
+"""Options of the commands that estimate from flights: which flights and vehicle, and where the result goes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gcs.options.links import add_dialect_argument
+
+if TYPE_CHECKING:
+    from gcs.text.progress import Progress
+
+
+@dataclass(frozen=True)
+class OpenFlights:
+    """What the arguments name: recordings to estimate from and to judge on, and the vehicle's file."""
+
+    recordings: list[Path]
+    validate: list[Path]
+    vehicle: Path
+    progress: Progress
+
+
+def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
+    """FILE, --vehicle, --validate and --dialect."""
+    add = parser.add_argument
+    add("files", metavar="FILE", type=Path, nargs="+", help="recordings, or anything that import reads")
+    add("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
+    add("--validate", metavar="FILE", type=Path, action="append", default=[], help="judge on this flight")
+    add_dialect_argument(parser)
+
+
+def add_result_arguments(parser: argparse.ArgumentParser) -> None:
+    """-o, --write-model and --json."""
+    parser.add_argument("-o", "--output", metavar="RESULT.json", type=Path)
+    parser.add_argument("--write-model", metavar="MODEL.json", type=Path)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+@contextmanager
+def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
+    """The flights as recordings while the block lasts; logs of other formats are imported for that time.
+
+    Raises VehicleFileError, ImportFileError, DialectError, RecordingError.
+    """
+    from gcs.inspection.info import as_recordings
+    from gcs.text.progress import Progress
+    from sim_vehicle.vehicle import load_vehicle
+
+    vehicle = load_vehicle(args.vehicle).path
+    with as_recordings([*args.files, *args.validate], args.dialect) as paths, Progress() as progress:
+        count = len(args.files)
+        yield OpenFlights(paths[:count], paths[count:], vehicle, progress)
