@@ -2,7 +2,8 @@
 
 The regression takes the reconstructed motion as known. What the sensor errors' own uncertainty adds is found by
 regressing again with each of them moved by its standard error: with J the changes and C the covariance of the
-compatibility step, the coefficients' covariance grows by J C J'. The prior enters last, on all axes at once.
+compatibility step, the coefficients' covariance grows by J C J'. What bands of frequency differ by comes on top
+(sysid.band_scatter). The prior enters last, on all axes at once.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
+from sysid.band_scatter import BandEstimates, band_estimates, refusal, warning, widened
 from sysid.compatibility import CompatibilityResult, moved_by
-from sysid.equation_error import equation_error, equation_values
+from sysid.equation_error import equation_error, equation_values, settled_equations
+from sysid.equations import CUTOFF_HZ
 from sysid.flight import Array, FlightData
 from sysid.identifiability import Refusal
 from sysid.prepare import Prepared, in_even_air
@@ -99,12 +102,30 @@ def estimate_by_equations(
         values[where] = axis.values
         covariance[np.ix_(where, where)] = axis.covariance
     covariance += _from_sensors(step, prepared, vehicle, compatible, values, make_parts)
-    joint = Gaussian(tuple(names), values, covariance)
+    statistical = Gaussian(tuple(names), values, covariance)
+    equations = settled_equations(parts, body_of(vehicle), names, CUTOFF_HZ, command_first, diffuse(names))
+    bands = band_estimates(equations, statistical)
+    joint = widened(statistical, equations, bands)
     if known is not None:
         joint = joint.combined(known)
     moved = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
     report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
-    return EquationEstimate(joint, axes, tuple(_refusals(joint, names)), moved, report, tuple(warnings))
+    for axis in report.values():
+        for name, term in axis["terms"].items():
+            term["bands"] = _bands_json(bands.get(name))
+    refused = tuple(_refusals(joint, names, bands))
+    return EquationEstimate(joint, axes, refused, moved, report, (*warnings, *warning(bands)))
+
+
+def _bands_json(found: BandEstimates | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    told = [
+        {"band_hz": [round(float(edge), 3) for edge in edges], "value": float(value), "std": float(std)}
+        for edges, value, std in zip(found.bands_hz, found.values, found.std, strict=True)
+        if np.isfinite(value)
+    ]
+    return {"estimates": told, "scatter": found.scatter}
 
 
 def _from_sensors(
@@ -154,11 +175,13 @@ def _systematic(
     return moved
 
 
-def _refusals(joint: Gaussian, names: Sequence[str]) -> list[Refusal]:
+def _refusals(joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEstimates]) -> list[Refusal]:
     refused = []
     for name, (value, std) in joint.entries().items():
         usual = usual_size(name)
-        if name in names and std > REFUSED_SHARE * max(abs(value), usual):
+        reason = refusal(value, bands[name]) if name in bands else None
+        if reason is None and std > REFUSED_SHARE * max(abs(value), usual):
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+        if name in names and reason is not None:
             refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
     return refused

@@ -159,6 +159,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
     filters = base.filters()
     quick = quick_cost(windows, columns, filters)
     ranked = []
+    present.discard(GROUND_DELAY)
     quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
     for one in hypotheses(present):
         # Of a signal that is nothing but noise nothing can be said, but that its unit makes it so small.
