@@ -73,7 +73,7 @@ def test_a_small_scale_error_of_a_gyro_is_named_and_the_flight_used(flight: Flig
     assert found.found == pytest.approx(1.0 / 1.1, abs=4.0 * found.std)
 
 
-@pytest.mark.parametrize(("group", "delay"), [("vanes", 0.02), ("imu", 0.013), ("air_data", 0.12)])
+@pytest.mark.parametrize(("group", "delay"), [("vanes", 0.02), ("imu", 0.013), ("air_data", 0.12), ("gps", 0.08)])
 def test_a_late_group_is_found_with_its_delay_and_put_right(flight: FlightSignals, group: str, delay: float) -> None:
     late = Injection(GROUPS[group], "delay", "", None, delay).apply(flight)
     check = checked(late)
