@@ -21,6 +21,7 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.calibration import Calibration
 from sysid.estimate import Problem, build
 from sysid.flight import Array
+from sysid.late import COMMAND_DELAY, with_late_commands
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.prepare import Prepared
 from sysid.records import OUTPUTS, STANDARD_DENSITY, SURFACES, Record
@@ -93,6 +94,11 @@ def _misread(
         return replace(record, z=z)
 
     return change
+
+
+def late_commands(delay_s: float) -> BenchError:
+    """What is left, s, of a delay of the commands that the data were corrected for; no bench's, but carried alike."""
+    return BenchError(COMMAND_DELAY, lambda record: with_late_commands(record, delay_s))
 
 
 def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:

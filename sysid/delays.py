@@ -31,6 +31,11 @@ class Delay:
     std: float
 
     @property
+    def of_commands(self) -> bool:
+        """Whether commands are late, not a sensor."""
+        return self.signals[0] in COMMANDS
+
+    @property
     def name(self) -> str:
         """Name of the group, or of the signal."""
         for group, names in DELAY_GROUPS.items():
@@ -89,10 +94,15 @@ def total(delays: Sequence[Delay]) -> list[Delay]:
     return list(sums.values())
 
 
+def commands_std(delays: Sequence[Delay]) -> float:
+    """Standard error of the delay that the commands were corrected for, s; 0 where they were not."""
+    return max((one.std for one in delays if one.of_commands), default=0.0)
+
+
 def delay_sentence(delay: Delay) -> str:
     """What is said of a delay in one line."""
     size = f"{abs(delay.value) * 1e3:.1f} ± {delay.std * 1e3:.1f} ms"
-    if delay.signals[0] in COMMANDS:
+    if delay.of_commands:
         way = "after" if delay.value > 0.0 else "before"
         return f"the aircraft follows its commands {size} {way} their stamps: corrected"
     verb = "comes" if len(delay.signals) == 1 else "come"

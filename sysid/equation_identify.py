@@ -16,6 +16,7 @@ import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
 from sysid.band_scatter import BandEstimates, band_estimates, refusal, warning, widened
+from sysid.bench import late_commands
 from sysid.compatibility import CompatibilityResult, moved_by
 from sysid.equation_error import equation_error, equation_values, settled_equations
 from sysid.equations import CUTOFF_HZ
@@ -23,6 +24,7 @@ from sysid.flight import Array, FlightData
 from sysid.identifiability import Refusal
 from sysid.prepare import Prepared, in_even_air
 from sysid.prior import Gaussian
+from sysid.records import Record
 from sysid.regression import RegressionResult
 from sysid.regression_report import regression_report
 from sysid.residuals import body_of
@@ -85,12 +87,14 @@ def estimate_by_equations(
     known: Gaussian | None,
     make_parts: MakeParts,
     systematic: bool = True,
+    delay_std: float = 0.0,
 ) -> EquationEstimate:
     """Estimate coefficients by equation error.
 
     names: P coefficients that the flights excite. command_first: see sysid.equations. known: prior, or None.
     make_parts: corrected parts of prepared flights.
-    systematic: whether to say what errors of the vehicle file would do.
+    systematic: whether to say what errors of the vehicle file would do. delay_std: standard error of a delay, s, that
+    the commands were corrected for.
     """
     step = _Regression(tuple(names), command_first)
     parts = make_parts(prepared, vehicle, compatible)
@@ -102,19 +106,24 @@ def estimate_by_equations(
         values[where] = axis.values
         covariance[np.ix_(where, where)] = axis.covariance
     covariance += _from_sensors(step, prepared, vehicle, compatible, values, make_parts)
+    if delay_std:
+        base = step.values(parts, vehicle)
+        late = with_records(prepared, late_commands(delay_std).record)
+        moved = step.values(make_parts(late, vehicle, compatible), vehicle) - base
+        covariance += np.outer(moved, moved)
     statistical = Gaussian(tuple(names), values, covariance)
     equations = settled_equations(parts, body_of(vehicle), names, CUTOFF_HZ, command_first, diffuse(names))
     bands = band_estimates(equations, statistical)
     joint = widened(statistical, equations, bands)
     if known is not None:
         joint = joint.combined(known)
-    moved = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
+    effects = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
     report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
     for axis in report.values():
         for name, term in axis["terms"].items():
             term["bands"] = _bands_json(bands.get(name))
     refused = tuple(_refusals(joint, names, bands))
-    return EquationEstimate(joint, axes, refused, moved, report, (*warnings, *warning(bands)))
+    return EquationEstimate(joint, axes, refused, effects, report, (*warnings, *warning(bands)))
 
 
 def _bands_json(found: BandEstimates | None) -> dict[str, Any] | None:
@@ -161,18 +170,20 @@ def _systematic(
     moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
     records = [stretch.record for flight in prepared for stretch in flight.stretches]
     for change, share in [*((one, SHARE) for one in perturbations(records)), (LATE, 1.0)]:
-        told = [
-            replace(
-                flight,
-                stretches=tuple(replace(one, record=change.record(one.record)) for one in flight.stretches),
-            )
-            for flight in prepared
-        ]
+        told = with_records(prepared, change.record)
         other = change.vehicle(vehicle)
         values = step.values(make_parts(told, other, compatible), other)
         for name, difference in zip(step.names, (values - base) / share, strict=True):
             moved[name][change.name] = float(difference)
     return moved
+
+
+def with_records(prepared: Sequence[Prepared], change: Callable[[Record], Record]) -> list[Prepared]:
+    """The flights with their records changed, their data left as they are."""
+    return [
+        replace(flight, stretches=tuple(replace(one, record=change(one.record)) for one in flight.stretches))
+        for flight in prepared
+    ]
 
 
 def _refusals(joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEstimates]) -> list[Refusal]:

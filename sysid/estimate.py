@@ -17,6 +17,7 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.filter_error import FilterError
 from sysid.flight import Array
 from sysid.identifiability import Refusal
+from sysid.late import COMMAND_DELAY
 from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult, UnlikelyError
 from sysid.parameterisation import (
     SENSOR_ERRORS,
@@ -24,6 +25,7 @@ from sysid.parameterisation import (
     Parameter,
     Predictor,
     coefficient,
+    delay_parameter,
     effect_parameter,
     free_states,
     sensor_error,
@@ -78,7 +80,8 @@ class Problem:
     records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi. paths: per
     record (N, 9) the same at every sample, reconstructed from the measurements.
     sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
-    known: coefficients and effect parameters known before the flight.
+    known: coefficients and effect parameters known before the flight. delays: those of sysid.late.DELAYS to estimate,
+    with start values, s.
     """
 
     vehicle: Vehicle
@@ -91,6 +94,7 @@ class Problem:
     sub_steps: int = 2
     known: Gaussian | None = None
     paths: tuple[Array, ...] = ()
+    delays: Mapping[str, float] = field(default_factory=dict)
 
 
 def excited_motion(records: Sequence[Record]) -> Motion:
@@ -174,12 +178,14 @@ def _predictor(
         entry = sensor_error(name)
         mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
         parameters.append(replace(entry, prior_mean=mean, prior_std=std))
+    parameters += [delay_parameter(name) for name in problem.delays]
     return Predictor(
         flatten(problem.vehicle, model),
         parameters,
         problem.records,
         command_first=problem.command_first,
-        sub_steps=problem.sub_steps,
+        # A command that changes between samples asks for more of them.
+        sub_steps=problem.sub_steps * (2 if COMMAND_DELAY in problem.delays else 1),
     )
 
 
@@ -219,10 +225,10 @@ def fit(
 def start_values(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> dict[str, float]:
-    """Where an estimation starts: the model's values and the sensor errors of the problem."""
+    """Where an estimation starts: the model's values, and the sensor errors and delays of the problem."""
     values = {name: model.values()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
-    return values | dict(problem.sensors)
+    return values | dict(problem.sensors) | dict(problem.delays)
 
 
 def likelier_timing(

@@ -16,9 +16,8 @@ from sysid.dryden import Turbulence, gust_system
 from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
-from sysid.output_error import angle_wrap
 from sysid.parameterisation import Predictor, error_gains, sensor_derivative, with_placed_errors
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap
 from sysid.smoothing import noise_sigma
 
 # Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.

@@ -11,10 +11,9 @@ from sim_vehicle.parameters import FlatModel
 from sim_vehicle.wind import dryden_gusts
 from sysid.compatibility import SensorLayout
 from sysid.flight import Array
-from sysid.output_error import angle_wrap
 from sysid.parameterisation import STATES, STILL_AIR, Predictor
 from sysid.prepare import smoothed_states
-from sysid.records import OUTPUTS, Record
+from sysid.records import OUTPUTS, Record, angle_wrap
 
 WINDOW_S = 5.0
 GAP_OUTPUTS = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")

@@ -14,6 +14,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.bench import bench_errors
 from sysid.compatibility import CompatibilityResult, Refusal, correct
+from sysid.delays import commands_std
 from sysid.equation_error import equation_error
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
 from sysid.errors import EstimationError, SysidError
@@ -36,6 +37,7 @@ from sysid.maximum_likelihood import systematic as systematic_effects
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import MAX_STRETCH_S, Prepared, check_compatibility, prepare, unmeasured_thrust
 from sysid.prior import Gaussian, known_from
+from sysid.punctual import commands_in_time, refined_delays
 from sysid.records import SURFACES
 from sysid.residuals import body_of, known_propulsion, moment_noise
 from sysid.series import Comparison
@@ -178,6 +180,7 @@ def identify(
     systematic: bool = True,
     progress: Progress = lambda share, text: None,
     check: SignalCheck | None = None,
+    delays: bool = True,
 ) -> Identification:
     """Identify a model.
 
@@ -187,7 +190,8 @@ def identify(
     method: "ee" equation error, "oe" output error, "fe" filter error; "auto" is "oe", and "fe" in turbulence.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
-    check: what is known of mistakes in the signals already; None looks for them.
+    check: what is known of mistakes in the signals already; None looks for them. delays: whether those that the whole
+    motion tells (sysid.delaychoice) are looked for.
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
@@ -203,14 +207,18 @@ def identify(
     compatible = check_compatibility(prepared)
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
     warnings += unmeasured_thrust(prepared)
-    warnings += [one.sentence for one in check.findings()]
     # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.
     calm = compatible.gust_sigma == 0.0
-    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
     surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
-    problem = replace(problem, known=_known(prior, structure, warnings))
+    late: dict[str, float] = {}
+    if delays and structure.effect("actuator_delay") is None:
+        parts, refined = corrected_parts(prepared, vehicle, compatible), method == "oe" or (method == "auto" and calm)
+        asked = list(structure.coefficients)
+        prepared, check, late = commands_in_time(prepared, vehicle, check, parts, asked, refined)
+    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
+    problem = replace(problem, known=_known(prior, structure, warnings), delays=late)
     progress(0.30, "equation error")
     start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
@@ -221,8 +229,9 @@ def identify(
     equations: EquationEstimate | None = None
     if method == "ee":
         equations = estimate_by_equations(
-            prepared, vehicle, compatible, names, problem.command_first, problem.known, corrected_parts, systematic
-        )
+            prepared, vehicle, compatible, names, problem.command_first, problem.known, corrected_parts, systematic,
+            commands_std(check.delays),
+        )  # fmt: skip
         warnings += equations.warnings
         refused = [*quiet, *equations.refused]
         model = _equation_model(start, equations, refused, _validity(prepared, compatible))
@@ -232,10 +241,12 @@ def identify(
         free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
         turbulent = replace(make_problem(prepared, vehicle, compatible, sensors, MAX_STRETCH_S), known=problem.known)
         likeliest = maximum_likelihood(
-            problem, turbulent, start, names, free_effects, compatible, bench_errors(prepared, vehicle), method=method,
-            sensors=sensors, progress=lambda s, t: progress(0.4 + 0.45 * s, t),
+            problem, turbulent, start, names, free_effects, compatible, bench_errors(prepared, vehicle),
+            delays=check.delays if delays else None, method=method, sensors=sensors,
+            progress=lambda s, t: progress(0.4 + 0.45 * s, t),
         )  # fmt: skip
         problem, result = likeliest.problem, likeliest.estimate
+        prepared, check = refined_delays(prepared, vehicle, check, problem, result)
         warnings += likeliest.warnings
         refused = [*quiet, *refusals(result, names), *likeliest.refused]
         validity = _validity(prepared, compatible)
@@ -248,6 +259,7 @@ def identify(
         errors = {name: error for name, error in errors.items() if name not in {r.name for r in likeliest.refused}}
         for name in problem.sensors:
             errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
+    warnings += [one.sentence for one in check.findings()]
     progress(0.88, "validation")
     judges = [_judge(flight, vehicle, check, warnings) for flight in validate_on]
     compared = _comparison(judges or prepared, vehicle, model, errors, problem.command_first)

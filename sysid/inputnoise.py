@@ -135,7 +135,7 @@ def _doubt(
         pushed = replace(record, thrust=record.thrust + thrust[index])
         other = Predictor(
             estimation.predictor.flat, estimation.predictor.parameters, (pushed,),
-            sub_steps=problem.sub_steps, command_first=problem.command_first,
+            sub_steps=estimation.predictor.sub_steps, command_first=problem.command_first,
         )  # fmt: skip
         states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
         outputs[index] = other.outputs(0, flat, errors, states) - predicted[index]

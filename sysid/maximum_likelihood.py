@@ -6,12 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sim_vehicle.model import Model
-from sysid.bench import BenchError, carry
+from sysid.bench import BenchError, carry, late_commands
 from sysid.compatibility import CompatibilityResult
+from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
+from sysid.delays import Delay, commands_std
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
+from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
 from sysid.output_error import OutputErrorResult
 from sysid.sensorchoice import with_told_sensors
 from sysid.systematic import systematic_errors
@@ -56,6 +59,7 @@ def maximum_likelihood(
     compatible: CompatibilityResult,
     bench: Sequence[BenchError] = (),
     *,
+    delays: Sequence[Delay] | None = None,
     method: str = "auto",
     sensors: Sequence[str] | None = None,
     progress: Progress = lambda share, text: None,
@@ -65,6 +69,7 @@ def maximum_likelihood(
     problem: of the flight, cut into runs that a free simulation follows. turbulent: the same in longer runs, for filter
     error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the innovations
     confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations.
+    delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
     Raises EstimationError for "fe" with a model that it has no states for.
     """
     warnings: list[str] = []
@@ -79,22 +84,39 @@ def maximum_likelihood(
         if method == "fe" or is_turbulent(filtered):
             if not filtered.converged:
                 warnings.append("filter error did not settle; the standard errors may be too small")
+            doubt = commands_std(delays or ())
+            bench = [*bench, late_commands(doubt)] if doubt else bench
             filtered, shares = carry_filtered(bench, solved, model, coefficients, effects, filtered)
             return MaximumLikelihood(solved, filtered, "fe", tuple(refused), tuple(warnings), shares)
     elif method == "oe" and compatible.gust_sigma > 0.0:
         warnings.append(_rough(compatible) + "; use --method fe, or auto")
     result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
-    progress(0.9, "timing of the commands")
-    problem, result = likelier_timing(problem, model, coefficients, effects, result)
+    if COMMAND_DELAY not in problem.delays:
+        progress(0.9, "timing of the commands")
+        problem, result = likelier_timing(problem, model, coefficients, effects, result)
     problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, result)
     if sensors is None and compatible.gust_sigma == 0.0:
         unclear = [refusal.name for refusal in compatible.refused]
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
+    late = LagOrDelay()
+    if delays is not None:
+        progress(0.95, "delays")
+        problem, result = with_told_delays(problem, model, coefficients, effects, result, _corrected(delays))
+        given = sum(one.value for one in delays if one.of_commands)
+        late = lag_or_delay(problem, model, coefficients, effects, result, given)
+        warnings += late.warnings
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
-    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares)
+    return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares)
+
+
+def _corrected(delays: Sequence[Delay]) -> list[str]:
+    """Parameters that stand for what is left of delays that the data were corrected for."""
+    late = [COMMAND_DELAY] if any(one.of_commands for one in delays) else []
+    sensors = {name for one in delays for name in one.signals}
+    return late + [name for name, outputs in SENSOR_DELAYS.items() if sensors >= set(outputs)]
 
 
 def _rough(compatible: CompatibilityResult) -> str:

@@ -18,7 +18,7 @@ from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
-from sysid.records import OUTPUTS
+from sysid.records import OUTPUTS, angle_wrap
 
 MAX_ITERATIONS = 25
 # An estimate has converged when a step gains less log likelihood than this: 0.02 is a fifth of a standard error.
@@ -72,14 +72,6 @@ class OutputErrorResult:
 
     def _index(self, name: str) -> int:
         return [parameter.name for parameter in self.parameters].index(name)
-
-
-def angle_wrap(residual: Array) -> Array:
-    """Residuals (N, 15) with those of phi and psi brought to [-pi, pi]."""
-    for name in ("phi", "psi"):
-        j = OUTPUTS.index(name)
-        residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
-    return residual
 
 
 class UnlikelyError(EstimationError):
@@ -260,6 +252,20 @@ class OutputError:
         if age > 0 and gained > COST_TOLERANCE:
             S = self.sensitivities(theta, predicted)
         return self._result(theta, S, residuals, cost, iteration, converged)
+
+    def step_at(self, theta: Array) -> tuple[Array, Array]:
+        """One Gauss-Newton step from `theta`, and the covariance of where it leads, corrected for coloured residuals.
+
+        Tells, at an estimate without some parameters, what these would be (score test).
+        """
+        predicted = self.predict(theta)
+        residuals = self.residuals(predicted)
+        sigma = self.sigma(residuals)
+        S = self.sensitivities(theta, predicted)
+        M, g = self.normal_equations(theta, residuals, S, sigma)
+        white = inverse(M)
+        step: Array = white @ g
+        return step, self._coloured(residuals, S, sigma, white)[0]
 
     def _bounded(self, theta: Array) -> Array:
         for i, parameter in enumerate(self.predictor.parameters):

@@ -14,7 +14,16 @@ from sim_vehicle.parameters import FlatModel
 from sim_vehicle.plantstate import quaternion
 from sim_vehicle.simulation import simulate_variants
 from sysid.flight import Array
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
+from sysid.late import (
+    COMMAND_DELAY,
+    DELAY_STEP_S,
+    DELAYS,
+    LONGEST_S,
+    commands_of,
+    delay_derivative,
+    late_readings,
+)
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap
 from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
@@ -52,8 +61,8 @@ SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
 class Parameter:
     """One estimated number.
 
-    kind: "coefficient", "effect", "sensor". low, high: bounds. prior_std: standard deviation of a Gaussian prior
-    about `prior_mean`, infinite for none.
+    kind: "coefficient", "effect", "sensor", "delay". low, high: bounds. prior_std: standard deviation of a
+    Gaussian prior about `prior_mean`, infinite for none.
     """
 
     name: str
@@ -66,7 +75,7 @@ class Parameter:
     @property
     def step(self) -> float:
         """Step for difference quotients, absolute."""
-        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6}[self.kind]
+        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6, "delay": DELAY_STEP_S}[self.kind]
 
 
 def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:
@@ -77,6 +86,11 @@ def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Paramete
 def sensor_error(name: str) -> Parameter:
     """A sensor error of SENSOR_ERRORS."""
     return Parameter(name, "sensor")
+
+
+def delay_parameter(name: str) -> Parameter:
+    """A delay of sysid.late.DELAYS, s."""
+    return Parameter(name, "delay", -LONGEST_S, LONGEST_S)
 
 
 def effect_parameter(effect: str, parameter: str) -> Parameter:
@@ -98,7 +112,7 @@ def _state_vector(states: Array) -> Array:
 
 
 def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
-    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias."""
+    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias; delays among `errors` are left to others."""
     return with_placed_errors(y[:, OUTPUT_PLACES], errors)
 
 
@@ -106,6 +120,8 @@ def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
     """Readings (N, 15) from ideal OUTPUTS (N, 15): (1 + scale) true + bias."""
     out = y.copy()
     for name, value in errors.items():
+        if name in DELAYS:
+            continue
         output, form, _, _ = SENSOR_ERRORS[name]
         column = OUTPUTS.index(output)
         out[:, column] += value * y[:, column] if form == "scale" else value
@@ -126,6 +142,17 @@ def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], 
         return
     bias, scale = errors.get(f"{output}_bias", 0.0), errors.get(f"{output}_scale", 0.0)
     out[:, column] += (predicted[:, column] - bias) / (1.0 + scale)
+
+
+def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tuple[Array, Array]:
+    """Effects (as in `flat.E`) and commands (M, 4) of a record with the commands' delay that is estimated."""
+    commands, late = commands_of(record, errors)
+    effects = flat.E
+    if late > 0.0:
+        effects = effects.copy()
+        effects[slot("actuator_delay")] = 1.0
+        effects[slot("actuator_delay", "delay")] = late
+    return effects, commands
 
 
 def free_states(record: Record) -> list[int]:
@@ -179,7 +206,7 @@ class Predictor:
         return states
 
     def apply(self, theta: Array) -> tuple[FlatModel, dict[str, float]]:
-        """Model and sensor errors at `theta` (its first P entries)."""
+        """Model and sensor errors, delays among them, at `theta` (its first P entries)."""
         flat = self.flat.copy()
         errors: dict[str, float] = {}
         for parameter, value in zip(self.parameters, theta[: len(self.parameters)], strict=True):
@@ -203,18 +230,20 @@ class Predictor:
         record = self.records[index]
         y = np.empty((1, record.length, len(CHANNELS)))
         shift = np.array([self.thrust_shift(record, errors)])
-        self._simulate(record, _state_vector(states)[None], flat, flat.E[None], flat.C[None], shift, gusts, y)
-        return with_errors(y[0], errors)
+        timed, commands = _timed(flat, record, errors)
+        self._simulate(record, commands, _state_vector(states)[None], flat, timed[None], flat.C[None], shift, gusts, y)
+        return late_readings(with_errors(y[0], errors), errors, record.interval_s)
 
     def thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
         """What an accelerometer's bias adds to the thrust of a motor that hangs on the cell, N."""
         return -record.moving_mass * errors.get("accel_bias_x", 0.0)
 
     def _simulate(
-        self, record: Record, x0: Array, flat: FlatModel, E: Array, C: Array, shift: Array, gusts: Array, y: Array
-    ) -> None:
+        self, record: Record, commands: Array, x0: Array, flat: FlatModel, E: Array, C: Array, shift: Array,
+        gusts: Array, y: Array,
+    ) -> None:  # fmt: skip
         simulate_variants(
-            x0, 0, record.start, record.start + record.length, record.commands, record.thrust, record.rho,
+            x0, 0, record.start, record.start + record.length, commands, record.thrust, record.rho,
             record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
             flat.T, shift, y,
         )  # fmt: skip
@@ -223,9 +252,9 @@ class Predictor:
         """Derivatives of a record's outputs by the parameters and its own free initial states.
 
         Returns (P + states, N, outputs), in memory by sample, output, unknown.
-        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors enter in
-        closed form, parameters of effects by forward differences, all else by tangents of the simulation. Where lift
-        lags there are differences alone.
+        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors and
+        their delays enter in closed form, parameters of effects and the commands' delay by forward differences, all
+        else by tangents of the simulation. Where lift lags there are differences alone.
         """
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
@@ -236,18 +265,24 @@ class Predictor:
             i
             for i in range(unknowns)
             if i >= count
-            or self.parameters[i].kind != "sensor"
+            or self.parameters[i].kind in ("coefficient", "effect")
             or (self.parameters[i].name == "accel_bias_x" and record.moving_mass > 0.0)
         ]
         if has_tangents(flat):
             differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
             self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
+            by_sample[:] = late_readings(by_sample, errors, record.interval_s)
         else:
             differences = simulated
         self._differences(index, theta, states, predicted, differences, result)
         for i, parameter in enumerate(self.parameters):
             if parameter.kind == "sensor":
                 sensor_derivative(parameter.name, predicted, errors, result[i])
+            elif parameter.name == COMMAND_DELAY:
+                later = {**errors, COMMAND_DELAY: errors[COMMAND_DELAY] + parameter.step}
+                result[i] += angle_wrap(self.outputs(index, flat, later, states) - predicted) / parameter.step
+            elif parameter.kind == "delay":
+                delay_derivative(parameter.name, predicted, record.interval_s, result[i])
         return result
 
     def _tangents(
@@ -266,8 +301,10 @@ class Predictor:
         steps = self.tangent_steps or self.sub_steps
         if self.tangent_steps is None and record.interval_s <= _CLOSE_SAMPLES_S:
             steps = (self.sub_steps + 1) // 2
+        flat = flat.copy()
+        flat.E[:], commands = _timed(flat, record, errors)
         inputs = Inputs(
-            record.start, record.start + record.length, record.commands,
+            record.start, record.start + record.length, commands,
             record.thrust + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
             self.command_first, record.held,
         )  # fmt: skip
@@ -282,6 +319,7 @@ class Predictor:
             return
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
+        flat.E[:], commands = _timed(flat, record, errors)
         base, base_shift = _state_vector(states), self.thrust_shift(record, errors)
         # Per variant: the step, state, effects, coefficients, thrust.
         variants: list[tuple[float, Array, Array, Array, float]] = []
@@ -301,12 +339,12 @@ class Predictor:
                 shifted = theta.copy()
                 shifted[i] += step
                 moved, _ = self.apply(shifted)
-                variants.append((step, base, moved.E, moved.C, base_shift))
+                variants.append((step, base, _timed(moved, record, errors)[0], moved.C, base_shift))
         steps, x0, E, C, shift = zip(*variants, strict=True)
         y = np.empty((len(variants), record.length, len(CHANNELS)))
-        self._simulate(record, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
+        self._simulate(record, commands, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
         for i, step, outputs in zip(places, steps, y, strict=True):
-            result[i] += (with_errors(outputs, errors) - predicted) / step
+            result[i] += (late_readings(with_errors(outputs, errors), errors, record.interval_s) - predicted) / step
 
     def state_steps(self, index: int) -> Array:
         """Steps for difference quotients of the free initial states."""

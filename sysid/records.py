@@ -39,6 +39,14 @@ STANDARD_DENSITY = 1.225
 _DENSITY_BAND_HZ = 1.0
 
 
+def angle_wrap(residual: Array) -> Array:
+    """Residuals (N, 15) with those of phi and psi brought to [-pi, pi]."""
+    for name in ("phi", "psi"):
+        j = OUTPUTS.index(name)
+        residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
+    return residual
+
+
 @dataclass(frozen=True)
 class Record:
     """One stretch of one flight for a free-running simulation.

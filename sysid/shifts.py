@@ -8,17 +8,17 @@ from sysid.flight import Array
 
 
 def read_later(values: Array, delay: float, interval: float) -> Array:
-    """(N,) reading at k + delay / interval: whole samples shifted, the rest by the cubic through the four nearest.
+    """(N,) or (N, K) reading at k + delay / interval: shifted, by parts of a sample along the cubic through four.
 
     Values at the ends are repeated; NaN makes its neighbours NaN where parts of a sample are asked for.
     """
     place = delay / interval
     whole = int(np.floor(place + 1e-9))
     part = max(place - whole, 0.0)
-    index = np.arange(values.size) + whole
+    index = np.arange(values.shape[0]) + whole
 
     def near(offset: int) -> Array:
-        taken: Array = values[np.clip(index + offset, 0, values.size - 1)]
+        taken: Array = values[np.clip(index + offset, 0, values.shape[0] - 1)]
         return taken
 
     if part < 1e-6:
@@ -32,12 +32,12 @@ def read_later(values: Array, delay: float, interval: float) -> Array:
 
 
 def held_back(values: Array, delay: float, interval: float) -> Array:
-    """(N,) commands as they act when the aircraft follows late: the mean over each interval of what is then held."""
+    """(N,) or (N, K) commands as they act when the aircraft follows late: the mean of what is held in each interval."""
     place = delay / interval
     whole = int(np.floor(place + 1e-9))
     part = max(place - whole, 0.0)
-    index = np.arange(values.size) - whole
-    now = values[np.clip(index, 0, values.size - 1)]
-    before = values[np.clip(index - 1, 0, values.size - 1)]
+    index = np.arange(values.shape[0]) - whole
+    now = values[np.clip(index, 0, values.shape[0] - 1)]
+    before = values[np.clip(index - 1, 0, values.shape[0] - 1)]
     mixed: Array = (1.0 - part) * now + part * before
     return mixed

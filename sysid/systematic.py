@@ -19,8 +19,9 @@ from sim_vehicle.propulsion import scaled
 from sim_vehicle.vehicle import Vehicle
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
-from sysid.output_error import OutputErrorResult, angle_wrap
-from sysid.records import SURFACES, Record
+from sysid.output_error import OutputErrorResult
+from sysid.records import SURFACES, Record, angle_wrap
+from sysid.shifts import held_back
 from sysid.thrust import THRUST_BY_SQUARE
 
 DELAY_S = 0.010
@@ -74,10 +75,7 @@ def _stronger_known(record: Record) -> Record:
 
 def _later_commands(record: Record) -> Record:
     """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
-    whole, part = divmod(DELAY_S / record.interval_s, 1.0)
-    places = np.arange(record.commands.shape[0])
-    older, oldest = np.maximum(places - int(whole), 0), np.maximum(places - int(whole) - 1, 0)
-    return replace(record, commands=(1.0 - part) * record.commands[older] + part * record.commands[oldest])
+    return replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
 
 
 LINEAR = (

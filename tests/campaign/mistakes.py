@@ -58,7 +58,7 @@ def checked(flight: FlightSignals, vehicle: str) -> tuple[str, list[dict[str, An
 def estimates(flight: FlightSignals, vehicle: str) -> dict[str, tuple[float, float]]:
     """Coefficients by output error as if nothing were wrong."""
     craft = load_vehicle(vehicle)
-    found = identify([flight], craft, method="oe", check=SignalCheck(), systematic=False)
+    found = identify([flight], craft, method="oe", check=SignalCheck(), systematic=False, delays=False)
     entries = found.model.coefficients.items()
     return {n: (e.value, e.std) for n, e in entries if e.value is not None and e.std is not None}
 
@@ -80,7 +80,7 @@ def named(one: Injection, line: str, findings: list[dict[str, Any]], flight: Fli
         return True
     if one.kind != "scale" or one.signals[0] not in ("alpha", "beta", "airspeed", "theta"):
         return False
-    found = identify([flight], load_vehicle(vehicle), method="ee", check=SignalCheck(), systematic=False)
+    found = identify([flight], load_vehicle(vehicle), method="ee", check=SignalCheck(), systematic=False, delays=False)
     entry = found.compatibility.parameters.get(f"{one.signals[0]}_scale")
     return entry is not None and abs(entry.value) > 2.0 * entry.std
 

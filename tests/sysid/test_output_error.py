@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sysid.errors import EstimationError
-from sysid.output_error import OutputError, OutputErrorResult, angle_wrap, autocorrelation
+from sysid.output_error import OutputError, OutputErrorResult, autocorrelation
 from sysid.parameterisation import Parameter, Predictor, coefficient, effect_parameter, sensor_error
-from sysid.records import LONGITUDINAL, OUTPUTS, Record
+from sysid.records import LONGITUDINAL, OUTPUTS, Record, angle_wrap
 
 Array = NDArray[np.float64]
 

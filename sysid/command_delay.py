@@ -1,0 +1,141 @@
+"""How late the aircraft follows its commands, by equation error: the delay with which they explain the moments best.
+
+Kinematics say nothing of commands. The moments do: their residual over the delay is a profile of the likelihood,
+coarse, but without local minima nearby, so that output error can start from there. Both sides of the equations have
+passed the same smoother; a delay of commands that are held is then a shift of their smoothed columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from sim_vehicle.terms import Term, parse_term
+from sysid.coefficients import Body
+from sysid.delays import COMMANDS, Delay
+from sysid.equation_error import settled_equations
+from sysid.equations import CONTROLS, MOMENTS, Equations, axes_of
+from sysid.errors import SysidError
+from sysid.flight import Array, FlightData
+from sysid.output_error import autocorrelation
+from sysid.shifts import held_back, read_later
+
+# Delays that are tried, s.
+EARLIEST_S, LATEST_S, STEP_S = -0.25, 0.3, 0.02
+# A delay counts from this gain in log likelihood, so many standard errors, and this size, s, on.
+GAIN, SIGMAS, LEAST_S = 20.0, 4.0, 5e-3
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Likelihood over the delay. delay, std: its estimate, s. gain: log likelihood over no delay; explained: over no
+    commands at all.
+    """
+
+    delay: float
+    std: float
+    gain: float
+    explained: float
+
+    def counts(self) -> bool:
+        """Whether it is no accident."""
+        return self.gain > GAIN and abs(self.delay) > max(SIGMAS * self.std, LEAST_S)
+
+    def found(self) -> Delay:
+        """As a delay of the commands."""
+        return Delay(COMMANDS, self.delay, self.std)
+
+
+class _Axis:
+    """One moment's equation with its commands at any time. keep: rows that have a sample to shift to."""
+
+    def __init__(self, equations: Equations, axis: str, terms: Sequence[Term]) -> None:
+        self._interval_s, self._lengths = equations.interval_s, equations.lengths
+        moved = [term for term in terms if set(term.factors) & set(CONTROLS)]
+        fixed = [term for term in terms if term not in moved]
+        edge = round(max(-EARLIEST_S, LATEST_S) / self._interval_s) + 2
+        ends = np.concatenate([np.minimum(np.arange(n), n - 1 - np.arange(n)) for n in self._lengths])
+        self._keep = ends >= edge
+        self._commands = equations.matrix(moved)
+        self._basis = np.linalg.qr(equations.matrix(fixed)[self._keep])[0]
+        self._target = self._free(equations.regressand(axis)[self._keep])
+
+    def _free(self, values: Array) -> Array:
+        """What the motion's own terms do not explain."""
+        left: Array = values - self._basis @ (self._basis.T @ values)
+        return left
+
+    def residual(self, delay: float | None) -> Array:
+        """(rows,) of the regression with the commands late by `delay`, or without commands."""
+        if delay is None:
+            return self._target
+        starts = np.cumsum([0, *self._lengths[:-1]])
+        parts = [self._commands[a : a + n] for a, n in zip(starts, self._lengths, strict=True)]
+        late = np.concatenate([read_later(part, -delay, self._interval_s) for part in parts])
+        columns = self._free(late[self._keep])
+        left: Array = self._target - columns @ np.linalg.lstsq(columns, self._target, rcond=1e-12)[0]
+        return left
+
+
+def command_delay(parts: Sequence[FlightData], body: Body, names: Sequence[str]) -> Profile | None:
+    """Profile of the delay of the commands over corrected parts (see sysid.equations); None where nothing can be told.
+
+    names: coefficients that the flight excites, of which those of the moments count.
+    """
+    terms = [term for term in map(parse_term, names) if term.axis in MOMENTS]
+    least_s = 2.0 * max(-EARLIEST_S, LATEST_S) + 2.0
+    long = [part for part in parts if part.time_s.size * part.interval_s > least_s]
+    if not _commanded(terms) or not long:
+        return None
+    try:
+        found = _profile(long, body, terms, np.arange(EARLIEST_S, LATEST_S + 1e-9, STEP_S))
+        if found is None or not found.counts():
+            return found
+        # Once more with the commands where they belong, which then bend the rates between samples as they did.
+        near = _profile([_moved(part, found.delay) for part in long], body, terms, np.array([-STEP_S, 0.0, STEP_S]))
+    except SysidError:
+        return None
+    return found if near is None else replace(found, delay=found.delay + near.delay, std=near.std)
+
+
+def _profile(parts: Sequence[FlightData], body: Body, terms: Sequence[Term], grid: Array) -> Profile | None:
+    """Profile over a grid of delays [s] and about its best one; None where that is at an end."""
+    equations = settled_equations(parts, body, [term.name for term in terms])
+    grouped = [(axis, own) for axis, own in axes_of(terms) if _commanded(own)]
+    axes = [_Axis(equations, axis, own) for axis, own in grouped]
+    spread = [sum(r.size * np.log(np.mean(r**2)) for r in (axis.residual(delay) for axis in axes)) for delay in grid]
+    coarse = int(np.argmin(spread))
+    if not 0 < coarse < grid.size - 1:
+        return None
+    # How many samples of each moment are independent is decided once, where the commands fit best.
+    counts = [_independent(axis.residual(grid[coarse])) for axis in axes]
+
+    def cost(delay: float | None) -> float:
+        residuals = [axis.residual(delay) for axis in axes]
+        return float(sum(0.5 * n * np.log(np.mean(r**2)) for n, r in zip(counts, residuals, strict=True)))
+
+    around = (grid[coarse - 1], grid[coarse + 1])
+    least = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-4})
+    best, low = float(least.x), float(least.fun)
+    step = 0.5 * parts[0].interval_s
+    curvature = (cost(best - step) - 2.0 * low + cost(best + step)) / step**2
+    std = curvature**-0.5 if curvature > 0.0 else float("inf")
+    return Profile(best, std, cost(0.0) - low, cost(None) - low)
+
+
+def _moved(part: FlightData, delay: float) -> FlightData:
+    """The part with its surfaces moving as they act, late by `delay`."""
+    late = {n: held_back(part[n], delay, part.interval_s) for n in CONTROLS[:3] if n in part}
+    return replace(part, columns={**part.columns, **late})
+
+
+def _commanded(terms: Sequence[Term]) -> bool:
+    return any(set(term.factors) & set(CONTROLS) for term in terms)
+
+
+def _independent(residual: Array) -> float:
+    """Number of independent samples among coloured ones."""
+    return residual.size / max(float(np.sum(autocorrelation([residual]))), 1.0)
