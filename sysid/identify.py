@@ -190,8 +190,8 @@ def identify(
     method: "ee" equation error, "oe" output error, "fe" filter error; "auto" is "oe", and "fe" in turbulence.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
-    check: what is known of mistakes in the signals already; None looks for them. delays: whether those that the whole
-    motion tells (sysid.delaychoice) are looked for.
+    check: what is known of mistakes in the signals already; None looks for them.
+    delays: whether those that the whole motion tells (sysid.delaychoice) are looked for.
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
@@ -215,8 +215,9 @@ def identify(
     late: dict[str, float] = {}
     if delays and structure.effect("actuator_delay") is None:
         parts, refined = corrected_parts(prepared, vehicle, compatible), method == "oe" or (method == "auto" and calm)
-        asked = list(structure.coefficients)
-        prepared, check, late = commands_in_time(prepared, vehicle, check, parts, asked, refined)
+        prepared, check, late = commands_in_time(
+            prepared, vehicle, check, parts, tuple(structure.coefficients), refined
+        )
     problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
     problem = replace(problem, known=_known(prior, structure, warnings), delays=late)
     progress(0.30, "equation error")
