@@ -8,7 +8,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -40,11 +40,21 @@ if "NUMBA_CACHE_DIR" not in os.environ:
     numba.config.CACHE_DIR = str(_cache_folder())  # type: ignore[attr-defined]  # set by numba at run time
 
 
+def compiled_mark() -> Path:
+    """File that stands in the cache folder once everything that an identification calls has been compiled."""
+    folder = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]  # set by numba at run time
+    return folder / f"compiled-{_fingerprint()}"
+
+
+# Nothing here is called through a C function pointer, whose making takes time.
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+
+
 def jit(function: Function) -> Function:
     """Compile a numerical function on first call and keep the machine code on disk."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+    return cast(Function, numba.njit(**_OPTIONS)(function))
 
 
 def jit_fused(function: Function) -> Function:
     """As `jit`, but a product and a sum may be rounded once instead of twice, as fused machine instructions do."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})(function))
+    return cast(Function, numba.njit(**_OPTIONS, fastmath={"contract"})(function))

@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from sim_vehicle.layout import CURVE_COEFFICIENTS, CURVE_SEGMENTS, CURVE_SIZE
 from sim_vehicle.table import Table
@@ -109,6 +108,8 @@ def pack_curve(curve: Curve) -> Array:
         pieces[0, 0] = low
         pieces[0, 1 : 1 + shifted.size] = shifted
         return packed
+    from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted
+
     places, values = np.array(curve).T
     cubic = PchipInterpolator(places, values)
     count = places.size - 1

@@ -124,7 +124,8 @@ def simulate(
     for k in range(start, stop):
         if held.shape[0] > 0:
             impose(x, held[k])
-        now[:] = end
+        for i in range(4):
+            now[i] = end[i]
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
         gust = gusts[k] if gusts.shape[0] > 0 else still
@@ -180,7 +181,8 @@ def evaluate_path(
             impose(x, states[row])
             if row == 0:
                 x[13] = math.atan2(x[5], x[3])
-            now[:] = end
+            for i in range(4):
+                now[i] = end[i]
             if command_first:
                 surfaces_after_command(commands, k, dt, E, now)
             derivatives(x, now, thrust[k], still, still, rho[k], P, E, C, F, K, T, W, rate)

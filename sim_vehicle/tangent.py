@@ -194,7 +194,8 @@ def simulate_tangents(
     for k in range(start, stop):
         if held.shape[0] > 0:
             _impose_tangents(x, held[k], X)
-        now[:] = end
+        for i in range(4):
+            now[i] = end[i]
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
         gust = gusts[k] if gusts.shape[0] > 0 else still

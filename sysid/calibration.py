@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from sysid.errors import CalibrationError
 from sysid.flight import Array
@@ -330,6 +329,8 @@ def _named(names: Sequence[str], values: Array, covariance: Array) -> tuple[Cali
 
 
 def _spline(knots: Array, values: Array, at: Array) -> Array:
+    from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted
+
     curve = PchipInterpolator(knots, values)
     slope = curve.derivative()
     inside = np.clip(at, knots[0], knots[-1])

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Coefficient, Model
@@ -235,7 +235,7 @@ def _verdict(
     if left:
         return "unexplained", reasons
     gained = log_likelihood_ratio(given, before, search.result.inflation)
-    p_value = float(stats.chi2.sf(max(gained, 0.0), len(names)))
+    p_value = float(special.chdtrc(len(names), max(gained, 0.0)))
     closed = _closed(gaps, "given", "before")
     reasons.append(
         f"fitting the coefficients again gains {gained:.0f} (chance {p_value:.1e}) and shrinks a gap {closed:.3f} times"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from sysid.flight import Array
 from sysid.output_error import OutputErrorResult
@@ -54,7 +54,7 @@ def weigh(
     shares = [math.exp(score - top) for score in scores]
     total = sum(shares)
     weights = [
-        Weight(share / total, gain, float(stats.chi2.sf(max(gain, 0.0), k)))
+        Weight(share / total, gain, float(special.chdtrc(k, max(gain, 0.0))))
         for share, gain, (_, k) in zip(shares[1:], gains, fits, strict=True)
     ]
     return weights, shares[0] / total

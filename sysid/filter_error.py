@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
+from sysid.convolution import convolved
 from sysid.dryden import Turbulence
 from sysid.filter_noise import FAINT, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass
@@ -296,7 +296,7 @@ class _Scored:
             kernel = autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
             for rows in self.scores.rows:
                 here = rows[:, j]
-                wide = here if kernel.size == 1 else fftconvolve(here, kernel[:, None], mode="same", axes=0)
+                wide = here if kernel.size == 1 else convolved(here, kernel)
                 middle = middle + here.T @ wide
         covariance = white @ (0.5 * (middle + middle.T)) @ white
         growth = np.sqrt(np.maximum(np.diag(covariance) / np.maximum(np.diag(white), 1e-300), 1.0))

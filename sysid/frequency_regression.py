@@ -15,7 +15,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import czt
 
 from sim_vehicle.terms import Term
 from sysid.equations import CONTROLS, MOMENTS, Equations, PartEquations
@@ -126,6 +125,8 @@ def _transformed(
     duration = (count - 1) * interval_s
     lines = np.arange(max(int(np.ceil(low * duration)), 1), int(high * duration) + 1)
     omega = 2.0 * np.pi * lines / duration
+
+    from scipy.signal import czt  # slow to import, and wanted for this alone
 
     def transform(values: Array) -> Complex:
         """Trapezoidal rule of the finite Fourier integral at the lines."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg, optimize, signal
+from scipy import fft, linalg
 
 from sysid.flight import Array
 from sysid.smoothing import fourier_smooth
@@ -148,6 +148,8 @@ def _likeliest_lag(thrust: Array, throttle: Array, interval_s: float, air: Array
         return tried[first]
     # The lags tried are coarse; between its neighbours the best one has a single minimum.
     low, high = _LAGS_S[first - 2], _LAGS_S[min(first, len(_LAGS_S) - 1)]
+    from scipy import optimize  # slow to import, and seldom wanted
+
     return float(optimize.minimize_scalar(error, bounds=(low, high), method="bounded").x)
 
 
@@ -171,6 +173,8 @@ def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:
     before = np.concatenate((command[:1], command[:-1]))
     if lag_s < 1e-6:
         return before
+    from scipy import signal  # slow to import, and seldom wanted
+
     decay = float(np.exp(-interval_s / lag_s))
     lagged, _ = signal.lfilter([1.0 - decay], [1.0, -decay], before, zi=[decay * command[0]])
     return np.asarray(lagged, dtype=np.float64)

@@ -241,6 +241,16 @@ def _update_slopes(
 
 
 @jit
+def _keep(s: Array, p: Array, h: Array, s_kept: Array, p_kept: Array, h_kept: Array) -> None:
+    """Copy (9,), (9, 9) and (9, 9). Element by element: numba's whole-array copies take seconds more to compile."""
+    for a in range(_G):
+        s_kept[a] = s[a]
+        for c in range(_G):
+            p_kept[a, c] = p[a, c]
+            h_kept[a, c] = h[a, c]
+
+
+@jit
 def filter_part(
     nominal: Array,
     gusts: Array,
@@ -284,7 +294,7 @@ def filter_part(
             rates[a] = imu[i, 3 + a] - theta[3 + a]
         _linearise_outputs(nominal[i], gusts[i], rates, layout, theta, predicted, h)
         if store:
-            s_before[i], p_before[i], slopes[i] = s, p, h
+            _keep(s, p, h, s_before[i], p_before[i], slopes[i])
         for j in range(_M):
             if np.isnan(z[i, j]):
                 continue
@@ -297,7 +307,8 @@ def filter_part(
             innovation[i, j], variance[i, j] = nu, big
             likelihood -= 0.5 * (nu * nu / big + log(big))
             if store:
-                gains[i, j] = k
+                for a in range(_G):
+                    gains[i, j, a] = k[a]
         if i + 1 < n:
             _linearise_step(nominal[i], (imu[i], middle[i], imu[i + 1]), theta, dt, layout[6], f, ahead)
             if slopes_wanted:
@@ -308,7 +319,9 @@ def filter_part(
             for a in range(3):
                 s[6 + a] += gust[1] * gusts[i, a] - gusts[i + 1, a]
             if store:
-                steps[i] = f
+                for a in range(6):
+                    for c in range(12):
+                        steps[i, a, c] = f[a, c]
     return likelihood, information, gradient, innovation, variance, s_before, p_before, gains, slopes, steps
 
 

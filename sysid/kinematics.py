@@ -101,7 +101,8 @@ def reconstruct(x0: Array, imu: Array, bias: Array, dt: float, gravity: float) -
     gravity: m/s^2. Returns (N, 6) states.
     """
     states = np.empty((imu.shape[0], 6))
-    states[0] = x0
+    for i in range(6):
+        states[0, i] = x0[i]
     middle = midpoints(imu)
     for k in range(imu.shape[0] - 1):
         step(states[k], imu[k], middle[k], imu[k + 1], bias, dt, gravity, states[k + 1])

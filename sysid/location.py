@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from sysid.coefficients import AXES
 from sysid.flight import Array
@@ -40,7 +40,7 @@ def _explained(residual: Array, variable: Array) -> tuple[float, float]:
     if count <= 6.0:
         return share, 1.0
     F = share / 3.0 / max((1.0 - share) / (count - 4.0), 1e-12)
-    return share, float(stats.f.sf(F, 3, count - 4.0))
+    return share, float(special.fdtrc(3.0, count - 4.0, F))
 
 
 def _intervals(path: CoefficientPath, residual: Array, flight: str, limit: float) -> list[dict[str, Any]]:

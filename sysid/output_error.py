@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import convolve1d
-from scipy.signal import fftconvolve
 
+from sysid.convolution import convolved, correlation
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import Parameter, Predictor
@@ -26,6 +26,8 @@ MAX_ITERATIONS = 25
 COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3
 # After a step that gained less than this the sensitivities hold for one step more.
 SAME_SENSITIVITIES = 1.0
+# The cost cannot fall by so many times what its quadratic model promises, after the first step and before it.
+_NEAR, _FAR = 3.0, 6.0
 _SIGMA_FLOOR = 1e-7
 _CACHED_NUMBERS = 1 << 15  # a quarter of a megabyte of doubles
 _LONG_KERNEL = 64  # weights from which on the fast Fourier transform is faster
@@ -210,7 +212,8 @@ class OutputError:
         """Estimate, from parameter values and in at most so many steps.
 
         Raises EstimationError where the simulation from the start values diverges, UnlikelyError as soon as it shows
-        that the cost will stay above `give_up_above`: by three times what the quadratic model still promises.
+        that the cost will stay above `give_up_above`: by three times what the quadratic model still promises, and by
+        six times at the start, where that model is less to be trusted.
         """
         theta = self.start(values)
         predicted = self.predict(theta)
@@ -229,7 +232,8 @@ class OutputError:
             if age > 0 and (age > 1 or gained > SAME_SENSITIVITIES):
                 S, age = self.sensitivities(theta, predicted), 0
             M, g = self.normal_equations(theta, residuals, S, sigma)
-            if iteration > 1 and cost - 1.5 * float(g @ _damped_step(M, g, 0.0)) > give_up_above:
+            promised = 0.5 * float(g @ _damped_step(M, g, 0.0)) if np.isfinite(give_up_above) else 0.0
+            if cost - (_FAR if iteration == 1 else _NEAR) * promised > give_up_above:
                 raise UnlikelyError(f"{self.predictor.records[0].flight}: less likely than what is known")
             while True:
                 trial = self._bounded(theta + _damped_step(M, g, damping))
@@ -317,8 +321,7 @@ def autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
     total, power, count = np.zeros(length), 0.0, 0
     for x in series:
         clean = np.nan_to_num(x)
-        full = fftconvolve(clean, clean[::-1])[len(clean) - 1 :]
-        total += full[:length]
+        total += correlation(clean, length)
         power += float(clean @ clean)
         count += len(clean)
     if power <= 0.0:
@@ -355,7 +358,7 @@ def _gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[A
 def _filtered(rows: Array, kernel: Array) -> Array:
     """Each column of `rows` (N, unknowns) convolved with a symmetric kernel, zeros beyond the ends."""
     if kernel.size > _LONG_KERNEL:
-        return np.asarray(fftconvolve(rows, kernel[:, None], mode="same", axes=0))
+        return convolved(rows, kernel)
     return np.asarray(convolve1d(rows, kernel, axis=0, mode="constant"))
 
 

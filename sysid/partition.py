@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from sysid.errors import EstimationError
 from sysid.flight import Array
@@ -114,6 +113,8 @@ def _smoothed(y: Array, design: Array, blocks: Sequence[slice], second: Array) -
         total, _, left = posed(smoothness)
         ranks = sum((block.stop - block.start - 2) * s for block, s in zip(blocks, smoothness, strict=True))
         return float((y.size - 2 * len(blocks)) * np.log(left) + np.linalg.slogdet(total)[1] - ranks)
+
+    from scipy import optimize  # slow to import, and wanted for this alone
 
     start = np.full(len(blocks), -4.0)
     found = optimize.minimize(cost, start, method="L-BFGS-B", bounds=[(-14.0, 12.0)] * len(blocks)).x

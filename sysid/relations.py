@@ -167,7 +167,10 @@ class Window:
 
     def gaps(self, columns: Columns, errors: Mapping[str, float]) -> dict[str, Array]:
         """Relation -> (rows,) measured minus integrated, slow motions taken out."""
-        s = self.states(columns, errors)
+        return self.gaps_of(self.states(columns, errors), columns)
+
+    def gaps_of(self, s: Columns, columns: Columns) -> dict[str, Array]:
+        """The same from the states `s` of the columns."""
         measured, predicted = self.measured(s, columns), self.predictions(columns, s)
         return {n: self.fast(n, measured[n] - predicted[n]) for n in self.relations}
 
@@ -181,9 +184,8 @@ class Window:
             found |= {n: np.interp(time - float(late), time, found[n]) for n in GROUND if n in found}
         return found
 
-    def level(self, columns: Columns) -> Array:
-        """(3,) mean of what specific force the attitude and the motion leave unexplained, m/s^2."""
-        s = self.states(columns, {})
+    def level(self, s: Columns) -> Array:
+        """(3,) mean of what specific force the attitude and the motion `s` leave unexplained, m/s^2."""
         sf, cf, st, ct = np.sin(s["phi"]), np.cos(s["phi"]), np.sin(s["theta"]), np.cos(s["theta"])
         gravity, turning = self.layout.gravity, s["V"]
         return np.array([
@@ -249,7 +251,8 @@ class Comparison:
 
     def __init__(self, windows: Sequence[Window], columns: Sequence[Columns]) -> None:
         self.windows, self.columns = windows, columns
-        self.base = [w.gaps(c, {}) for w, c in zip(windows, columns, strict=True)]
+        states = [w.states(c, {}) for w, c in zip(windows, columns, strict=True)]
+        self.base = [w.gaps_of(s, c) for w, s, c in zip(windows, states, columns, strict=True)]
         # Regressors without the noise of the measurements, which they would else explain.
         self.smooth = [w.smoothed(c) for w, c in zip(windows, columns, strict=True)]
         base = [w.gaps(c, {}) for w, c in zip(windows, self.smooth, strict=True)]
@@ -266,7 +269,7 @@ class Comparison:
                 self.slopes.append([scale_slope(w, c, name) for w, c in zip(windows, self.smooth, strict=True)])
                 stds.append(std)
         self.prior = np.array(stds) ** -2.0
-        self.level_cost = level_cost(windows, columns)
+        self.level_cost = level_cost(windows, states)
         self._null: dict[Sequence[str] | None, tuple[Fit, _Whitened]] = {}
 
     def null(self, relations: tuple[str, ...] | None = None) -> Fit:
@@ -360,16 +363,17 @@ def quick_cost(windows: Sequence[Window], columns: Sequence[Columns], filters: M
 
     filters: relation -> whitening filter, the same for all readings that are compared.
     """
-    gaps = [w.gaps(c, {}) for w, c in zip(windows, columns, strict=True)]
-    cost = level_cost(windows, columns)
+    states = [w.states(c, {}) for w, c in zip(windows, columns, strict=True)]
+    gaps = [w.gaps_of(s, c) for w, s, c in zip(windows, states, columns, strict=True)]
+    cost = level_cost(windows, states)
     for name in dict.fromkeys(name for one in gaps for name in one):
         white = np.concatenate([whiten(one[name], filters[name]) for one in gaps if name in one])
         cost += white.size * 0.5 * float(np.log(max(np.mean(white**2), 1e-18)))
     return cost
 
 
-def level_cost(windows: Sequence[Window], columns: Sequence[Columns]) -> float:
+def level_cost(windows: Sequence[Window], states: Sequence[Columns]) -> float:
     """Negative log likelihood of the mean specific force that the motion leaves unexplained."""
-    levels = [w.level(c) for w, c in zip(windows, columns, strict=True)]
+    levels = [w.level(s) for w, s in zip(windows, states, strict=True)]
     level = np.average(levels, axis=0, weights=[float(w.size) for w in windows])
     return 0.5 * float(np.sum((level / _LEVEL_STD) ** 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft, linalg, stats
+from scipy import fft, linalg
 
 from sysid.flight import Array
 
@@ -52,6 +52,8 @@ def gaussian_p(values: Array) -> float | None:
     finite = values[np.isfinite(values)]
     if finite.size < 40 or np.ptp(finite) == 0.0:
         return None
+    from scipy import stats  # slow to import, and wanted for this alone
+
     return float(stats.normaltest(whiten(finite)).pvalue)
 
 

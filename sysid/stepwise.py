@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from sysid.errors import EstimationError
 from sysid.flight import Array
@@ -72,7 +72,7 @@ def noise_bound(y: Array, X: Array) -> float:
 
 def p_value(partial_f: float, free: float) -> float:
     """Chance of a partial F at least so large for a term that is zero; free: degrees of freedom left."""
-    return float(stats.f.sf(partial_f, 1.0, max(free, 1.0)))
+    return float(special.fdtrc(1.0, max(free, 1.0), partial_f))
 
 
 def trial(

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sim_vehicle.effects import slot
 from sim_vehicle.jacobian import STATE_COLUMNS, THRUST_COLUMN
@@ -99,6 +98,8 @@ def _lag(series: Array, interval_s: float, tau: float) -> None:
     """Pass (N, unknowns) in place through the first-order lag that sensors have (`ramp_lag`), at rest at the start."""
     if tau <= 0.0:
         return
+    from scipy.signal import lfilter  # slow to import, and seldom wanted
+
     decay = np.exp(-interval_s / tau)
     lead = tau / interval_s * (1.0 - decay)
     now, before = 1.0 - lead, lead - decay

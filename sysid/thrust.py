@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from sim_vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle import Vehicle
@@ -94,6 +93,8 @@ def thrust_of_speed(data: FlightData, vehicle: Vehicle) -> Array:
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
     """(M,) throttle behind the motor's lag at the samples of held commands (M, 4), at rest at the first."""
+    from scipy import signal  # slow to import, and not wanted where thrust is measured
+
     throttle = commands[:, 3]
     kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
     before = np.append(throttle[0], throttle[:-1])

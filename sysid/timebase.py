@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal as scipy_signal
 
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData, FlightSignals, Signal
@@ -204,6 +203,8 @@ def _low_pass(source: Signal, typical: float, interval: float) -> Signal:
     half = int(np.ceil(4.0 * interval / typical))
     if count <= 2 * half + 1:
         return Signal(time, values, source.unit, source.source)
+    from scipy import signal as scipy_signal  # slow to import, and seldom wanted
+
     taps = scipy_signal.firwin(2 * half + 1, 0.8 * typical / interval, window="hamming")
     # Odd reflection about the end points keeps value and slope there.
     head = 2.0 * values[0] - values[half:0:-1]

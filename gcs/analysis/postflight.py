@@ -47,15 +47,21 @@ def identify(
     paths: MCAP recordings, estimated together. validate: recordings the model is judged by. structure, prior: model
     files. start, stop: s from the flight's first stamp. Raises GcsError, SysidError, SimVehicleError in one line.
     """
+    from sysid.compile_ahead import CompileAhead
     from sysid.identify import identify as run
     from sysid.result import result_json
 
     craft = load_vehicle(str(vehicle))
     progress(0.0, "reading the recordings")
+    with CompileAhead() as compiling:
+        flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
+        if compiling:
+            progress(0.01, "compiling, which the first identification alone takes time for")
+        compiling.wait()
     found = run(
-        read_flights(paths, craft, system),
+        flights,
         craft,
-        validate_on=read_flights(validate, craft, system),
+        validate_on=judges,
         structure=None if structure is None else read_model(structure),
         prior=None if prior is None else read_model(prior),
         method=method,

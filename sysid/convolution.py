@@ -1,0 +1,24 @@
+"""Convolutions by Fourier transform, without the import of a whole signal-processing library."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from sysid.flight import Array
+
+
+def correlation(values: Array, lags: int) -> Array:
+    """(lags,) sums of products of values (N,) with themselves `0 ... lags - 1` samples later, zeros beyond the ends."""
+    size = fft.next_fast_len(values.size + lags, real=True)
+    sums = fft.irfft(np.abs(fft.rfft(values, size)) ** 2, size)[:lags]
+    return np.asarray(sums, dtype=np.float64)
+
+
+def convolved(rows: Array, kernel: Array) -> Array:
+    """Each column of `rows` (N, K) convolved with `kernel` (2 L + 1,) about its middle, zeros beyond the ends."""
+    size = fft.next_fast_len(rows.shape[0] + kernel.size - 1, real=True)
+    product = fft.rfft(rows, size, axis=0) * fft.rfft(kernel, size)[:, None]
+    middle = kernel.size // 2
+    wide = fft.irfft(product, size, axis=0)[middle : middle + rows.shape[0]]
+    return np.asarray(wide, dtype=np.float64)
