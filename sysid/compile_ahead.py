@@ -22,8 +22,10 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import load_vehicle
 from sysid.compatibility import compatibility
 from sysid.flight import Array, FlightData
+from sysid.gap import Fixed
 from sysid.parameterisation import Predictor, coefficient
 from sysid.records import OUTPUTS, Record
+from sysid.residuals import known_propulsion
 
 _SAMPLES, _INTERVAL_S, _SPEED, _PITCH, _GRAVITY = 100, 0.02, 15.0, 0.05, 9.80665
 _VEHICLE = "iitb-mav"
@@ -47,6 +49,7 @@ def _states() -> Array:
 def _simulate() -> None:
     predictor = _predictor()
     predictor.outputs(0, predictor.flat, {}, _states())
+    known_propulsion(predictor.records[0], Fixed(predictor.flat, {}), np.full(_SAMPLES, _SPEED))
 
 
 def _differentiate() -> None:

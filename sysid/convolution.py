@@ -1,9 +1,9 @@
-"""Convolutions by Fourier transform, without the import of a whole signal-processing library."""
+"""Convolutions and lags, without the import of a whole signal-processing library, which takes most of a second."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
+from scipy import fft, linalg
 
 from sysid.flight import Array
 
@@ -22,3 +22,16 @@ def convolved(rows: Array, kernel: Array) -> Array:
     middle = kernel.size // 2
     wide = fft.irfft(product, size, axis=0)[middle : middle + rows.shape[0]]
     return np.asarray(wide, dtype=np.float64)
+
+
+def first_order_lag(values: Array, kept: float, start: float) -> Array:
+    """(N,) y[k] = kept y[k - 1] + (1 - kept) values[k], with y = start before the first.
+
+    The recursion is a bidiagonal system of equations, which a compiled solver goes through once.
+    """
+    driven = (1.0 - kept) * values
+    driven[0] += kept * start
+    bands = np.stack([np.ones(values.size), np.full(values.size, -kept)])
+    return np.asarray(
+        linalg.solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False), dtype=np.float64
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, linalg
 
+from sysid.convolution import first_order_lag
 from sysid.flight import Array
 from sysid.smoothing import fourier_smooth
 
@@ -173,8 +174,5 @@ def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:
     before = np.concatenate((command[:1], command[:-1]))
     if lag_s < 1e-6:
         return before
-    from scipy import signal  # slow to import, and seldom wanted
-
     decay = float(np.exp(-interval_s / lag_s))
-    lagged, _ = signal.lfilter([1.0 - decay], [1.0, -decay], before, zi=[decay * command[0]])
-    return np.asarray(lagged, dtype=np.float64)
+    return first_order_lag(before, decay, float(command[0]))

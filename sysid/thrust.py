@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle import Vehicle
+from sysid.convolution import first_order_lag
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
 from sysid.inputs import denoise_thrust
@@ -93,13 +94,10 @@ def thrust_of_speed(data: FlightData, vehicle: Vehicle) -> Array:
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
     """(M,) throttle behind the motor's lag at the samples of held commands (M, 4), at rest at the first."""
-    from scipy import signal  # slow to import, and not wanted where thrust is measured
-
     throttle = commands[:, 3]
     kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
     before = np.append(throttle[0], throttle[:-1])
-    lagged, _ = signal.lfilter([1.0 - kept], [1.0, -kept], before, zi=[kept * throttle[0]])
-    return np.ascontiguousarray(lagged)
+    return first_order_lag(before, kept, float(throttle[0]))
 
 
 def with_rotor_speed(commands: Array, data: FlightData, vehicle: Vehicle, first: int) -> Array:
