@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-identification bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-design clean
+.PHONY: setup demo test check interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-design clean
 
 setup: $(VENV)/.ready
 
@@ -44,6 +44,9 @@ bench: $(VENV)/.bench
 
 bench-identification: $(VENV)/.bench
 	$(BIN)/python benchmarks/output_error.py
+
+bench-job: setup
+	$(BIN)/python benchmarks/job.py
 
 bench-peers: $(VENV)/.bench
 	$(BIN)/python benchmarks/peers.py
