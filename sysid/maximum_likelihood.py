@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sim_vehicle.model import Model
 from sysid.bench import BenchError, carry, late_commands
@@ -15,6 +15,7 @@ from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
+from sysid.misfit import Widened, widened
 from sysid.output_error import OutputErrorResult
 from sysid.sensorchoice import with_told_sensors
 from sysid.systematic import systematic_errors
@@ -34,7 +35,7 @@ class MaximumLikelihood:
     """An estimate, the problem it solves, and how.
 
     method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
-    words.
+    words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
     """
 
     problem: Problem
@@ -43,6 +44,7 @@ class MaximumLikelihood:
     refused: tuple[Refusal, ...]
     warnings: tuple[str, ...]
     from_bench: Mapping[str, Mapping[str, float]]
+    wider: Widened | None = None
 
     @property
     def estimate(self) -> Likeliest:
@@ -107,6 +109,9 @@ def maximum_likelihood(
         warnings += late.warnings
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
+    wider = widened(problem, model, coefficients, effects, result)
+    if wider is not None:
+        return _with_misfit(problem, wider, effects, bench, late.refused, (*warnings, wider.warning()))
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares)
@@ -117,6 +122,24 @@ def _corrected(delays: Sequence[Delay]) -> list[str]:
     late = [COMMAND_DELAY] if any(one.of_commands for one in delays) else []
     sensors = {name for one in delays for name in one.signals}
     return late + [name for name, outputs in SENSOR_DELAYS.items() if sensors >= set(outputs)]
+
+
+def _with_misfit(
+    problem: Problem,
+    wider: Widened,
+    effects: Sequence[tuple[str, str]],
+    bench: Sequence[BenchError],
+    refused: tuple[Refusal, ...],
+    warnings: tuple[str, ...],
+) -> MaximumLikelihood:
+    """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
+    corrected, result = with_thrust_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    result, shares = carry(bench, corrected, wider.model, wider.coefficients, effects, result)
+    solved = replace(wider, problem=corrected, result=result)
+    told = replace(corrected, known=problem.known)
+    return MaximumLikelihood(
+        told, solved.projected(result), "oe", refused, warnings, solved.projected_changes(shares), solved
+    )
 
 
 def _rough(compatible: CompatibilityResult) -> str:
@@ -131,4 +154,8 @@ def systematic(
     """What errors of the vehicle file would do to each estimate: parameter -> perturbation -> change."""
     if isinstance(found.result, FilterErrorResult):
         return systematic_in_turbulence(found.problem, model, coefficients, effects, found.result)
+    if found.wider is not None:
+        wider = found.wider
+        changes = systematic_errors(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+        return wider.projected_changes(changes)
     return systematic_errors(found.problem, model, coefficients, effects, found.result)

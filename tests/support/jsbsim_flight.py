@@ -113,11 +113,13 @@ class Flown:
 
 
 def _vehicle() -> Vehicle:
+    """The Ultra Stick 25e without its propeller's curves: the thrust given to JSBSim is a force without a torque."""
     vehicle = load_vehicle("ultrastick25e")
+    assert vehicle.propulsion is not None
     sensors = replace(
         vehicle.sensors, accelerometer=replace(vehicle.sensors.accelerometer, position=(0.05, -0.01, 0.02))
     )
-    return replace(vehicle, sensors=sensors)
+    return replace(vehicle, sensors=sensors, propulsion=replace(vehicle.propulsion, CT=(), CQ=()))
 
 
 def _model(names: Mapping[str, float]) -> Model:
