@@ -19,7 +19,7 @@ from sim_vehicle.effects.thrust_line_offset import thrust_line_moment
 from sim_vehicle.effects.thrust_scale import scaled_thrust
 from sim_vehicle.effects.thrust_speed_loss import speed_thrust
 from sim_vehicle.effects.unsteady_lift import lag_rate
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_inlined
 from sim_vehicle.layout import Aux, Par
 from sim_vehicle.propeller import rotor_speed, throttle_thrust, throttle_torque
 from sim_vehicle.terms import REGRESSORS
@@ -91,72 +91,29 @@ def _lift(
     return CL
 
 
-@jit
-def derivatives(
-    x: Array, surfaces: Array, thrust: float, wind: Array, gust: Array, rho: float, P: Array, E: Array,
-    C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, rate: Array,
-) -> None:  # fmt: skip
-    """Rates of the state.
-
-    x, rate: (14,) state (sim_vehicle.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
-    thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
-    of the air, m/s; gust: (3,) that in body axes on top. rho: kg/m3. P, E: vehicle constants and effect vector.
-    C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work
-    array, holds the by-products (Aux) afterwards.
-    """
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    r11, r12, r13 = (
-        q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3,
-        2.0 * (q1 * q2 + q0 * q3),
-        2.0 * (q1 * q3 - q0 * q2),
-    )
-    r21, r22, r23 = (
-        2.0 * (q1 * q2 - q0 * q3),
-        q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3,
-        2.0 * (q2 * q3 + q0 * q1),
-    )
-    r31, r32, r33 = (
-        2.0 * (q1 * q3 + q0 * q2),
-        2.0 * (q2 * q3 - q0 * q1),
-        q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3,
-    )
-    u, v, w, p, q, r = x[3], x[4], x[5], x[10], x[11], x[12]
-    ua = u - (r11 * wind[0] + r12 * wind[1] + r13 * wind[2]) - gust[0]
-    va = v - (r21 * wind[0] + r22 * wind[1] + r23 * wind[2]) - gust[1]
-    wa = w - (r31 * wind[0] + r32 * wind[1] + r33 * wind[2]) - gust[2]
-    V = max(math.sqrt(ua * ua + va * va + wa * wa), 0.1)
-    alpha = math.atan2(wa, ua)
-    beta = math.asin(min(max(va / V, -1.0), 1.0))
-    if E[_RHO] != 0.0:
-        rho = rho * (1.0 + E[_RHO_E])
-    mass, S, b, c = P[_MASS_P], P[_S], P[_B], P[_C]
-    if E[_MASS] != 0.0:
-        mass *= 1.0 + E[_MASS_E]
-    qbar = 0.5 * rho * V * V
-    qS = qbar * S
+@jit_inlined
+def _thrust(thrust: float, throttle: float, V: float, rho: float, P: Array, E: Array) -> float:
+    """Thrust, N, as measured or by the throttle where `thrust` is NaN, after what effects make of it."""
     if np.isnan(thrust):
-        thrust = throttle_thrust(surfaces[3], V, rho, P)
+        thrust = throttle_thrust(throttle, V, rho, P)
     if E[_LOSS] != 0.0:
-        thrust += speed_thrust(surfaces[3], V, P[_VREF], E[_LOSS_K])
+        thrust += speed_thrust(throttle, V, P[_VREF], E[_LOSS_K])
     if E[_TSC] != 0.0:
         thrust = scaled_thrust(thrust, E[_TSC_K])
+    return thrust
 
-    W[0], W[1], W[2] = alpha, 0.0, beta
-    W[3], W[4], W[5] = p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V)
-    W[6], W[7], W[8], W[10] = surfaces[0], surfaces[1], surfaces[2], surfaces[3]
-    lift_alpha = alpha
-    rate[13] = 0.0
-    if E[_SLOW] != 0.0:
-        lift_alpha = x[13]
-        rate[13] = lag_rate(alpha, x[13], E[_SLOW_TAU])
-    ca, sa = math.cos(alpha), math.sin(alpha)
 
-    # Propeller forces, body axes.
+@jit_inlined
+def _propeller_loads(
+    throttle: float, thrust: float, alpha: float, beta: float, V: float, q: float, r: float, rho: float, P: Array,
+    E: Array,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Forces x and z, N, and moments about the centre of gravity, N m, of the propeller in body axes."""
     fx, fz = thrust * math.cos(P[_PI]), -thrust * math.sin(P[_PI])
     ly = -P[_PY] * thrust * math.sin(P[_PI])
     my = P[_PZ] * fx - P[_PX] * fz
     nz = -P[_PY] * fx
-    torque = P[_ROT] * throttle_torque(surfaces[3], V, rho, P)
+    torque = P[_ROT] * throttle_torque(throttle, V, rho, P)
     ly -= torque * math.cos(P[_PI])
     nz += torque * math.sin(P[_PI])
     if E[_NORM] != 0.0:
@@ -169,28 +126,45 @@ def derivatives(
         nz += p_factor_moment(thrust, P[_DIA], alpha, P[_ROT], E[_PFAC_K])
         my += p_factor_moment(thrust, P[_DIA], beta, P[_ROT], E[_PFAC_K])
     if E[_GYRO] != 0.0:
-        rotor = P[_ROT] * rotor_speed(surfaces[3], thrust, P)
+        rotor = P[_ROT] * rotor_speed(throttle, thrust, P)
         my -= gyroscopic_moment(rotor, r, E[_GYRO_I])
         nz += gyroscopic_moment(rotor, q, E[_GYRO_I])
+    return fx, fz, ly, my, nz
 
-    # Lift, and the angle-of-attack rate where a term asks for it: it depends on lift itself, linearly.
-    CL = _lift(E, C, F, K, T, W, alpha, lift_alpha)
-    gravity = P[_G]
-    gx, gy, gz = gravity * r13, gravity * r23, gravity * r33
-    W[_AD] = 0.0
-    if P[_HAS_ADOT] != 0.0:
-        flow2 = max(ua * ua + wa * wa, 0.01)
-        ud = fx / mass + qS * CL * sa / mass + gx + r * va - q * wa
-        wd = fz / mass - qS * CL * ca / mass + gz + q * ua - p * va
-        half_chord = c / (2.0 * V)
-        W[_R_ADOT] = 1.0
-        slope = _lift(E, C, F, K, T, W, alpha, lift_alpha) - CL
-        free = (ua * wd - wa * ud) / flow2
-        alpha_dot = free / (1.0 + qS / mass * slope * half_chord / math.sqrt(flow2))
-        W[_R_ADOT] = alpha_dot * half_chord
-        W[_AD] = alpha_dot
-        CL += slope * W[_R_ADOT]
-    W[_R_CL] = CL
+
+@jit_inlined
+def _add_alpha_rate(
+    CL: float, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, lift_alpha: float, x: Array,
+    flow: tuple[float, float, float], force: tuple[float, float], weight: tuple[float, float], mass: float,
+    qS: float, half_chord: float, ca: float, sa: float,
+) -> float:  # fmt: skip
+    """CL with the rate of the angle of attack, into W, where a term asks for it: it depends on lift itself, linearly.
+
+    CL: without that rate. flow: velocity against the air, m/s. force, weight: propeller's force, N, and gravity, m/s^2,
+    along x and z. qS: dynamic pressure times area, N. half_chord: c / 2V, s. ca, sa: of alpha.
+    """
+    ua, va, wa = flow
+    fx, fz = force
+    gx, gz = weight
+    alpha, p, q, r = W[0], x[10], x[11], x[12]
+    flow2 = max(ua * ua + wa * wa, 0.01)
+    ud = fx / mass + qS * CL * sa / mass + gx + r * va - q * wa
+    wd = fz / mass - qS * CL * ca / mass + gz + q * ua - p * va
+    W[_R_ADOT] = 1.0
+    slope = _lift(E, C, F, K, T, W, alpha, lift_alpha) - CL
+    free = (ua * wd - wa * ud) / flow2
+    alpha_dot = free / (1.0 + qS / mass * slope * half_chord / math.sqrt(flow2))
+    W[_R_ADOT] = alpha_dot * half_chord
+    W[_AD] = alpha_dot
+    return CL + slope * W[_R_ADOT]
+
+
+@jit_inlined
+def _coefficients(
+    alpha: float, V: float, thrust: float, qS: float, qbar: float, P: Array, E: Array, C: Array, F: IntArray,
+    K: IntArray, T: IntArray, W: Array,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """CD, CY, Cl, Cm and Cn."""
     drag_factor = 1.0
     if E[_RE] != 0.0:
         drag_factor = reynolds_factor(V, P[_VREF], E[_RE_N])
@@ -206,11 +180,24 @@ def derivatives(
     Cl = _sum_terms(C, F, K, T[3], T[4], W, 1.0, 1.0)
     Cm = _sum_terms(C, F, K, T[4], T[5], W, tail_factor, 1.0)
     Cn = _sum_terms(C, F, K, T[5], T[6], W, 1.0, 1.0)
+    return CD, CY, Cl, Cm, Cn
 
-    ax = (fx + qS * (-CD * ca + CL * sa)) / mass
-    ay = qS * CY / mass
-    az = (fz + qS * (-CD * sa - CL * ca)) / mass
-    L, M, N = ly + qS * b * Cl, my + qS * c * Cm, nz + qS * b * Cn
+
+@jit_inlined
+def _rigid_body_rates(
+    x: Array, R: tuple[float, float, float, float, float, float, float, float, float], P: Array, E: Array,
+    specific_force: tuple[float, float, float], moments: tuple[float, float, float], rate: Array,
+) -> None:  # fmt: skip
+    """Rates of position, velocity, quaternion and angular velocity from the specific force, m/s^2, and moments, N m.
+
+    R: rotation from earth to body axes, row by row.
+    """
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = R
+    ax, ay, az = specific_force
+    L, M, N = moments
+    u, v, w, p, q, r = x[3], x[4], x[5], x[10], x[11], x[12]
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    gravity = P[_G]
     Ixx, Iyy, Izz, Ixz = P[_IXX], P[_IYY], P[_IZZ], P[_IXZ]
     if E[_INERTIA] != 0.0:
         scale = 1.0 + E[_INERTIA_E]
@@ -222,9 +209,9 @@ def derivatives(
     rate[0] = r11 * u + r21 * v + r31 * w
     rate[1] = r12 * u + r22 * v + r32 * w
     rate[2] = r13 * u + r23 * v + r33 * w
-    rate[3] = ax + gx + r * v - q * w
-    rate[4] = ay + gy + p * w - r * u
-    rate[5] = az + gz + q * u - p * v
+    rate[3] = ax + gravity * r13 + r * v - q * w
+    rate[4] = ay + gravity * r23 + p * w - r * u
+    rate[5] = az + gravity * r33 + q * u - p * v
     rate[6] = 0.5 * (-q1 * p - q2 * q - q3 * r)
     rate[7] = 0.5 * (q0 * p + q2 * r - q3 * q)
     rate[8] = 0.5 * (q0 * q - q1 * r + q3 * p)
@@ -232,6 +219,79 @@ def derivatives(
     rate[10] = (Izz * left + Ixz * right) / determinant
     rate[11] = (M - (Ixx - Izz) * p * r - Ixz * (p * p - r * r)) / Iyy
     rate[12] = (Ixz * left + Ixx * right) / determinant
+
+
+@jit_inlined
+def _rotation(
+    q0: float, q1: float, q2: float, q3: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Rotation matrix from earth to body axes, row by row (Stevens & Lewis, eq. 1.8-14)."""
+    r11 = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
+    r12 = 2.0 * (q1 * q2 + q0 * q3)
+    r13 = 2.0 * (q1 * q3 - q0 * q2)
+    r21 = 2.0 * (q1 * q2 - q0 * q3)
+    r22 = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
+    r23 = 2.0 * (q2 * q3 + q0 * q1)
+    r31 = 2.0 * (q1 * q3 + q0 * q2)
+    r32 = 2.0 * (q2 * q3 - q0 * q1)
+    r33 = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+    return r11, r12, r13, r21, r22, r23, r31, r32, r33
+
+
+@jit
+def derivatives(
+    x: Array, surfaces: Array, thrust: float, wind: Array, gust: Array, rho: float, P: Array, E: Array,
+    C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, rate: Array,
+) -> None:  # fmt: skip
+    """Rates of the state.
+
+    x, rate: (14,) state (sim_vehicle.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
+    thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
+    of the air, m/s; gust: (3,) that in body axes on top. rho: kg/m3. P, E: vehicle constants and effect vector.
+    C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work
+    array, holds the by-products (Aux) afterwards.
+    """
+    R = _rotation(x[6], x[7], x[8], x[9])
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = R
+    p, q, r = x[10], x[11], x[12]
+    ua = x[3] - (r11 * wind[0] + r12 * wind[1] + r13 * wind[2]) - gust[0]
+    va = x[4] - (r21 * wind[0] + r22 * wind[1] + r23 * wind[2]) - gust[1]
+    wa = x[5] - (r31 * wind[0] + r32 * wind[1] + r33 * wind[2]) - gust[2]
+    V = max(math.sqrt(ua * ua + va * va + wa * wa), 0.1)
+    alpha = math.atan2(wa, ua)
+    beta = math.asin(min(max(va / V, -1.0), 1.0))
+    if E[_RHO] != 0.0:
+        rho = rho * (1.0 + E[_RHO_E])
+    mass, S, b, c = P[_MASS_P], P[_S], P[_B], P[_C]
+    if E[_MASS] != 0.0:
+        mass *= 1.0 + E[_MASS_E]
+    qbar = 0.5 * rho * V * V
+    qS = qbar * S
+    thrust = _thrust(thrust, surfaces[3], V, rho, P, E)
+
+    W[0], W[1], W[2] = alpha, 0.0, beta
+    W[3], W[4], W[5] = p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V)
+    W[6], W[7], W[8], W[10] = surfaces[0], surfaces[1], surfaces[2], surfaces[3]
+    lift_alpha = alpha
+    rate[13] = 0.0
+    if E[_SLOW] != 0.0:
+        lift_alpha = x[13]
+        rate[13] = lag_rate(alpha, x[13], E[_SLOW_TAU])
+    fx, fz, ly, my, nz = _propeller_loads(surfaces[3], thrust, alpha, beta, V, q, r, rho, P, E)
+
+    ca, sa = math.cos(alpha), math.sin(alpha)
+    CL = _lift(E, C, F, K, T, W, alpha, lift_alpha)
+    W[_AD] = 0.0
+    if P[_HAS_ADOT] != 0.0:
+        weight = (P[_G] * r13, P[_G] * r33)
+        flow, half_chord = (ua, va, wa), c / (2.0 * V)
+        CL = _add_alpha_rate(CL, E, C, F, K, T, W, lift_alpha, x, flow, (fx, fz), weight, mass, qS, half_chord, ca, sa)
+    W[_R_CL] = CL
+    CD, CY, Cl, Cm, Cn = _coefficients(alpha, V, thrust, qS, qbar, P, E, C, F, K, T, W)
+    ax = (fx + qS * (-CD * ca + CL * sa)) / mass
+    ay = qS * CY / mass
+    az = (fz + qS * (-CD * sa - CL * ca)) / mass
+    _rigid_body_rates(x, R, P, E, (ax, ay, az), (ly + qS * b * Cl, my + qS * c * Cm, nz + qS * b * Cn), rate)
 
     W[_V], W[_ALPHA], W[_BETA], W[_AX], W[_AY], W[_AZ] = V, alpha, beta, ax, ay, az
     W[_PD], W[_QD], W[_RD], W[_T], W[_RHO_W] = rate[10], rate[11], rate[12], thrust, rho

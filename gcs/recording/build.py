@@ -20,7 +20,7 @@ from gcs.mavlink.dialect import (
 from gcs.mavlink.framing import MAGIC_V2, SIGNATURE_LENGTH, UNKNOWN
 from gcs.mavlink.payload import copy_payload, get_4, put, put_8
 from gcs.mavlink.sequence import number_of
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_inlined
 
 #: Bytes of a message record in front of the CDR body: opcode, length, channel, sequence, two times, CDR header.
 RECORD_HEADER = 9 + 22 + 4
@@ -92,112 +92,6 @@ def add_run(
 
 
 @jit
-def build(
-    buffer: Bytes,
-    stop: Int,
-    offset: Ints,
-    length: NDArray[np.int32],
-    message: NDArray[np.int16],
-    kind: Bytes,
-    times: Ints,
-    table: Ints,
-    channels: NDArray[np.int32],
-    component_of: NDArray[np.int32],
-    sequences: Ints,
-    channel_state: Ints,
-    out: Bytes,
-    index: Ints,
-    form: Bytes,
-    runs: Ints,
-    run_bytes: Bytes,
-    chunk: Ints,
-    link: Ints,
-) -> Int:
-    """Append frames from chunk[FRAME] on, and the bytes between them, to the chunk and to the link's account.
-
-    times: (1,) one time of reception for all, or (frames + 1,), the last for bytes behind the last frame; UTC, ns.
-    Returns DONE, CHUNK_FULL (close the chunk and call again) or CHANNEL_NEEDED (for frame chunk[FRAME]).
-    """
-    n = offset.size
-    while True:
-        i = chunk[FRAME]
-        received = times[i] if times.size > 1 else times[0]
-        log = max(received, chunk[LAST_LOG])
-        if chunk[CHUNK_START] >= 0 and log - chunk[CHUNK_START] >= chunk[PERIOD]:
-            return CHUNK_FULL
-        at = chunk[BUFFER_POS]
-        end = offset[i] if i < n else stop
-        if i == n and at == end:
-            return DONE
-        if link[RUN_COUNT_] + 2 > runs.shape[0] or link[RUN_BYTES] + 1024 > run_bytes.size:
-            return CHUNK_FULL
-        since = log - chunk[CHUNK_START] if chunk[CHUNK_START] >= 0 else 0
-        if at < end:
-            stop_here = min(end, at + run_bytes.size - link[RUN_BYTES])
-            add_run(link[FORM_COUNT], RUN_NOISE, since, buffer, at, stop_here, runs, run_bytes, link)
-            link[RAW_BYTES] += stop_here - at
-            link[STREAM_BYTES] += stop_here - at
-            chunk[BUFFER_POS] = stop_here
-            chunk[LAST_LOG] = log
-            if chunk[CHUNK_START] < 0:
-                chunk[CHUNK_START] = log
-            continue
-        magic = buffer[at]
-        if kind[i] == UNKNOWN:
-            add_run(link[FORM_COUNT], RUN_UNKNOWN, since, buffer, at, at + length[i], runs, run_bytes, link)
-            link[UNKNOWN_FRAMES] += 1
-        else:
-            v2 = magic == MAGIC_V2
-            header = 10 if v2 else 6
-            identity = at + (4 if v2 else 2)
-            component = component_of[np.int64(buffer[identity + 1]) << 8 | np.int64(buffer[identity + 2])]
-            if component < 0 or channels[component, message[i]] < 0:
-                return CHANNEL_NEEDED
-            channel = channels[component, message[i]]
-            m = np.int64(message[i])
-            p = chunk[OUT_POS]
-            size = RECORD_HEADER + table[m, CDR_SIZE]
-            if p + size > out.size or chunk[INDEX_COUNT] == index.shape[0] or link[FORM_COUNT] == form.size:
-                return CHUNK_FULL
-            sent = np.int64(buffer[at + 1])
-            body = p + RECORD_HEADER
-            copy_payload(buffer, at + header, sent, table, m, out, body)
-            number, _ = number_of(sequences[component], np.int64(buffer[identity]))
-            published = publish_time(out, body, table, m, channel_state, channel, log)
-            channel_state[channel, MESSAGE_COUNT] += 1
-            out[p] = 5
-            put_8(out, p + 1, size - 9)
-            # Channel and sequence; the byte behind each run of eight is written again by the next.
-            put_8(out, p + 9, np.int64(channel) | number << 16)
-            put_8(out, p + 15, log)
-            put_8(out, p + 23, published)
-            out[p + 31] = 0
-            out[p + 32] = 1
-            out[p + 33] = 0
-            out[p + 34] = 0
-            entry = chunk[INDEX_COUNT]
-            index[entry, 0], index[entry, 1], index[entry, 2] = channel, log, p
-            chunk[INDEX_COUNT] = entry + 1
-            chunk[OUT_POS] = p + size
-            chunk[MESSAGE_BYTES] += table[m, CDR_SIZE] + 4
-            usual = v2 and buffer[at + 2] == 0 and buffer[at + 3] == 0 and 1 <= sent <= table[m, WIRE_SIZE]
-            if usual and (sent == 1 or buffer[at + 9 + sent] != 0):
-                form[link[FORM_COUNT]] = FORM_V2
-                link[FORM_COUNT] += 1
-            elif not v2 and sent == table[m, BASE_LENGTH]:
-                form[link[FORM_COUNT]] = FORM_V1
-                link[FORM_COUNT] += 1
-            else:
-                note_explicit(buffer, at, header, length[i], sent, since, table, m, form, runs, run_bytes, link)
-        link[STREAM_BYTES] += length[i]
-        chunk[BUFFER_POS] = at + length[i]
-        chunk[FRAME] = i + 1
-        chunk[LAST_LOG] = log
-        if chunk[CHUNK_START] < 0:
-            chunk[CHUNK_START] = log
-
-
-@jit
 def note_explicit(
     buffer: Bytes,
     at: Int,
@@ -233,6 +127,150 @@ def note_explicit(
         extra += SIGNATURE_LENGTH
     runs[link[RUN_COUNT_] - 1, 2] = extra - start
     link[RUN_BYTES] = extra
+
+
+@jit
+def note_noise(
+    buffer: Bytes, at: Int, end: Int, since: Int, runs: Ints, run_bytes: Bytes, chunk: Ints, link: Ints
+) -> None:
+    """Note bytes that belong to no frame, as many as there is room for."""
+    stop = min(end, at + run_bytes.size - link[RUN_BYTES])
+    add_run(link[FORM_COUNT], RUN_NOISE, since, buffer, at, stop, runs, run_bytes, link)
+    link[RAW_BYTES] += stop - at
+    link[STREAM_BYTES] += stop - at
+    chunk[BUFFER_POS] = stop
+
+
+@jit_inlined
+def write_message(
+    buffer: Bytes,
+    at: Int,
+    log: Int,
+    channel: Int,
+    number: Int,
+    table: Ints,
+    m: Int,
+    channel_state: Ints,
+    out: Bytes,
+    index: Ints,
+    chunk: Ints,
+) -> None:
+    """Append the record of the frame at buffer[at] and its index entry; the caller has made sure that there is room."""
+    p = chunk[OUT_POS]
+    body = p + RECORD_HEADER
+    payload = at + (10 if buffer[at] == MAGIC_V2 else 6)
+    copy_payload(buffer, payload, np.int64(buffer[at + 1]), table, m, out, body)
+    published = publish_time(out, body, table, m, channel_state, channel, log)
+    channel_state[channel, MESSAGE_COUNT] += 1
+    out[p] = 5
+    put_8(out, p + 1, RECORD_HEADER - 9 + table[m, CDR_SIZE])
+    # Channel and sequence; the byte behind each run of eight is written again by the next.
+    put_8(out, p + 9, channel | number << 16)
+    put_8(out, p + 15, log)
+    put_8(out, p + 23, published)
+    out[p + 31] = 0
+    out[p + 32] = 1
+    out[p + 33] = 0
+    out[p + 34] = 0
+    entry = chunk[INDEX_COUNT]
+    index[entry, 0], index[entry, 1], index[entry, 2] = channel, log, p
+    chunk[INDEX_COUNT] = entry + 1
+    chunk[OUT_POS] = body + table[m, CDR_SIZE]
+    chunk[MESSAGE_BYTES] += table[m, CDR_SIZE] + 4
+
+
+@jit_inlined
+def note_form(
+    buffer: Bytes,
+    at: Int,
+    length: Int,
+    since: Int,
+    table: Ints,
+    m: Int,
+    form: Bytes,
+    runs: Ints,
+    run_bytes: Bytes,
+    link: Ints,
+) -> None:
+    """Note how the frame at buffer[at] went over the wire: in one of the two usual forms, or in every detail."""
+    sent = np.int64(buffer[at + 1])
+    v2 = buffer[at] == MAGIC_V2
+    usual = v2 and buffer[at + 2] == 0 and buffer[at + 3] == 0 and 1 <= sent <= table[m, WIRE_SIZE]
+    if usual and (sent == 1 or buffer[at + 9 + sent] != 0):
+        form[link[FORM_COUNT]] = FORM_V2
+        link[FORM_COUNT] += 1
+    elif not v2 and sent == table[m, BASE_LENGTH]:
+        form[link[FORM_COUNT]] = FORM_V1
+        link[FORM_COUNT] += 1
+    else:
+        note_explicit(buffer, at, 10 if v2 else 6, length, sent, since, table, m, form, runs, run_bytes, link)
+
+
+@jit
+def build(
+    buffer: Bytes,
+    stop: Int,
+    offset: Ints,
+    length: NDArray[np.int32],
+    message: NDArray[np.int16],
+    kind: Bytes,
+    times: Ints,
+    table: Ints,
+    channels: NDArray[np.int32],
+    component_of: NDArray[np.int32],
+    sequences: Ints,
+    channel_state: Ints,
+    out: Bytes,
+    index: Ints,
+    form: Bytes,
+    runs: Ints,
+    run_bytes: Bytes,
+    chunk: Ints,
+    link: Ints,
+) -> Int:
+    """Append frames from chunk[FRAME] on, and the bytes between them, to the chunk and to the link's account.
+
+    times: (1,) one time of reception for all, or (frames + 1,), the last for bytes behind the last frame; UTC, ns.
+    Returns DONE, CHUNK_FULL (close the chunk and call again) or CHANNEL_NEEDED (for frame chunk[FRAME]).
+    """
+    n = offset.size
+    while True:
+        i = chunk[FRAME]
+        log = max(times[i] if times.size > 1 else times[0], chunk[LAST_LOG])
+        since = log - chunk[CHUNK_START] if chunk[CHUNK_START] >= 0 else 0
+        at = chunk[BUFFER_POS]
+        end = offset[i] if i < n else stop
+        if chunk[CHUNK_START] >= 0 and since >= chunk[PERIOD]:
+            return CHUNK_FULL
+        if i == n and at == end:
+            return DONE
+        if link[RUN_COUNT_] + 2 > runs.shape[0] or link[RUN_BYTES] + 1024 > run_bytes.size:
+            return CHUNK_FULL
+        if at < end:
+            note_noise(buffer, at, end, since, runs, run_bytes, chunk, link)
+        else:
+            if kind[i] == UNKNOWN:
+                add_run(link[FORM_COUNT], RUN_UNKNOWN, since, buffer, at, at + length[i], runs, run_bytes, link)
+                link[UNKNOWN_FRAMES] += 1
+            else:
+                m = np.int64(message[i])
+                identity = at + (4 if buffer[at] == MAGIC_V2 else 2)
+                component = component_of[np.int64(buffer[identity + 1]) << 8 | np.int64(buffer[identity + 2])]
+                if component < 0 or channels[component, m] < 0:
+                    return CHANNEL_NEEDED
+                channel = np.int64(channels[component, m])
+                needed = chunk[OUT_POS] + RECORD_HEADER + table[m, CDR_SIZE]
+                if needed > out.size or chunk[INDEX_COUNT] == index.shape[0] or link[FORM_COUNT] == form.size:
+                    return CHUNK_FULL
+                number, _ = number_of(sequences[component], np.int64(buffer[identity]))
+                write_message(buffer, at, log, channel, number, table, m, channel_state, out, index, chunk)
+                note_form(buffer, at, length[i], since, table, m, form, runs, run_bytes, link)
+            link[STREAM_BYTES] += length[i]
+            chunk[BUFFER_POS] = at + length[i]
+            chunk[FRAME] = i + 1
+        chunk[LAST_LOG] = log
+        if chunk[CHUNK_START] < 0:
+            chunk[CHUNK_START] = log
 
 
 @jit
