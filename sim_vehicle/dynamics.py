@@ -156,7 +156,8 @@ def _add_alpha_rate(
     alpha_dot = free / (1.0 + qS / mass * slope * half_chord / math.sqrt(flow2))
     W[_R_ADOT] = alpha_dot * half_chord
     W[_AD] = alpha_dot
-    return CL + slope * W[_R_ADOT]
+    CL += slope * W[_R_ADOT]
+    return CL
 
 
 @jit_inlined

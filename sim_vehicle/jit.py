@@ -15,12 +15,6 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def jit_inlined(function: Function) -> Function:
-    """As `jit`, and always put into its callers: a part of a hot loop with so many arrays that a call would cost time."""
-    compiled = numba.njit(cache=True, error_model="numpy", nogil=True, forceinline=True)(function)
-    return cast(Function, compiled)
-
-
 # Places in arrays, and the grammar that orders them.
 _CONSTANTS = ("layout.py", "terms.py")
 
@@ -64,3 +58,8 @@ def jit(function: Function) -> Function:
 def jit_fused(function: Function) -> Function:
     """As `jit`, but a product and a sum may be rounded once instead of twice, as fused machine instructions do."""
     return cast(Function, numba.njit(**_OPTIONS, fastmath={"contract"})(function))
+
+
+def jit_inlined(function: Function) -> Function:
+    """As `jit`, and always put into its callers: a part of a hot loop whose many arrays would make a call slow."""
+    return cast(Function, numba.njit(**_OPTIONS, forceinline=True)(function))

@@ -104,6 +104,21 @@ def _take_stamp(state: Ints, seconds: Ints, received: Int, stamp: Int) -> None:
 
 
 @jit
+def _reading(buffer: NDArray[np.uint8], at: Int, what: Int, where: Int, received: Int) -> tuple[Int, Int]:
+    """The stamp in the frame at buffer[at] and, of a reply, when it was asked for, ns; stamp 0 where none counts."""
+    payload, length = at + (10 if buffer[at] == MAGIC_V2 else 6), np.int64(buffer[at + 1])
+    none = np.int64(0)
+    if what == STAMP_MS:
+        return _read(buffer, payload, length, where, 4) * 1_000_000, none
+    if what != REPLY:
+        stamp = _read(buffer, payload, length, where, 8)
+        return stamp * 1000 if 0 <= stamp <= SMALLEST_EPOCH_NS // 1000 else none, none
+    stamp, asked = _read(buffer, payload, length, 0, 8), _read(buffer, payload, length, 8, 8)
+    counts = asked % TAG_PERIOD_NS == TAG_NS and 0 <= received - asked < LONGEST_NS
+    return stamp if counts else none, asked
+
+
+@jit
 def take_stamps(
     buffer: NDArray[np.uint8],
     offset: Ints,
@@ -131,22 +146,8 @@ def take_stamps(
         at = offset[i]
         second = buffer[at] == MAGIC_V2
         sender = np.int64(buffer[at + (5 if second else 3)]) << 8 | np.int64(buffer[at + (6 if second else 4)])
-        payload, length = at + (10 if second else 6), np.int64(buffer[at + 1])
-        what, where = wanted[message[i], 0], wanted[message[i], 1]
-        stamp: Int = np.int64(0)
-        asked: Int = np.int64(0)
-        if what == REPLY:
-            stamp, asked = _read(buffer, payload, length, 0, 8), _read(buffer, payload, length, 8, 8)
-            way = received[i] - asked
-            if stamp == 0 or asked % TAG_PERIOD_NS != TAG_NS or way < 0 or way >= LONGEST_NS:
-                continue
-        elif what == STAMP_MS:
-            stamp = _read(buffer, payload, length, where, 4) * 1_000_000
-        else:
-            stamp = _read(buffer, payload, length, where, 8)
-            if stamp < 0 or stamp > SMALLEST_EPOCH_NS // 1000:
-                continue
-            stamp *= 1000
+        what = wanted[message[i], 0]
+        stamp, asked = _reading(buffer, at, what, wanted[message[i], 1], received[i])
         if stamp == 0:
             continue
         row = row_of[sender] - 1
