@@ -18,7 +18,7 @@ from sim_vehicle.parameters import FlatModel
 from sysid.convolution import convolved
 from sysid.dryden import Turbulence
 from sysid.filter_noise import FAINT, likeliest_noise, surroundings
-from sysid.filter_path import FilteredFlight, Linear, Pass
+from sysid.filter_path import FilteredFlight, Linear, Pass, Path
 from sysid.filter_scores import Scores, joint_scores
 from sysid.flight import Array
 from sysid.output_error import autocorrelation, prior_knowledge
@@ -30,12 +30,13 @@ MAX_ITERATIONS = 30
 # Effects with a memory that the filter's state does not hold.
 _UNSUPPORTED = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
 # A step of less than this share of a standard error ends the estimation.
-_SETTLED = 0.1
+_SETTLED = 0.05
 _NEAR = 1.0  # standard errors, within which noise and turbulence are estimated anew
 _NOISE_ROUNDS = 2
 _LOSS = 5.0
 _JOINT_STEPS = 12
-_TOLERANCE = 0.2  # of the log likelihood, by which moving the path alone may change it
+# How much likelihood a step may cost, and how many in a row, before the search goes back to its best.
+_DETOUR, _ASTRAY = 100.0, 2
 
 
 @dataclass(frozen=True)
@@ -158,25 +159,29 @@ class FilterError(FilteredFlight):
         """Scoring of parameters, noise and turbulence together, from near the estimate."""
         known = surroundings(self)
         turbulence = replace(turbulence, **{name: max(getattr(turbulence, name), FAINT) for name in known.names})
-        p, eta, damping = theta.size, known.eta(noise, turbulence), 0.0
-        std, converged, best = np.sqrt(np.diag(covariance)), False, self._scored(theta, eta, covariance, turbulence)
+        p, eta, share, astray, converged = theta.size, known.eta(noise, turbulence), 1.0, 0, False
+        here = best = self._scored(theta, eta, covariance, turbulence)
         for _ in range(_JOINT_STEPS):
-            step, covariance = best.step(damping)
-            size = float(np.max(np.abs(step[:p]) / std))
-            trial = np.clip(theta + step[:p], self.low, self.high)
-            trial_eta = np.clip(eta + np.clip(step[p:], -1.0, 1.0), known.low, known.high)
-            kept = [path.copy() for path in self.paths]
-            tried = self._scored(trial, trial_eta, covariance[:p, :p], turbulence)
-            if not tried.cost < best.cost + _TOLERANCE and damping < 1e3:
-                self.paths, damping = kept, max(10.0 * damping, 0.1)
-                continue
-            damping = 0.1 * damping if damping > 0.02 else 0.0
-            theta, eta, best, iteration = trial, trial_eta, tried, iteration + 1
-            std = np.sqrt(np.diag(covariance)[:p])
-            progress(iteration, best.cost)
-            if size < _SETTLED:
+            step, covariance = here.step()
+            if here is best and np.max(np.abs(step[:p]) / np.sqrt(np.diag(covariance)[:p])) < _SETTLED:
                 converged = near
                 break
+            trial = np.clip(here.theta + share * step[:p], self.low, self.high)
+            trial_eta = np.clip(here.eta + np.clip(share * step[p:], -1.0, 1.0), known.low, known.high)
+            tried = self._scored(trial, trial_eta, covariance[:p, :p], turbulence)
+            iteration += 1
+            progress(iteration, min(tried.cost, best.cost))
+            if tried.cost < best.cost:
+                here = best = tried
+                share, astray = min(1.0, 2.0 * share), 0
+            elif tried.cost < best.cost + _DETOUR and astray < _ASTRAY:
+                # The likelihood has a narrow, bent ridge: a step along it leaves it, and the next one comes back.
+                here, astray = tried, astray + 1
+            else:
+                here, share, astray = best, 0.3 * share, 0
+                self.paths = best.paths
+        self.paths = best.paths
+        theta, eta = best.theta, best.eta
         noise, turbulence = known.values(eta, turbulence)
         return self._result(theta, best, noise, turbulence, iteration, converged)
 
@@ -194,7 +199,8 @@ class FilterError(FilteredFlight):
         prior[:p, :p] = self.prior_information
         prior[np.arange(p, p + eta.size), np.arange(p, p + eta.size)] = known.weight
         away = np.concatenate((theta - self.prior_mean, eta - known.middle))
-        return _Scored(scores, base, prior, away, -scores.likelihood + 0.5 * float(away @ prior @ away))
+        cost = -scores.likelihood + 0.5 * float(away @ prior @ away)
+        return _Scored(theta, eta, self.paths, scores, base, prior, away, cost if np.isfinite(cost) else np.inf)
 
     def settled_path(self, theta: Array, noise: Array, turbulence: Turbulence) -> tuple[list[Linear], Pass]:
         """Linearise where this model's own filter runs: a reconstruction is not there."""
@@ -249,7 +255,7 @@ class FilterError(FilteredFlight):
         self, theta: Array, best: _Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
     ) -> FilterErrorResult:
         p = theta.size
-        white = best.step(0.0)[1]
+        white = best.step()[1]
         sigma = np.full(len(OUTPUTS), np.nan)
         sigma[self.columns] = np.sqrt(noise)
         residuals = []
@@ -267,25 +273,26 @@ class FilterError(FilteredFlight):
 
 @dataclass(frozen=True)
 class _Scored:
-    """Scores with the filter pass they belong to, the prior's information (n, n), and the distance from its mean (n,).
-
-    cost: negative log likelihood and prior.
+    """Scores at theta and eta, with paths and the filter pass they belong to, the prior's information (n, n), and the
+    distance from its mean (n,). cost: negative log likelihood and prior.
     """
 
+    theta: Array
+    eta: Array
+    paths: list[Path]
     scores: Scores
     base: Pass
     prior: Array
     away: Array
     cost: float
 
-    def step(self, damping: float) -> tuple[Array, Array]:
+    def step(self) -> tuple[Array, Array]:
         """Scoring step (n,) and covariance (n, n) of parameters and surroundings."""
         information = self.scores.information + self.prior
         downhill = self.scores.gradient - self.prior @ self.away
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         scaled = information * np.outer(scale, scale)
         covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += damping
         return np.linalg.lstsq(scaled, downhill * scale, rcond=1e-13)[0] * scale, covariance
 
     def coloured(self, white: Array) -> Array:

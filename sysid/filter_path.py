@@ -6,7 +6,9 @@ The path is where the filter itself runs: predictions before and states after ea
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -251,13 +253,26 @@ class FilteredFlight:
 
     def move(self, found: Pass, step: Array | None = None) -> None:
         """Bring every path to where the filter was, or to where it will be after a step (P,) of the parameters."""
+        self.paths = self.moved(found, step)
+
+    def moved(self, found: Pass, step: Array | None = None) -> list[Path]:
+        """Paths where the filter was, or where it will be after a step (P,) of the parameters."""
+        paths = []
         for k, (deviations, slopes) in enumerate(zip(found.deviations, found.deviation_slopes, strict=True)):
-            path, free, axes, nf = self.paths[k], self.free[k], self.axes[k], self.free[k].size
+            path, free, axes, nf = self.paths[k].copy(), self.free[k], self.axes[k], self.free[k].size
             there = [s if step is None else s + d @ step for s, d in zip(deviations, slopes, strict=True)]
             path.before[:, free] += there[0][:, :nf]
             path.after[:, free] += there[1][:, :nf]
             path.gust_before[:, axes] = there[0][:, nf:] @ found.outputs[k].T
             path.gust_after[:, axes] = there[1][:, nf:] @ found.outputs[k].T
+            paths.append(path)
+        return paths
+
+    def along(self, paths: Sequence[Path]) -> Self:
+        """The same flight along other paths."""
+        other = copy(self)
+        other.paths = list(paths)
+        return other
 
 
 def _apart(ahead: Array, behind: Array) -> Array:

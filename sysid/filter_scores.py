@@ -3,7 +3,9 @@
 Innovations and their variances both depend on every parameter: a derivative that scales the answer to gusts changes
 what the filter expects of them. Leaving that out gives estimating equations that are unbiased but weak where two axes
 answer the same gust (measured: standard errors of Cl_beta and Cn_beta two to three times too small). The derivatives
-are difference quotients of whole filter passes about one path. Source: Maine & Iliff, NASA RP-1168, section 5.3.
+are difference quotients of whole filter passes, the path moving along with what is changed: about a fixed one a shift
+of the sideslip or a stretch of the airspeed that changes nothing in the motion seems to change the gains, which
+feigns three times the information there is. Source: Maine & Iliff, NASA RP-1168, section 5.3.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.dryden import Turbulence
-from sysid.filter_path import FilteredFlight, Pass
+from sysid.filter_path import FilteredFlight, Pass, Path
 from sysid.flight import Array
 
-_SHARE = 1e-3  # of a standard error, by which a parameter is moved
+_SHARE = 3e-3  # of a standard error, by which a parameter is moved
 _NUDGE = 1e-4  # by which a logarithm is
 _POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="scores")
 
@@ -42,23 +44,27 @@ def joint_scores(
     flight: FilteredFlight, theta: Array, std: Array, noise: Array, turbulence: Turbulence, names: Sequence[str]
 ) -> tuple[Scores, Pass]:
     """Scores at parameters theta (P,) with standard errors std (P,), noise (m,) and the turbulence's `names`."""
-    linear = [flight.linearised(k, theta, slopes=False) for k in range(len(flight.records))]
-    base = flight.filtered(linear, noise, turbulence, wanted=False)
+    linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+    base = flight.filtered(linear, noise, turbulence)
+
+    def settled(at: Array, loud: Array, air: Turbulence, paths: list[Path]) -> Pass:
+        other = flight.along(paths)
+        there = [other.linearised(k, at, slopes=False) for k in range(len(other.records))]
+        return other.filtered(there, loud, air, wanted=False)
 
     def moved(place: int) -> tuple[Pass, float]:
         if place < theta.size:
-            h = _SHARE * float(std[place])
-            other = theta.copy()
-            other[place] += h
-            there = [flight.linearised(k, other, slopes=False) for k in range(len(flight.records))]
-            return flight.filtered(there, noise, turbulence, wanted=False), h
+            step = np.zeros(theta.size)
+            step[place] = _SHARE * float(std[place])
+            return settled(theta + step, noise, turbulence, flight.moved(base, step)), float(step[place])
+        loud, air = noise.copy(), turbulence
         if place < theta.size + noise.size:
-            louder = noise.copy()
-            louder[place - theta.size] *= np.exp(_NUDGE)
-            return flight.filtered(linear, louder, turbulence, wanted=False), _NUDGE
-        name = names[place - theta.size - noise.size]
-        rougher = replace(turbulence, **{name: getattr(turbulence, name) * float(np.exp(_NUDGE))})
-        return flight.filtered(linear, noise, rougher, wanted=False), _NUDGE
+            loud[place - theta.size] *= np.exp(_NUDGE)
+        else:
+            name = names[place - theta.size - noise.size]
+            air = replace(turbulence, **{name: getattr(turbulence, name) * float(np.exp(_NUDGE))})
+        near = flight.filtered(linear, loud, air, wanted=False)
+        return settled(theta, loud, air, flight.moved(near)), _NUDGE
 
     count = theta.size + noise.size + len(names)
     passes = list(_POOL.map(moved, range(count)))

@@ -200,6 +200,35 @@ def test_a_flight_in_gusts_is_identified_by_filter_error_more_accurately_than_by
     assert any("turbulence" in warning for warning in plain.warnings)
 
 
+def test_the_estimate_is_the_top_of_the_likelihoods_ridge_and_its_bars_are_the_ridges_width(
+    rough: list[Identification],
+) -> None:
+    """Along the directions that a flight in gusts tells least, the filter's own path found anew at every point."""
+    found = rough[0].likeliest
+    assert found is not None
+    result = found.result
+    assert isinstance(result, FilterErrorResult)
+    names = [parameter.name for parameter in result.parameters]
+    coefficients = [parameter.name for parameter in result.parameters if parameter.kind == "coefficient"]
+    model = Model("test", dict.fromkeys(coefficients, TRUTH.coefficients["CL_0"]))
+    filtered = build_filter(found.problem, model, coefficients)
+    noise = result.sigma[filtered.columns] ** 2
+    start = [path.copy() for path in filtered.paths]
+
+    def likelihood(theta: Array) -> float:
+        filtered.paths = [path.copy() for path in start]
+        return filtered.settled_path(theta, noise, result.turbulence)[1].likelihood
+
+    top = likelihood(result.theta)
+    for weak in ("airspeed_scale", "beta_bias"):
+        i = names.index(weak)
+        # A quarter of a bar: the ridge is bent, a whole one along its tangent already leaves it.
+        step = 0.25 * result.covariance_white[:, i] / np.sqrt(result.covariance_white[i, i])
+        up, down = likelihood(result.theta + step), likelihood(result.theta - step)
+        assert abs(up - down) / 0.5 < 0.25, weak
+        assert 0.6 < (2.0 * top - up - down) / 0.25**2 < 1.5, weak
+
+
 def _misses(found: Identification, bars: Identification) -> list[float]:
     """Errors of the main derivatives in standard errors of `bars`; NaN where refused."""
     misses = []
