@@ -118,12 +118,13 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         with _links(settings.connect) as links, _links(settings.forward) as forward:
             voice = StationVoice(settings.link.own_key)
             station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect)
-            app = create_app(settings, catalogue, station, jobs)
+            rule = RetentionRule(settings.keep_days, settings.keep_bytes)
+            retention = Retention(settings.flights, catalogue, rule)
+            app = create_app(settings, catalogue, station, jobs, (retention, recovery))
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
             server = uvicorn.Server(config)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
-            rule = RetentionRule(settings.keep_days, settings.keep_bytes)
-            with closing(Retention(settings.flights, catalogue, rule)) as retention:
+            with closing(retention):
                 retention.start()
                 recovery.start()
                 _stop_on_signals(server, recovery)

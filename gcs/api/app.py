@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
@@ -14,7 +14,7 @@ from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
 from gcs.api.page import PAGE
 from gcs.api.security import Guard
-from gcs.api.service import Service
+from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.runner import JobRunner
@@ -23,10 +23,19 @@ from gcs.station.station import RecordingStation
 from gcs.version import VERSION
 
 
-def create_app(settings: Settings, catalogue: Catalogue, recorder: RecordingStation, jobs: JobRunner) -> FastAPI:
-    """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue."""
+def create_app(
+    settings: Settings,
+    catalogue: Catalogue,
+    recorder: RecordingStation,
+    jobs: JobRunner,
+    others: Sequence[Watched] = (),
+) -> FastAPI:
+    """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue.
 
-    service = Service(settings, catalogue, recorder, jobs, started=time.monotonic())
+    others: further parts whose trouble /api/health tells.
+    """
+
+    service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

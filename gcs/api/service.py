@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, cast
+from typing import Annotated, Protocol, cast
 
 from fastapi import Depends, Request
 
@@ -16,15 +17,23 @@ from gcs.settings import Settings
 from gcs.station.station import RecordingStation
 
 
+class Watched(Protocol):
+    """A part that tells in words what goes wrong in it, nothing when all is well."""
+
+    @property
+    def problem(self) -> str: ...
+
+
 @dataclass
 class Service:
-    """The parts of the running service. started: monotonic time of its start, s."""
+    """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble."""
 
     settings: Settings
     catalogue: Catalogue
     recorder: RecordingStation
     jobs: JobRunner
     started: float
+    others: Sequence[Watched] = ()
     viewer: FlightViewer = field(init=False)
     uploads: Uploads = field(init=False)
     reports: Reports = field(default_factory=Reports)

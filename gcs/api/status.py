@@ -8,7 +8,7 @@ import time
 from fastapi import APIRouter
 
 from gcs.api.schemas import Forwarding, Health, LinkStatus
-from gcs.api.service import Serving
+from gcs.api.service import Serving, Watched
 from gcs.version import VERSION
 
 router = APIRouter(tags=["state"])
@@ -19,7 +19,8 @@ def health(service: Serving) -> Health:
     """Whether the service records: links, disk, version. Needs no token."""
     links = service.recorder.links
     state = service.recorder.state
-    problem = service.recorder.problem or service.jobs.problem
+    parts: tuple[Watched, ...] = (service.recorder, service.jobs, *service.others)
+    problem = next((part.problem for part in parts if part.problem), "")
     forwarding = service.recorder.forwarding()
     disk = shutil.disk_usage(service.settings.data)
     return Health(

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs.catalogue.store import Catalogue, Flight
-from gcs.errors import RecordingError
+from gcs.errors import RecordingError, in_words
 from gcs.recording.joined import by_recording
 from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
@@ -118,13 +118,15 @@ def recover_one(left: Leftover, catalogue: Catalogue) -> Flight | None:
 class Recovery:
     """Recovers leftovers in a thread of its own, so that links open at once, however much there is to complete.
 
-    then: called with each flight listed anew.
+    then: called with each flight listed anew. problem: what could not be recovered, in words for /api/health, empty
+    when all is well.
     """
 
     def __init__(self, left: Sequence[Leftover], catalogue: Catalogue, then: Callable[[Flight], None]) -> None:
         self._left = tuple(left)
         self._catalogue = catalogue
         self._then = then
+        self.problem = ""
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recovery", daemon=True)
 
@@ -146,7 +148,8 @@ class Recovery:
                     self._then(flight)
             except Exception as error:
                 if not self._stopping.is_set():  # the catalogue is closed then
-                    _log.error("flight %s is not recovered yet: %s", left.flight_id, error)
+                    self.problem = f"flight {left.flight_id} is not recovered yet: {in_words(error)}"
+                    _log.error("%s", self.problem)
 
 
 def _complete_and_list(flight_id: str, paths: list[Path], known: Flight | None, catalogue: Catalogue) -> Flight:

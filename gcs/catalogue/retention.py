@@ -38,7 +38,10 @@ class RetentionRule:
 
 
 class Retention:
-    """Deletes recordings by a rule, once a minute in a thread of its own. `clock` gives UTC in ns."""
+    """Deletes recordings by a rule, once a minute in a thread of its own. `clock` gives UTC in ns.
+
+    problem: why none can be deleted, in words for /api/health, empty when all is well.
+    """
 
     def __init__(
         self, folder: Path, catalogue: Catalogue, rule: RetentionRule, clock: Callable[[], int] = time.time_ns
@@ -47,6 +50,7 @@ class Retention:
         self._catalogue = catalogue
         self._rule = rule
         self._clock = clock
+        self.problem = ""
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="retention", daemon=True)
 
@@ -66,13 +70,18 @@ class Retention:
             for flight in self._catalogue.deleted_flights():
                 self._unlink(flight)  # the service may have been stopped between the note and the deed
         except Exception as error:
-            _log.error("recordings cannot be deleted: %s", in_words(error))
+            self._report(error)
         while not self._stopping.is_set():
             try:
                 self.apply()
+                self.problem = ""
             except Exception as error:  # the thread goes on whatever happens
-                _log.error("recordings cannot be deleted: %s", in_words(error))
+                self._report(error)
             self._stopping.wait(_PERIOD_S)
+
+    def _report(self, error: Exception) -> None:
+        self.problem = f"recordings cannot be deleted: {in_words(error)}"
+        _log.error("%s", self.problem)
 
     def apply(self) -> list[str]:
         """Delete what the rule says now; the ids of the flights. Raises CatalogueFileError, OSError."""

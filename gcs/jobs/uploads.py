@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -23,6 +24,8 @@ _MAX_NAME = 200
 # The largest upload takes minutes; what takes longer never ends.
 _LONGEST_S = 1800.0
 _MEMORY_SHARE = 0.5
+# What file systems say that have one name for each file (FAT, some network shares).
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
 class Uploads:
@@ -134,13 +137,29 @@ class Uploads:
         for flight_id in numbered_ids(f"{flight_stamp(entry.start_ns)}-{entry.system or 0}"):
             path = folder / f"{flight_id}.mcap"
             reserved = replace(entry, id=flight_id, file=path.name)
-            if not path.exists() and self._catalogue.add_flight(reserved):
+            if path.exists() or not self._catalogue.add_flight(reserved):
+                continue
+            try:
+                _place(converted, path)
                 break
-        try:
-            os.replace(converted, path)
-        except OSError as error:
-            self._catalogue.remove_flight(flight_id)
-            raise ImportFileError(f"{entry.name} cannot be kept: {error.strerror}; is the disk full?") from error
+            except FileExistsError:
+                self._catalogue.remove_flight(flight_id)
+            except OSError as error:
+                self._catalogue.remove_flight(flight_id)
+                raise ImportFileError(f"{entry.name} cannot be kept: {error.strerror}; is the disk full?") from error
         flight = replace(reserved, state="complete")
         self._catalogue.put_flight(flight)
         return flight
+
+
+def _place(source: Path, target: Path) -> None:
+    """Move a file to a name that nothing has: not over a recording that was begun meanwhile. FileExistsError else."""
+    try:
+        os.link(source, target)
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        target.open("xb").close()
+        os.replace(source, target)
+    else:
+        source.unlink()

@@ -79,6 +79,7 @@ def test_a_serial_line() -> None:
         closing(mavutil.mavlink_connection(station_end, baud=921600, source_system=255)) as station,
     ):
         connect_armed(station)
+        assert station.motors_armed()
 
 
 def test_a_signing_vehicle_answers_only_signed_questions_and_a_delay_counts_both_ways(tmp_path: Path) -> None:

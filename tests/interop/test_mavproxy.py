@@ -94,3 +94,4 @@ def test_it_lists_both_vehicles_fetches_their_parameters_and_arms(session: MAVPr
     session.wait_for("\nARMED")
     session.type("disarm")
     session.wait_for("Got COMMAND_ACK: COMPONENT_ARM_DISARM: DENIED")
+    assert session.printed.index("\nARMED") < session.printed.index("DISARM: DENIED")

@@ -5,7 +5,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.api import create_app
 from gcs.catalogue.decimate import decimate
+from gcs.catalogue.intake import Leftover, Recovery
+from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import UdpLink, open_link
@@ -165,6 +167,28 @@ def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(
         wait_until(lambda: health("jobs wait: ValueError: out of order"))
         broken.clear()
         wait_until(lambda: client.get("/api/health").json()["status"] == "ok")
+
+
+def test_health_tells_of_recordings_that_cannot_be_deleted_or_recovered(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    bench.settings.flights.mkdir(exist_ok=True)
+    whole = bench.record(1, 1, START)
+    recording = bench.settings.flights / f"{whole}.mcap"
+    jobs = JobRunner(bench.settings, bench.catalogue, (sys.executable, "-c", WORKER))
+    retention = Retention(bench.settings.flights, bench.catalogue, RetentionRule(keep_bytes=0))
+    left = Leftover("gone", (recording.with_name("gone.mcap"),), None)
+    recovery = Recovery([left], bench.catalogue, lambda flight: None)
+    app = create_app(bench.settings, bench.catalogue, bench.station, jobs, (retention, recovery))
+    job = bench.catalogue.add_job(whole, "identify", {})
+    bench.catalogue.finish_job(job, {"schema": "identification/1"})
+    recording.unlink()
+    recording.mkdir()  # nothing that unlinking can delete
+    with serving(app) as client, closing(retention):
+        recovery.start()
+        wait_until(lambda: "flight gone is not recovered yet" in client.get("/api/health").json()["problem"])
+        retention.start()
+        wait_until(lambda: "recordings cannot be deleted" in client.get("/api/health").json()["problem"])
+        assert client.get("/api/health").json()["status"] == "degraded"
 
 
 def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) -> None:
@@ -314,10 +338,17 @@ def test_job_requests_that_cannot_work(
 
 
 @pytest.mark.parametrize(
-    "path", ["/api/flights/..%2f..%2fetc%2fpasswd", "/api/flights/nope", "/api/jobs/x", "/api/models/x", "/api/none"]
+    ("path", "words"),
+    [
+        ("/api/flights/..%2f..%2fetc%2fpasswd", "nothing at"),
+        ("/api/flights/nope", "no flight 'nope'"),
+        ("/api/jobs/x", "no job 'x'"),
+        ("/api/models/x", "no model 'x'"),
+        ("/api/none", "nothing at /api/none"),
+    ],
 )
-def test_what_is_not_there_is_a_problem_with_a_sentence(client: httpx.Client, path: str) -> None:
-    problem(client.get(path), 404)
+def test_what_is_not_there_is_a_problem_with_a_sentence(client: httpx.Client, path: str, words: str) -> None:
+    assert words in problem(client.get(path), 404)
 
 
 def test_without_a_vehicle_file_jobs_and_signals_say_so(make_bench: Callable[..., Bench]) -> None:

@@ -1,5 +1,7 @@
 """Uploads are read in a process of their own: what such a process may do to itself, and whose id a flight gets."""
 
+import errno
+import os
 import subprocess
 import sys
 import threading
@@ -67,6 +69,33 @@ def test_uploads_of_the_same_moment_get_different_ids_and_lose_nothing(
         assert catalogue.flight(flight.id) == flight
         assert (flight.name, flight.state, flight.source) == (f"{i}.tlog", "complete", "upload")
         assert sum(Recording(settings.flights / flight.file).counts().values()) == 52
+
+
+@pytest.mark.parametrize("links", [True, False], ids=["hard-links", "one-name-a-file"])
+def test_an_upload_never_takes_the_place_of_a_recording_begun_at_the_same_instant(
+    settings: Settings, catalogue: Catalogue, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    def refused(source: Path, target: Path) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    if not links:
+        monkeypatch.setattr(os, "link", refused)
+    begun: list[Path] = []
+    add = catalogue.add_flight
+
+    def recorder_is_quicker(flight: Flight) -> bool:
+        if not begun:
+            begun.append(settings.flights / flight.file)
+            begun[0].write_bytes(b"being recorded")
+        return add(flight)
+
+    monkeypatch.setattr(catalogue, "add_flight", recorder_is_quicker)
+    made = Uploads(settings, catalogue).take_in(log_without_time(tmp_path / "in"), "mine.tlog")
+    assert begun[0].read_bytes() == b"being recorded"
+    assert made.id == f"{begun[0].stem}-2"
+    assert catalogue.flights() == [made]
+    assert sum(Recording(settings.flights / made.file).counts().values()) == 52
+    assert not (tmp_path / "in" / "converted.mcap").exists()
 
 
 def test_an_id_is_given_once(catalogue: Catalogue) -> None:
