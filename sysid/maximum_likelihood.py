@@ -109,9 +109,11 @@ def maximum_likelihood(
         warnings += late.warnings
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
-    wider = widened(problem, model, coefficients, effects, result)
+    # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
+    exact = not bench and all(record.thrust_source.measured for record in problem.records)
+    wider = widened(problem, model, coefficients, effects, result) if exact else None
     if wider is not None:
-        return _with_misfit(problem, wider, effects, bench, late.refused, (*warnings, wider.warning()))
+        return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()))
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares)
@@ -128,18 +130,16 @@ def _with_misfit(
     problem: Problem,
     wider: Widened,
     effects: Sequence[tuple[str, str]],
-    bench: Sequence[BenchError],
     refused: tuple[Refusal, ...],
     warnings: tuple[str, ...],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
     corrected, result = with_thrust_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
-    result, shares = carry(bench, corrected, wider.model, wider.coefficients, effects, result)
     solved = replace(wider, problem=corrected, result=result)
+    nearest = solved.projected(result)
     told = replace(corrected, known=problem.known)
-    return MaximumLikelihood(
-        told, solved.projected(result), "oe", refused, warnings, solved.projected_changes(shares), solved
-    )
+    nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
+    return MaximumLikelihood(told, nearest, "oe", refused, warnings, nothing, solved)
 
 
 def _rough(compatible: CompatibilityResult) -> str:
