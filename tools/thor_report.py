@@ -2,9 +2,9 @@
 
     python tools/thor_report.py RESULT.json thor.mcap --vehicle thor.toml --image real-flight.png
 
-RESULT.json comes from `gcs identify thor.mcap --vehicle thor.toml -o RESULT.json`. The picture shows the coefficients
-with their 95 % intervals as shares of the published ones, and how much of the measured moments the commands explain
-when they are taken as so much later than the log has them.
+RESULT.json comes from `gcs identify thor.mcap --vehicle thor.toml --method ee -o RESULT.json`. The picture shows the
+coefficients with their 95 % intervals as shares of the published ones, what bands of frequency tell of four of them,
+and how much of the measured moments the commands explain when they are taken as so much later than the log has them.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 MAIN = (
     "CL_alpha", "Cm_alpha", "Cm_q", "Cm_de", "CY_beta", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cn_beta", "Cn_r", "Cn_dr",
 )  # fmt: skip
+BY_BAND = ("Cm_de", "Cm_q", "Cl_da", "Cl_p")
 DELAYS = np.arange(0, 9) * 0.02
 BAND_HZ = 6.0
 
@@ -88,9 +89,41 @@ def table(found: dict[str, Any], published: dict[str, float]) -> list[str]:
     return lines
 
 
-def draw(found: dict[str, Any], published: dict[str, float], shares: dict[str, list[float]], image: Path) -> None:
-    """The two panels."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.2), width_ratios=(2.0, 1.0))
+def bands_of(result: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """What each band of frequency told of a coefficient; nothing where the result has no such block."""
+    told = result["regression"][name.split("_")[0]]["terms"][name]["bands"]
+    return [] if told is None else list(told["estimates"])
+
+
+def band_table(result: dict[str, Any], published: dict[str, float]) -> list[str]:
+    """Lines of a Markdown table: the coefficients of the picture's middle panel, band by band."""
+    edges = [one["band_hz"] for one in bands_of(result, BY_BAND[0])]
+    lines = ["| | " + " | ".join(f"{low:.2f} to {high:.2f} Hz" for low, high in edges) + " | published |"]
+    lines.append("|---" * (len(edges) + 2) + "|")
+    for name in BY_BAND:
+        told = " | ".join(f"{one['value']:.3g} ± {one['std']:.2g}" for one in bands_of(result, name))
+        lines.append(f"| {name} | {told} | {published[name]:.4g} |")
+    return lines
+
+
+def draw_bands(middle: Any, result: dict[str, Any], published: dict[str, float]) -> None:
+    """Coefficients over frequency, as shares of the published ones."""
+    for name in BY_BAND:
+        told = bands_of(result, name)
+        shares = [one["value"] / published[name] for one in told]
+        bars = [1.96 * one["std"] / abs(published[name]) for one in told]
+        middle.errorbar([float(np.mean(one["band_hz"])) for one in told], shares, bars, fmt="o-", ms=3, label=name)
+    middle.axhline(1.0, color="black", lw=1.0)
+    middle.set_xlabel("middle of the band, Hz")
+    middle.set_ylabel("told by that band / published")
+    middle.legend(fontsize=8)
+
+
+def draw(result: dict[str, Any], published: dict[str, float], shares: dict[str, list[float]], image: Path) -> None:
+    """The three panels."""
+    found = result["model"]["coefficients"]
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14.0, 4.2), width_ratios=(2.0, 1.2, 1.2))
+    draw_bands(middle, result, published)
     for place, name in enumerate(MAIN):
         entry = found.get(name, {"refused": ""})
         if "refused" in entry:
@@ -127,13 +160,13 @@ def main() -> int:
     except GcsError as error:
         print(f"thor_report.py: {error}", file=sys.stderr)
         return 1
-    found = json.loads(options.result.read_text(encoding="utf-8"))["model"]["coefficients"]
+    result = json.loads(options.result.read_text(encoding="utf-8"))
     published = read_model("ultrastick25e").values()
     shares = explained(data, vehicle, vehicle.environment.air_density or 1.225)
-    print("\n".join(table(found, published)))
+    print("\n".join([*table(result["model"]["coefficients"], published), "", *band_table(result, published)]))
     for axis, values in shares.items():
         print(axis, ", ".join(f"{1e3 * delay:.0f} ms {share:.2f}" for delay, share in zip(DELAYS, values, strict=True)))
-    draw(found, published, shares, options.image)
+    draw(result, published, shares, options.image)
     return 0
 
 
