@@ -20,6 +20,7 @@ from sysid.dryden import Turbulence
 from sysid.filter_noise import FAINT, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass, Path
 from sysid.filter_scores import Scores, joint_scores
+from sysid.filter_start import followed, settled_path
 from sysid.flight import Array
 from sysid.output_error import autocorrelation, prior_knowledge
 from sysid.parameterisation import Parameter, Predictor
@@ -114,14 +115,13 @@ class FilterError(FilteredFlight):
         """
         theta = np.array([values.get(p.name, p.prior_mean) for p in self.predictor.parameters])
         theta = np.clip(theta, self.low, self.high)
-        noise, iteration = self.noise.copy(), 0
-        linear, found = self.settled_path(theta, noise, turbulence)
-        calls = 0
+        noise, linear, found = followed(self, theta, turbulence)
+        iteration = calls = 0
         if known is None:
             noise, turbulence = likeliest_noise(self, linear, noise, turbulence)
         else:
             noise, calls = known.sigma[self.columns] ** 2, _NOISE_ROUNDS
-        linear, found = self.settled_path(theta, noise, turbulence)
+        linear, found = settled_path(self, theta, noise, turbulence)
         damping, cost, last = 0.0, self._cost(found, theta), np.zeros(theta.size)
         near = False
         while iteration < max_iterations and not near:
@@ -202,19 +202,10 @@ class FilterError(FilteredFlight):
         cost = -scores.likelihood + 0.5 * float(away @ prior @ away)
         return _Scored(theta, eta, self.paths, scores, base, prior, away, cost if np.isfinite(cost) else np.inf)
 
-    def settled_path(self, theta: Array, noise: Array, turbulence: Turbulence) -> tuple[list[Linear], Pass]:
-        """Linearise where this model's own filter runs: a reconstruction is not there."""
-        for _ in range(2):
-            linear = [self.linearised(k, theta) for k in range(len(self.records))]
-            found = self.filtered(linear, noise, turbulence, wanted=False)
-            self.move(found)
-        linear = [self.linearised(k, theta) for k in range(len(self.records))]
-        return linear, self.filtered(linear, noise, turbulence)
-
     def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
         """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
         theta = np.array([values.get(p.name, p.prior_mean) for p in self.predictor.parameters])
-        return self._step(self.settled_path(theta, self.noise, turbulence)[1], theta, 0.0)[1]
+        return self._step(followed(self, theta, turbulence)[2], theta, 0.0)[1]
 
     def step_at(self, result: FilterErrorResult) -> Array:
         """(P,) Gauss-Newton step at an estimate, its noise and turbulence kept: what a changed problem would move."""

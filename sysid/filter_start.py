@@ -1,0 +1,72 @@
+"""Where filter error starts: output noise with which its filter follows the flight at all.
+
+The noise is read off the highest frequencies of each output. An output whose errors are slow (an attitude from another
+filter, a start model that explains half of a moment) shows hardly any there, and a filter that trusts it so much runs
+away from the flight within a second. Then it starts with more noise for all outputs, from which the likeliest noise is
+found; the paths it has run away on are not kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.dryden import Turbulence
+from sysid.errors import EstimationError
+from sysid.filter_noise import likeliest_noise
+from sysid.filter_path import FilteredFlight, Linear, Pass
+from sysid.flight import Array
+
+# Factors on the noise variances, tried in turn.
+_GROWTH = (1.0, 1e2, 1e4, 1e6, 1e8)
+# Mean square of the innovations over their variances up to which the filter follows: 1 where all is as assumed.
+_FOLLOWS = 25.0
+
+
+def settled_path(
+    flight: FilteredFlight, theta: Array, noise: Array, turbulence: Turbulence
+) -> tuple[list[Linear], Pass]:
+    """Linearise where this model's own filter runs: a reconstruction is not there."""
+    for _ in range(2):
+        linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+        flight.move(flight.filtered(linear, noise, turbulence, wanted=False))
+    linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+    return linear, flight.filtered(linear, noise, turbulence)
+
+
+def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tuple[Array, list[Linear], Pass]:
+    """Noise variances (m,), linearised records and filter pass with which the filter follows the flight.
+
+    Raises EstimationError where it follows with no noise tried.
+    """
+    kept, told = [path.copy() for path in flight.paths], flight.noise
+    for growth in _GROWTH:
+        flight.paths = [path.copy() for path in kept]
+        noise = growth * told
+        with np.errstate(all="ignore"):
+            linear, found = settled_path(flight, theta, noise, turbulence)
+        if _follows(found):
+            if growth > 1.0:
+                # What the highest frequencies showed is disproved: it is no prior knowledge of the noise either.
+                flight.noise = noise
+                noise, _ = likeliest_noise(flight, linear, noise, turbulence)
+                linear, found = settled_path(flight, theta, noise, turbulence)
+            return noise, linear, found
+    flight.paths = kept
+    raise EstimationError(
+        "filter error: from this start the filter does not follow the flight (the model explains too little of the "
+        "motion: look at delays, thrust and the equation error's result); use --method ee"
+    )
+
+
+def _follows(found: Pass) -> bool:
+    if not (np.isfinite(found.likelihood) and np.isfinite(found.information).all()):
+        return False
+    return _misfit(found.innovations, found.variances) < _FOLLOWS
+
+
+def _misfit(innovations: Sequence[Array], variances: Sequence[Array]) -> float:
+    with np.errstate(all="ignore"):
+        squares = [np.nanmean(nu**2 / variance) for nu, variance in zip(innovations, variances, strict=True)]
+    return float(np.max(squares)) if np.isfinite(squares).all() else float("inf")
