@@ -1,4 +1,4 @@
-"""One Gauss-Newton iteration of output error, against CasADi. Run: python benchmarks/output_error.py
+"""One Gauss-Newton iteration of output error, against CasADi and scipy. Run: python benchmarks/output_error.py
 
 A flight of 60 s at 50 Hz, 12 states, 12 outputs, 25 unknowns (16 coefficients and 9 initial states). Every contestant
 predicts the outputs, finds their sensitivities and sums the normal equations; all must find the same matrix.
@@ -12,8 +12,9 @@ import statistics
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import casadi
 import numpy as np
 from flight_equations import FREE, OUTPUTS, STATES, rates_and_outputs
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from sim_vehicle.model import read_model
 from sim_vehicle.parameters import flatten
@@ -36,6 +38,9 @@ Array = NDArray[np.float64]
 Equations = tuple[Array, Array]
 
 INTERVAL, SAMPLES = 0.02, 3000
+SCIPY = "scipy solve_ivp, differences"
+# Of the differences that scipy's derivatives are: well above what its integration leaves open.
+STEP = 3e-4
 NOISE = np.array([0.1, 0.005, 0.005, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005, 0.1, 0.1, 0.1])
 
 
@@ -153,6 +158,38 @@ class Case:
 
         return iteration
 
+    def scipy(self) -> Callable[[], Equations]:
+        """solve_ivp from one change of the commands to the next, forward differences."""
+        surfaces = self.commands[:, :3]
+        held = np.flatnonzero(np.any(np.diff(surfaces, axis=0) != 0.0, axis=1)) + 1
+        edges = np.concatenate(([0], held, [SAMPLES]))
+
+        def outputs(values: Array, start: Array) -> Array:
+            named = {**self.coefficients, **dict(zip(FREE, values.tolist(), strict=True))}
+            x, at = np.empty((len(STATES), SAMPLES)), np.concatenate((start, np.zeros(3)))
+            for begin, end in pairwise(edges.tolist()):
+                moved = surfaces[begin].tolist()
+
+                def rates(t: float, x: Array, moved: Sequence[float] = moved) -> list[float]:
+                    return rates_and_outputs(x.tolist(), moved, named, self.body, math)[0]
+
+                times = INTERVAL * np.arange(begin, end + 1)
+                flown = solve_ivp(rates, (times[0], times[-1]), at, t_eval=times, rtol=1e-6).y
+                x[:, begin:end], at = flown[:, :-1], flown[:, -1]
+            return np.array(rates_and_outputs(list(x), list(surfaces.T), named, self.body, np)[1]).T
+
+        def iteration() -> Equations:
+            theta = np.concatenate((self.values, self.start))
+            y = outputs(self.values, self.start)
+            slopes = np.empty((*y.shape, theta.size))
+            for i in range(theta.size):
+                moved = theta.copy()
+                moved[i] += STEP
+                slopes[:, :, i] = (outputs(moved[: len(FREE)], moved[len(FREE) :]) - y) / STEP
+            return self.normal(y, slopes)
+
+        return iteration
+
 
 def assert_same(own: Equations, peer: Equations, name: str, tolerance: float) -> None:
     """Both matrices and gradients agree in units of the unknowns' standard errors."""
@@ -168,7 +205,9 @@ def main() -> None:
     """Print times and ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=7)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--scipy-rounds", type=int, default=3, help="rounds in which scipy takes part")
+    arguments = parser.parse_args()
+    rounds = arguments.rounds
     with tempfile.TemporaryDirectory() as folder:
         case = Case()
         own = case.own()
@@ -176,17 +215,20 @@ def main() -> None:
             "this": own,
             "CasADi, generated C": case.casadi(Path(folder)),
         }
+        slow = case.scipy()
         reference = own()
         print("one iteration of output error, 60 s at 50 Hz, 12 outputs, 25 unknowns")
         assert_same(reference, runs["CasADi, generated C"](), "CasADi", 1e-4)
-        seconds: dict[str, list[float]] = {name: [] for name in runs}
+        assert_same(reference, slow(), "scipy", 2e-2)
+        seconds: dict[str, list[float]] = {name: [] for name in (*runs, SCIPY)}
         for turn in range(rounds):
-            for name in list(runs)[:: 1 if turn % 2 == 0 else -1]:
+            present = {**runs, SCIPY: slow} if turn < arguments.scipy_rounds else runs
+            for name in list(present)[:: 1 if turn % 2 == 0 else -1]:
                 begin = time.process_time()
-                runs[name]()
+                present[name]()
                 seconds[name].append(time.process_time() - begin)
     for name, times in seconds.items():
-        ratio = statistics.median(peer / mine for peer, mine in zip(times, seconds["this"], strict=True))
+        ratio = statistics.median(peer / mine for peer, mine in zip(times, seconds["this"], strict=False))
         print(f"  {name:32s} {1e3 * statistics.median(times):10.1f} ms of CPU time, {ratio:8.1f} times this")
 
 

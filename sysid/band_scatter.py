@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2
+from scipy import special
 
 from sim_vehicle.terms import Term, parse_term
 from sysid.equations import Equations, axes_of
@@ -126,11 +125,13 @@ def _scatter(value: float, std: float, values: Array, errors: Array) -> float:
     if told.sum() < 2:
         return 0.0
     squares, variances = (values[told] - value) ** 2, errors[told] ** 2 + std**2
-    if float(np.sum(squares / variances)) < float(chi2.isf(_CHANCE, told.sum())):
+    if float(np.sum(squares / variances)) < float(special.chdtri(told.sum(), _CHANCE)):
         return 0.0
 
     def excess(scatter: float) -> float:
         return float(np.sum(squares / (variances + scatter**2))) - float(told.sum())
+
+    from scipy.optimize import brentq  # slow to import, and seldom wanted
 
     return float(brentq(excess, 0.0, float(np.sqrt(np.sum(squares)))))
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from sim_vehicle.terms import Term, parse_term
 from sysid.coefficients import Body
@@ -118,6 +117,8 @@ def _profile(parts: Sequence[FlightData], body: Body, terms: Sequence[Term], gri
         return float(sum(0.5 * n * np.log(np.mean(r**2)) for n, r in zip(counts, residuals, strict=True)))
 
     around = (grid[coarse - 1], grid[coarse + 1])
+    from scipy.optimize import minimize_scalar  # slow to import, and seldom wanted
+
     least = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-4})
     best, low = float(least.x), float(least.fun)
     step = 0.5 * parts[0].interval_s
