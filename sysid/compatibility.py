@@ -10,6 +10,7 @@ Identification", chapter 10; R. K. Mehra, "Approaches to adaptive filtering", IE
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,6 +35,7 @@ __all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "Sensor
 Mask = NDArray[np.bool_]
 
 _COUNT = len(PARAMETERS)
+_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="kinematics")
 _MAX_ITERATIONS = 20
 # Passes from the sensors' own readings to a smoothed motion that moves no more.
 _SETTLING_PASSES = 4
@@ -45,6 +47,7 @@ _CALM = 0.05  # m/s
 _GUSTS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 # Two log-likelihood units for one parameter: 95 %. Below that the air counts as calm.
 _GUST_GAIN = 2.0
+_GUST_LOST = 100.0
 # An output agrees if its TIC is below the customary mark, or what is left is no more than a few sigma of its noise.
 TIC_LIMIT = 0.25
 _SIGMA_LIMIT = 3.0
@@ -275,19 +278,24 @@ def _pass(parts: list[Part], theta: Array, setting: _Setting, smooth: bool = Fal
     p_start = np.diag([_START_VELOCITY**2] * 3 + [_START_ANGLE**2] * 3 + [setting.gust_sigma**2] * 3)
     likelihood, information, gradient = 0.0, np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
     innovations, variances, smoothed = [], [], []
-    for part in parts:
+
+    def forward(part: Part) -> tuple[tuple[float, Array, Array, Array, Array], Array | None]:
         decay = float(np.exp(-part.dt * part.speed / _GUST_LENGTH_M))
         passed = filter_part(
             *(part.nominal, part.gusts, theta, part.imu, part.z, setting.noise, setting.q_imu),
             *(np.array([setting.gust_sigma, decay]), part.dt, part.layout, p_start, smooth, slopes),
         )
+        return passed[:5], smooth_part(*passed[3:], decay) if smooth else None
+
+    # The loops are compiled and let other threads run.
+    for passed, backward in _POOL.map(forward, parts):
         likelihood += passed[0]
         information += passed[1]
         gradient += passed[2]
         innovations.append(passed[3])
         variances.append(passed[4])
-        if smooth:
-            smoothed.append(smooth_part(*passed[3:], decay))
+        if backward is not None:
+            smoothed.append(backward)
     if not np.isfinite(likelihood):
         raise EstimationError("data compatibility diverged: check units, signs and sensor positions")
     return _Solution(likelihood, information, gradient, innovations, variances, smoothed)
@@ -313,12 +321,17 @@ def _apply(parts: list[Part], solution: _Solution) -> None:
 
 def _find_gust(parts: list[Part], theta: Array, setting: _Setting) -> _Setting:
     """Turbulence of greatest likelihood; calm air unless the data insist."""
-    found = [_pass(parts, theta, replace(setting, gust_sigma=g)).likelihood for g in _GUSTS]
+    found: list[float] = []
+    for gust in _GUSTS:
+        found.append(_pass(parts, theta, replace(setting, gust_sigma=gust)).likelihood)
+        # Far beyond the likeliest and falling on, nothing likelier comes.
+        if len(found) > 2 and found[-1] < found[-2] < found[-3] and found[-1] < max(found) - _GUST_LOST:
+            break
     best = int(np.argmax(found))
     if best == 0 or found[best] - found[0] < _GUST_GAIN:
         return replace(setting, gust_sigma=0.0)
     sigma = _GUSTS[best]
-    if 1 < best < len(_GUSTS) - 1:
+    if 1 < best < len(found) - 1:
         curve = np.polyfit(np.log(_GUSTS[best - 1 : best + 2]), found[best - 1 : best + 2], 2)
         sigma = float(np.exp(-0.5 * curve[1] / curve[0])) if curve[0] < 0.0 else sigma
     return replace(setting, gust_sigma=sigma)

@@ -195,9 +195,10 @@ class OutputError:
         """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
         n = self.predictor.size
         M, g = np.zeros((n, n)), np.zeros(n)
-        for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
+        jobs = [_POOL.submit(_gram, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
+        for k, job in enumerate(jobs):
             place = self.places(k)
-            information, gradient = _gram(s, residual, self.columns, sigma)
+            information, gradient = job.result()
             M[np.ix_(place, place)] += information
             g[place] += gradient
         return M, g

@@ -271,7 +271,9 @@ class Predictor:
         if has_tangents(flat):
             differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
             self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
-            by_sample[:] = late_readings(by_sample, errors, record.interval_s)
+            late = late_readings(by_sample, errors, record.interval_s)
+            if late is not by_sample:
+                by_sample[:] = late
         else:
             differences = simulated
         self._differences(index, theta, states, predicted, differences, result)
