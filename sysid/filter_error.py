@@ -17,7 +17,7 @@ from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
 from sysid.convolution import convolved
 from sysid.dryden import Turbulence
-from sysid.filter_noise import FAINT, likeliest_noise, surroundings
+from sysid.filter_noise import FAINT, Surroundings, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass, Path
 from sysid.filter_scores import Scores, joint_scores
 from sysid.filter_start import followed, settled_path
@@ -36,8 +36,8 @@ _NEAR = 1.0  # standard errors, within which noise and turbulence are estimated 
 _NOISE_ROUNDS = 2
 _LOSS = 5.0
 _JOINT_STEPS = 12
-# How much likelihood a step may cost, and how many in a row, before the search goes back to its best.
-_DETOUR, _ASTRAY = 100.0, 2
+_CHORDS = 6  # steps with the same slopes
+_DETOUR = 100.0  # of log likelihood that a step may cost, to be won back by the next
 
 
 @dataclass(frozen=True)
@@ -159,48 +159,73 @@ class FilterError(FilteredFlight):
         """Scoring of parameters, noise and turbulence together, from near the estimate."""
         known = surroundings(self)
         turbulence = replace(turbulence, **{name: max(getattr(turbulence, name), FAINT) for name in known.names})
-        p, eta, share, astray, converged = theta.size, known.eta(noise, turbulence), 1.0, 0, False
-        here = best = self._scored(theta, eta, covariance, turbulence)
+        eta, share, converged = known.eta(noise, turbulence), 1.0, False
+        best = self._scored(theta, eta, covariance, turbulence)
         for _ in range(_JOINT_STEPS):
-            step, covariance = here.step()
-            if here is best and np.max(np.abs(step[:p]) / np.sqrt(np.diag(covariance)[:p])) < _SETTLED:
+            trial = self._climbed(best, known, turbulence, share)
+            if trial is None:
                 converged = near
                 break
-            trial = np.clip(here.theta + share * step[:p], self.low, self.high)
-            trial_eta = np.clip(here.eta + np.clip(share * step[p:], -1.0, 1.0), known.low, known.high)
-            tried = self._scored(trial, trial_eta, covariance[:p, :p], turbulence)
             iteration += 1
-            progress(iteration, min(tried.cost, best.cost))
-            if tried.cost < best.cost:
-                here = best = tried
-                share, astray = min(1.0, 2.0 * share), 0
-            elif tried.cost < best.cost + _DETOUR and astray < _ASTRAY:
-                # The likelihood has a narrow, bent ridge: a step along it leaves it, and the next one comes back.
-                here, astray = tried, astray + 1
+            progress(iteration, min(trial.cost, best.cost))
+            if trial.cost < best.cost:
+                covariance = best.covariance[: theta.size, : theta.size]
+                best, share = self._scored(trial.theta, trial.eta, covariance, turbulence), min(1.0, 3.0 * share)
             else:
-                here, share, astray = best, 0.3 * share, 0
-                self.paths = best.paths
+                self.paths, share = best.paths, 0.3 * share
         self.paths = best.paths
-        theta, eta = best.theta, best.eta
-        noise, turbulence = known.values(eta, turbulence)
-        return self._result(theta, best, noise, turbulence, iteration, converged)
+        noise, turbulence = known.values(best.eta, turbulence)
+        return self._result(best, noise, turbulence, iteration, converged)
 
-    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> _Scored:
-        """The whole likelihood at parameters theta and surroundings eta, about the path that its filter takes."""
-        known = surroundings(self)
+    def _climbed(self, best: _Scored, known: Surroundings, turbulence: Turbulence, share: float) -> _Place | None:
+        """A `share` of the way to where the scores vanish by the slopes of `best`; None where it is no way any more.
+
+        The likelihood has a narrow, bent ridge: a step along it leaves it, and the next ones come back.
+        """
+        std = np.sqrt(np.diag(best.covariance)[: best.theta.size])
+        whole = best.step(best)
+        if np.max(np.abs(whole[: std.size]) / std) < _SETTLED:
+            return None
+        here: _Place = best
+        step = share * whole
+        for _ in range(_CHORDS):
+            theta = np.clip(here.theta + step[: std.size], self.low, self.high)
+            eta = np.clip(here.eta + np.clip(step[std.size :], -1.0, 1.0), known.low, known.high)
+            with np.errstate(all="ignore"):
+                here = self._placed(theta, eta, known, turbulence)
+            if not here.cost < best.cost + _DETOUR:
+                break
+            step = best.step(here) - (1.0 - share) * whole
+            if np.max(np.abs(step[: std.size]) / std) < _SETTLED:
+                break
+        return here
+
+    def _placed(self, theta: Array, eta: Array, known: Surroundings, turbulence: Turbulence) -> _Place:
+        """The filter at parameters theta and surroundings eta, on the path that it takes itself."""
         noise, here = known.values(eta, turbulence)
         for _ in range(2):
             linear = [self.linearised(k, theta, slopes=False) for k in range(len(self.records))]
             self.move(self.filtered(linear, noise, here, wanted=False))
-        std = np.sqrt(np.diag(covariance))
-        scores, base = joint_scores(self, theta, std, noise, here, known.names)
+        linear = [self.linearised(k, theta, slopes=False) for k in range(len(self.records))]
+        found = self.filtered(linear, noise, here, wanted=False)
+        cost = self._cost(found, theta) + known.cost(eta)
+        return _Place(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
+
+    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> _Scored:
+        """The whole likelihood about there, covariance (P, P) saying how far is near."""
+        known = surroundings(self)
+        here = self._placed(theta, eta, known, turbulence)
+        noise, air = known.values(eta, turbulence)
+        scores, base = joint_scores(self, theta, np.sqrt(np.diag(covariance)), noise, air, known.names)
         p = theta.size
         prior = np.zeros((p + eta.size, p + eta.size))
         prior[:p, :p] = self.prior_information
         prior[np.arange(p, p + eta.size), np.arange(p, p + eta.size)] = known.weight
-        away = np.concatenate((theta - self.prior_mean, eta - known.middle))
-        cost = -scores.likelihood + 0.5 * float(away @ prior @ away)
-        return _Scored(theta, eta, self.paths, scores, base, prior, away, cost if np.isfinite(cost) else np.inf)
+        middle = np.concatenate((self.prior_mean, known.middle))
+        information = scores.information + prior
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
+        inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13, hermitian=True)
+        return _Scored(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale))
 
     def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
         """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
@@ -243,53 +268,56 @@ class FilterError(FilteredFlight):
         return cost
 
     def _result(
-        self, theta: Array, best: _Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
+        self, best: _Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
     ) -> FilterErrorResult:
-        p = theta.size
-        white = best.step()[1]
+        p = best.theta.size
         sigma = np.full(len(OUTPUTS), np.nan)
         sigma[self.columns] = np.sqrt(noise)
         residuals = []
-        for innovation in best.base.innovations:
+        for innovation in best.found.innovations:
             full = np.full((innovation.shape[0], len(OUTPUTS)), np.nan)
             full[:, self.columns] = innovation
             residuals.append(full)
-        linear = [self.linearised(k, theta) for k in range(len(self.records))]
-        cost = self._cost(self.filtered(linear, noise, turbulence, wanted=False), theta)
+        linear = [self.linearised(k, best.theta) for k in range(len(self.records))]
+        cost = self._cost(self.filtered(linear, noise, turbulence, wanted=False), best.theta)
         return FilterErrorResult(
-            self.predictor.parameters, theta, best.coloured(white)[:p, :p], white[:p, :p], sigma, turbulence,
-            tuple(residuals), cost, self._calm_cost(linear, noise, theta), iteration, converged,
+            self.predictor.parameters, best.theta, best.coloured()[:p, :p], best.covariance[:p, :p], sigma, turbulence,
+            tuple(residuals), cost, self._calm_cost(linear, noise, best.theta), iteration, converged,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class _Scored:
-    """Scores at theta and eta, with paths and the filter pass they belong to, the prior's information (n, n), and the
-    distance from its mean (n,). cost: negative log likelihood and prior.
+class _Place:
+    """Parameters theta (P,), surroundings eta, the filter's own paths there, its pass over them.
+
+    cost: negative log likelihood and prior.
     """
 
     theta: Array
     eta: Array
     paths: list[Path]
-    scores: Scores
-    base: Pass
-    prior: Array
-    away: Array
+    found: Pass
     cost: float
 
-    def step(self) -> tuple[Array, Array]:
-        """Scoring step (n,) and covariance (n, n) of parameters and surroundings."""
-        information = self.scores.information + self.prior
-        downhill = self.scores.gradient - self.prior @ self.away
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-        scaled = information * np.outer(scale, scale)
-        covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
-        return np.linalg.lstsq(scaled, downhill * scale, rcond=1e-13)[0] * scale, covariance
 
-    def coloured(self, white: Array) -> Array:
+@dataclass(frozen=True)
+class _Scored(_Place):
+    """A place with its scores, the prior's information (n, n) and mean (n,), and the covariance (n, n) of both."""
+
+    scores: Scores
+    prior: Array
+    middle: Array
+    covariance: Array
+
+    def step(self, there: _Place) -> Array:
+        """Scoring step (n,) from another place, with the slopes of this one."""
+        away = np.concatenate((there.theta, there.eta)) - self.middle
+        return np.asarray(self.covariance @ (self.scores.gradient(there.found) - self.prior @ away))
+
+    def coloured(self) -> Array:
         """Covariance for what colour the innovations keep (Morelli & Klein), never below the white one."""
-        middle = self.prior + self.scores.spread
-        pairs = list(zip(self.base.innovations, self.base.variances, strict=True))
+        white, middle = self.covariance, self.prior + self.scores.spread
+        pairs = list(zip(self.found.innovations, self.found.variances, strict=True))
         for j in range(pairs[0][0].shape[1]):
             kernel = autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
             for rows in self.scores.rows:

@@ -29,15 +29,26 @@ _POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="scores")
 class Scores:
     """Of P parameters and of the logarithms of m noise variances and T turbulence numbers, n in all.
 
-    likelihood: logarithm. gradient: (n,) of it. information: (n, n) expected. rows: per record (N, m, n) slopes of the
-    innovations in units of their standard deviation; spread: the part of the information that variances carry.
+    information: (n, n) expected. rows: per record (N, m, n) slopes of the predictions in units of the innovations'
+    standard deviations, widths: those of the variances, relative to them. spread: the part of the information that
+    variances carry.
     """
 
-    likelihood: float
-    gradient: Array
     information: Array
     rows: list[Array]
+    widths: list[Array]
     spread: Array
+
+    def gradient(self, found: Pass) -> Array:
+        """Slope (n,) of the log likelihood where a pass was made, with the slopes of these scores."""
+        downhill = np.zeros(self.information.shape[0])
+        for rows, widths, nu, variance in zip(self.rows, self.widths, found.innovations, found.variances, strict=True):
+            good = np.isfinite(nu)
+            white = np.where(good, nu, 0.0) / np.sqrt(np.where(good, variance, 1.0))
+            downhill += np.einsum("kji,kj->i", rows, white) - 0.5 * np.einsum(
+                "kji,kj->i", widths, good * (1.0 - white**2)
+            )
+        return downhill
 
 
 def joint_scores(
@@ -68,21 +79,19 @@ def joint_scores(
 
     count = theta.size + noise.size + len(names)
     passes = list(_POOL.map(moved, range(count)))
-    gradient, information, spread = np.zeros(count), np.zeros((count, count)), np.zeros((count, count))
-    rows = []
+    information, spread = np.zeros((count, count)), np.zeros((count, count))
+    rows, widths = [], []
     for k, (nu, variance) in enumerate(zip(base.innovations, base.variances, strict=True)):
         good = np.isfinite(nu)
         scale = np.where(good, 1.0 / np.sqrt(np.where(good, variance, 1.0)), 0.0)
         slopes = np.empty((*nu.shape, count))
-        widths = np.empty((*nu.shape, count))
+        wider = np.empty((*nu.shape, count))
         for i, (one, h) in enumerate(passes):
-            slopes[:, :, i] = np.where(good, (one.innovations[k] - nu) / h, 0.0) * scale
-            widths[:, :, i] = np.where(good, (one.variances[k] - variance) / h, 0.0) * scale**2
-        white = np.where(good, nu, 0.0) * scale
-        gradient -= np.einsum("kji,kj->i", slopes, white)
-        gradient -= 0.5 * np.einsum("kji,kj->i", widths, good * (1.0 - white**2))
-        flat, wide = slopes.reshape(-1, count), widths.reshape(-1, count)
+            slopes[:, :, i] = np.where(good, (nu - one.innovations[k]) / h, 0.0) * scale
+            wider[:, :, i] = np.where(good, (one.variances[k] - variance) / h, 0.0) * scale**2
+        flat, wide = slopes.reshape(-1, count), wider.reshape(-1, count)
         spread += 0.5 * wide.T @ wide
         information += flat.T @ flat
-        rows.append(-slopes)
-    return Scores(base.likelihood, gradient, information + spread, rows, spread), base
+        rows.append(slopes)
+        widths.append(wider)
+    return Scores(information + spread, rows, widths, spread), base
