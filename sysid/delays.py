@@ -99,12 +99,13 @@ def commands_std(delays: Sequence[Delay]) -> float:
     return max((one.std for one in delays if one.of_commands), default=0.0)
 
 
-def delay_sentence(delay: Delay) -> str:
+def delay_sentence(delay: Delay, corrected: bool = True) -> str:
     """What is said of a delay in one line."""
+    done = "corrected" if corrected else "left as it is, since a lag may be the missing effect"
     size = f"{abs(delay.value) * 1e3:.1f} ± {delay.std * 1e3:.1f} ms"
     if delay.of_commands:
         way = "after" if delay.value > 0.0 else "before"
-        return f"the aircraft follows its commands {size} {way} their stamps: corrected"
+        return f"the aircraft follows its commands {size} {way} their stamps: {done}"
     verb = "comes" if len(delay.signals) == 1 else "come"
     way = "late" if delay.value > 0.0 else "early"
-    return f"{joined(delay.signals)} {verb} {size} {way} against the other signals: corrected"
+    return f"{joined(delay.signals)} {verb} {size} {way} against the other signals: {done}"

@@ -32,6 +32,7 @@ from sysid.output_error import OutputErrorResult
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import coefficient_path
 from sysid.search import Named, Search, extend, parameter_values, unexplained
+from sysid.signalcheck import told_mistakes
 
 Progress = Callable[[float, str], None]
 Start = Mapping[str, float]
@@ -79,6 +80,8 @@ def discrepancy(
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     held_out = [prepare(flight, vehicle) for flight in validate_on]
+    progress(0.05, "units, signs and axes")
+    told = [line for group in (prepared, held_out) if group for line in told_mistakes(group, vehicle)]
     progress(0.08, "data compatibility")
     compatible = check_compatibility(prepared)
     problem = _problem(prepared, vehicle, compatible)
@@ -140,7 +143,7 @@ def discrepancy(
         "gap": gaps,
         "model": final.to_json(),
         "turbulence": compatible.gust_sigma,
-        "warnings": list(dict.fromkeys(w for flight in (*prepared, *held_out) for w in flight.warnings)),
+        "warnings": list(dict.fromkeys([*(w for one in (*prepared, *held_out) for w in one.warnings), *told])),
     }
 
 

@@ -30,6 +30,7 @@ from sysid.estimate import (
     split_runs,
 )
 from sysid.flight import FlightData, FlightSignals
+from sysid.frozen import frozen_commands
 from sysid.gap import Fixed
 from sysid.linear import LinearModel, linearise
 from sysid.maximum_likelihood import MaximumLikelihood, maximum_likelihood
@@ -37,7 +38,7 @@ from sysid.maximum_likelihood import systematic as systematic_effects
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import MAX_STRETCH_S, Prepared, check_compatibility, prepare, unmeasured_thrust
 from sysid.prior import Gaussian, known_from
-from sysid.punctual import commands_in_time, refined_delays
+from sysid.punctual import commands_in_time, refined_delays, with_late_commands
 from sysid.records import SURFACES
 from sysid.residuals import body_of, known_propulsion, moment_noise
 from sysid.series import Comparison
@@ -213,15 +214,20 @@ def identify(
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
     late: dict[str, float] = {}
+    parts, told = corrected_parts(prepared, vehicle, compatible), tuple(structure.coefficients)
+    if calm:
+        noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
+        warnings += frozen_commands(parts, body_of(vehicle), noise)
     if delays and structure.effect("actuator_delay") is None:
-        parts, refined = corrected_parts(prepared, vehicle, compatible), method == "oe" or (method == "auto" and calm)
-        prepared, check, late = commands_in_time(
-            prepared, vehicle, check, parts, tuple(structure.coefficients), refined
-        )
+        prepared, check, late = commands_in_time(prepared, vehicle, check, parts, told, method, calm)
     problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
     problem = replace(problem, known=_known(prior, structure, warnings), delays=late)
     progress(0.30, "equation error")
     start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
+    late_start = None
+    if late and not calm:
+        tried = with_late_commands(prepared, vehicle, late)
+        late_start = start_model(tried, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
     likeliest: MaximumLikelihood | None = None
     errors = {name: (e.value, e.std, e.unit) for name, e in compatible.parameters.items()}
@@ -243,11 +249,11 @@ def identify(
         turbulent = replace(make_problem(prepared, vehicle, compatible, sensors, MAX_STRETCH_S), known=problem.known)
         likeliest = maximum_likelihood(
             problem, turbulent, start, names, free_effects, compatible, bench_errors(prepared, vehicle),
-            delays=check.delays if delays else None, method=method, sensors=sensors,
+            delays=check.delays if delays else None, late_model=late_start, method=method, sensors=sensors,
             progress=lambda s, t: progress(0.4 + 0.45 * s, t),
         )  # fmt: skip
         problem, result = likeliest.problem, likeliest.estimate
-        prepared, check = refined_delays(prepared, vehicle, check, problem, result)
+        prepared, check = refined_delays(prepared, vehicle, check, likeliest.delays)
         warnings += likeliest.warnings
         refused = [*quiet, *refusals(result, names), *likeliest.refused]
         validity = _validity(prepared, compatible)

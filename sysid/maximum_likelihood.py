@@ -9,9 +9,10 @@ from sim_vehicle.model import Model
 from sysid.bench import BenchError, carry, late_commands
 from sysid.compatibility import CompatibilityResult
 from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
-from sysid.delays import Delay, commands_std
+from sysid.delays import COMMANDS, Delay
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
+from sysid.filtered_delay import estimate_with_delay
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
@@ -36,6 +37,7 @@ class MaximumLikelihood:
 
     method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
     words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
+    delays: what the estimate adds to those that the data were corrected for.
     """
 
     problem: Problem
@@ -45,6 +47,7 @@ class MaximumLikelihood:
     warnings: tuple[str, ...]
     from_bench: Mapping[str, Mapping[str, float]]
     wider: Widened | None = None
+    delays: tuple[Delay, ...] = ()
 
     @property
     def estimate(self) -> Likeliest:
@@ -62,6 +65,7 @@ def maximum_likelihood(
     bench: Sequence[BenchError] = (),
     *,
     delays: Sequence[Delay] | None = None,
+    late_model: Model | None = None,
     method: str = "auto",
     sensors: Sequence[str] | None = None,
     progress: Progress = lambda share, text: None,
@@ -72,6 +76,7 @@ def maximum_likelihood(
     error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the innovations
     confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations.
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
+    late_model: start values with the delay of the commands that `problem` starts from, where they differ.
     Raises EstimationError for "fe" with a model that it has no states for.
     """
     warnings: list[str] = []
@@ -80,18 +85,25 @@ def maximum_likelihood(
         warnings.append(_rough(compatible) + "; filter error has no state for this model's lagging lift or sensors")
         wanted = False
     if wanted:
-        solved, filtered, refused = estimate_in_turbulence(
-            turbulent, model, coefficients, effects, compatible, sensors, progress
-        )
+        left: tuple[Delay, ...] = ()
+        if COMMAND_DELAY in problem.delays:
+            (solved, filtered, refused), left = estimate_with_delay(
+                turbulent, (model, late_model or model), coefficients, effects, compatible, sensors,
+                problem.delays[COMMAND_DELAY], progress,
+            )  # fmt: skip
+        else:
+            solved, filtered, refused = estimate_in_turbulence(
+                turbulent, model, coefficients, effects, compatible, sensors, progress
+            )
         if method == "fe" or is_turbulent(filtered):
             if not filtered.converged:
                 warnings.append("filter error did not settle; the standard errors may be too small")
-            doubt = commands_std(delays or ())
-            bench = [*bench, late_commands(doubt)] if doubt else bench
+            bench = [*bench, *(late_commands(one.std) for one in left)]
             filtered, shares = carry_filtered(bench, solved, model, coefficients, effects, filtered)
-            return MaximumLikelihood(solved, filtered, "fe", tuple(refused), tuple(warnings), shares)
+            return MaximumLikelihood(solved, filtered, "fe", tuple(refused), tuple(warnings), shares, None, left)
     elif method == "oe" and compatible.gust_sigma > 0.0:
         warnings.append(_rough(compatible) + "; use --method fe, or auto")
+    model = late_model or model
     result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
     if COMMAND_DELAY not in problem.delays:
         progress(0.9, "timing of the commands")
@@ -116,7 +128,13 @@ def maximum_likelihood(
         return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()))
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
-    return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares)
+    return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
+
+
+def _left(problem: Problem, result: OutputErrorResult) -> tuple[Delay, ...]:
+    """The delays among the unknowns, as estimated."""
+    signals = {COMMAND_DELAY: COMMANDS, **SENSOR_DELAYS}
+    return tuple(Delay(signals[name], result.value(name), result.std(name)) for name in problem.delays)
 
 
 def _corrected(delays: Sequence[Delay]) -> list[str]:
@@ -139,7 +157,8 @@ def _with_misfit(
     nearest = solved.projected(result)
     told = replace(corrected, known=problem.known)
     nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
-    return MaximumLikelihood(told, nearest, "oe", refused, warnings, nothing, solved)
+    left = _left(corrected, result)
+    return MaximumLikelihood(told, nearest, "oe", refused, warnings, nothing, solved, left)
 
 
 def _rough(compatible: CompatibilityResult) -> str:

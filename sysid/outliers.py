@@ -28,5 +28,27 @@ def outliers(values: Array) -> NDArray[np.bool_]:
         return none
     off = np.abs(values - ndimage.median_filter(values, size=2 * _REACH + 1, mode="mirror"))
     low, high = np.percentile(values, (5.0, 95.0))
-    found = off > max(_SIGMAS * _MAD_TO_SIGMA * float(np.median(off)), _SHARE * float(high - low), 0.0)
-    return np.asarray(found) if found.any() and found.mean() <= 0.01 else none
+    limit = max(_SIGMAS * _MAD_TO_SIGMA * float(np.median(off)), _SHARE * float(high - low), 0.0)
+    found = _alone(values, np.asarray(off > limit), limit)
+    return found if found.any() and found.mean() <= 0.01 else none
+
+
+def _alone(values: Array, far: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
+    """(N,) which of the readings `far` off differ by `limit` from the next good ones before and after, and from all.
+
+    A motion that breaks off, as lift does in a stall, jumps to what it has been before, and mostly comes back over
+    several samples.
+    """
+    good = np.flatnonzero(~far)
+    if good.size == 0:
+        return np.zeros_like(far)
+    places = np.flatnonzero(far)
+    after = np.searchsorted(good, places)
+    # At an end of the signal there is one neighbour only.
+    left = values[good[np.maximum(after - 1, 0)]]
+    right = values[good[np.minimum(after, good.size - 1)]]
+    apart = np.minimum(np.abs(values[places] - left), np.abs(values[places] - right)) > limit
+    apart &= (values[places] > values[good].max() + limit) | (values[places] < values[good].min() - limit)
+    found = np.zeros_like(far)
+    found[places[apart]] = True
+    return found

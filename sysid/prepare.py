@@ -28,6 +28,8 @@ NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 MAX_STRETCH_S = 60.0
 # Travel of a surface, rad, after which the aircraft must have moved.
 _MOVED = 0.02
+# Travel of the throttle after which thrust must have changed.
+_THROTTLE_MOVED = 0.1
 # What each surface moves, directly or through the motion it excites.
 _MOVED_BY = {
     "de": ("q", "az", "theta", "ax", "alpha"),
@@ -161,6 +163,11 @@ def prepare(
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)
     if "thrust" in data and _repeats(data["thrust"]):
         told = "thrust: repeats one value throughout; if that sensor is dead, lift and drag coefficients are wrong"
+        if "throttle" in data and np.ptp(np.nan_to_num(data["throttle"])) > _THROTTLE_MOVED:
+            told = (
+                "thrust: repeats one value while the throttle moves: the sensor is dead, and lift and drag coefficients"
+                " are wrong; leave it out of the recording, and thrust follows from rpm or throttle by [propulsion]"
+            )
         data = replace(data, warnings=(*data.warnings, told))
     stretches: list[Stretch] = []
     for segment in segments:

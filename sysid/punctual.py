@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
 from sysid.command_delay import command_delay
 from sysid.delays import COMMANDS, Delay, prepared_in_time, total
-from sysid.estimate import Likeliest, Problem, excited_motion, free_coefficients
+from sysid.estimate import excited_motion, free_coefficients
 from sysid.flight import FlightData
-from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
+from sysid.late import COMMAND_DELAY
 from sysid.prepare import Prepared
 from sysid.residuals import body_of
 from sysid.signalcheck import SignalCheck
@@ -21,37 +23,45 @@ def commands_in_time(
     check: SignalCheck,
     parts: Sequence[FlightData],
     names: Sequence[str],
-    refined: bool,
+    method: str,
+    calm: bool,
 ) -> tuple[list[Prepared], SignalCheck, dict[str, float]]:
     """Flights whose commands act when they do by equation error, the check with that delay, and what is left of it.
 
-    parts: corrected parts for equation error. names: coefficients. refined: whether output error will estimate the rest
-    of the delay; then only whole samples are taken off, which leaves the commands what they are. What is left is the
-    start value, s, of the delay that output error estimates.
+    parts: corrected parts for equation error. names: coefficients. method: of METHODS of sysid.identify; where maximum
+    likelihood will estimate the rest, only whole samples are taken off, which leaves the commands what they are.
+    calm: whether the air was; in rough air equation error may be wrong, and filter error decides. What is left is the
+    start value, s, of the delay that maximum likelihood estimates.
     """
     motion = excited_motion([stretch.record for flight in prepared for stretch in flight.stretches])
     profile = command_delay(parts, body_of(vehicle), free_coefficients(names, motion))
     if profile is None or not profile.counts():
         return list(prepared), check, {}
     interval = prepared[0].data.interval_s
-    value = round(profile.delay / interval) * interval if refined else profile.delay
-    rest = {COMMAND_DELAY: profile.delay - value} if refined else {}
+    if method == "ee":
+        # Gusts that the vanes see and the wing does not, or not then, move the estimate by up to a sample.
+        value, std = profile.delay, profile.std if calm else float(np.hypot(profile.std, interval))
+    elif calm:
+        value, std = round(profile.delay / interval) * interval, profile.std
+    else:
+        value, std = 0.0, profile.std
+    rest = {} if method == "ee" else {COMMAND_DELAY: profile.delay - value}
     if value == 0.0:
         return list(prepared), check, rest
-    late = Delay(COMMANDS, value, profile.std)
+    late = Delay(COMMANDS, value, std)
     return prepared_in_time(prepared, vehicle, [late]), check.with_delays([*check.delays, late]), rest
 
 
+def with_late_commands(prepared: Sequence[Prepared], vehicle: Vehicle, late: Mapping[str, float]) -> list[Prepared]:
+    """The flights as if the commands were corrected for a delay that is only suspected (see `commands_in_time`)."""
+    return prepared_in_time(prepared, vehicle, [Delay(COMMANDS, late[COMMAND_DELAY], 0.0)])
+
+
 def refined_delays(
-    prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck, problem: Problem, result: Likeliest
+    prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck, more: Sequence[Delay]
 ) -> tuple[list[Prepared], SignalCheck]:
-    """The flights and the check with what an estimate has made of the delays among its unknowns."""
-    places = {parameter.name: i for i, parameter in enumerate(result.parameters)}
-    late = []
-    for name in problem.delays:
-        signals = COMMANDS if name == COMMAND_DELAY else SENSOR_DELAYS[name]
-        i = places[name]
-        late.append(Delay(signals, float(result.theta[i]), float(result.covariance[i, i]) ** 0.5))
-    if not late:
+    """The flights and the check with what an estimate has added to the delays; one that was taken back is gone."""
+    if not more:
         return list(prepared), check
-    return prepared_in_time(prepared, vehicle, late), check.with_delays(total([*check.delays, *late]))
+    told = [one for one in total([*check.delays, *more]) if one.value != 0.0]
+    return prepared_in_time(prepared, vehicle, more), check.with_delays(told)

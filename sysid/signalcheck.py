@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
-from sysid.delays import Delay, prepared_in_time
+from sysid.delays import Delay, delay_sentence, prepared_in_time
 from sysid.errors import SignalError
 from sysid.findings import Mistake, delay_mistake
 from sysid.mistakes import find_mistakes
@@ -55,6 +55,15 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
         raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
+
+
+def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
+    """What is said of flights whose delays stay as they are, since a sensor's lag may be the effect that is looked for.
+
+    Raises SignalError where the data cannot be used.
+    """
+    check = check_signals(prepared, vehicle)
+    return [*(one.sentence for one in check.mistakes), *(delay_sentence(one, False) for one in check.delays)]
 
 
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:

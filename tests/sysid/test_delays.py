@@ -85,3 +85,18 @@ def test_slopes_by_delays_are_those_of_what_is_predicted() -> None:
         up, down = estimation.predict(theta + step)[0], estimation.predict(theta - step)[0]
         slope = ((up - down) / 2e-5)[:, columns]
         assert np.abs(S[:, columns, i] - slope)[2:-2].max() < 0.02 * np.abs(slope).max(), parameter.name
+
+
+def test_a_surface_that_is_frozen_in_the_recording_is_named_with_the_cure() -> None:
+    flight = fly_mav("multisine", 45)[0]
+    still = replace(flight.signals["dr"], values=np.full_like(flight.signals["dr"].values, 0.01))
+    found = told(replace(flight, signals={**flight.signals, "dr": still}), "ee")
+    assert any("dr: repeats one value, yet" in text and "controls.rudder" in text for text in found.warnings)
+    assert not any("repeats one value" in text for text in told(flight, "ee").warnings)
+
+
+def test_thrust_that_stands_still_while_the_throttle_moves_is_named() -> None:
+    flight = fly_mav("throttle-multisine,elevator-3211", 46)[0]
+    dead = replace(flight.signals["thrust"], values=np.full_like(flight.signals["thrust"].values, 2.0))
+    (text,) = prepare(replace(flight, signals={**flight.signals, "thrust": dead}), VEHICLE).warnings[-1:]
+    assert "while the throttle moves: the sensor is dead" in text

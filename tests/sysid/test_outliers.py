@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from simulated import fly_mav
 
 from sysid.errors import SignalError
 from sysid.flight import FlightSignals, Signal
 from sysid.outliers import outliers
-from sysid.timebase import resample
+from sysid.timebase import is_held, resample
 
 TIMES = np.arange(1000) * 0.02
 GENERATOR = np.random.default_rng(1)
@@ -28,6 +29,15 @@ def test_motion_pulses_steps_and_coarse_readings_are_none() -> None:
     gusty = 3.0 * GENERATOR.standard_t(4.0, TIMES.size)
     for values in (MOTION, pulse + MOTION, coarse, gusty, np.zeros(1000), np.where(TIMES > 9.0, 5.0, 0.0)):
         assert not outliers(values).any()
+
+
+@pytest.mark.parametrize("manoeuvres", ["elevator-3211", "elevator-doublet,aileron-doublet,rudder-doublet"])
+def test_lift_that_breaks_off_in_a_stall_is_no_outlier(manoeuvres: str) -> None:
+    """Hard stalls, in which az jumps by 6 m/s^2 for a single sample, and every reading is that of the simulator."""
+    flight = fly_mav(manoeuvres, 1, effects=("stall:alpha_stall=0.2",), settings={"amplitude": 0.08})[0]
+    assert np.abs(np.diff(flight.signals["az"].values)).max() > 5.0
+    sensors = {name: one for name, one in flight.signals.items() if not is_held(name)}
+    assert [name for name, one in sensors.items() if outliers(one.values).any()] == []
 
 
 def test_a_sensor_that_is_wild_throughout_is_not_made_to_look_well() -> None:

@@ -1,0 +1,53 @@
+"""Surfaces that stand still in the recording while the aircraft moves as if they did not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sysid.coefficients import Body
+from sysid.equation_error import equation_error
+from sysid.errors import SysidError
+from sysid.flight import Array, FlightData
+
+# Surface -> its control in the vehicle file, the moment that it makes, and what else makes that moment.
+_MADE_BY = {
+    "de": ("elevator", "Cm", ("0", "alpha", "q")),
+    "da": ("aileron", "Cl", ("0", "beta", "p", "r")),
+    "dr": ("rudder", "Cn", ("0", "beta", "p", "r")),
+}
+_SURFACES = tuple(_MADE_BY)
+_STILL = 1e-4  # rad
+# A moment is unexplained if motion and the other surfaces leave this share of its variance and so many times its noise.
+_SHARE, _NOISES = 0.15, 20.0
+
+
+def frozen_commands(parts: Sequence[FlightData], body: Body, noise: Sequence[Mapping[str, float]]) -> list[str]:
+    """One line for every surface whose value never changes though its moment does, with the cure.
+
+    parts: corrected parts for equation error, of flights in calm air: gusts make
+    moments too. noise: per part, axis -> noise of its moment coefficient.
+    """
+    known = [name for name in _SURFACES if all(name in part for part in parts)]
+    still = [name for name in known if max(float(np.ptp(part[name])) for part in parts) < _STILL]
+    told = []
+    for name in still:
+        control, axis, motion = _MADE_BY[name]
+        others = [other for other in known if other not in still and (axis == "Cm") == (other == "de")]
+        try:
+            found = equation_error(parts, body, [f"{axis}_{term}" for term in (*motion, *others)])[axis]
+        except SysidError:
+            continue
+        level = float(np.median([one[axis] for one in noise]))
+        if found.r2 < 1.0 - _SHARE and _rms(found.residual) > _NOISES * level:
+            told.append(
+                f"{name}: repeats one value, yet {1.0 - found.r2:.0%} of the moment {axis} comes from nothing else that"
+                f" is recorded: is its channel dead? Check controls.{control} of the vehicle file, its servo number"
+                f" and what records it; {axis}_{name} and what goes with it are not to be believed"
+            )
+    return told
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
