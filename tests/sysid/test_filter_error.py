@@ -18,6 +18,7 @@ from sysid.dryden import Turbulence, gust_system
 from sysid.estimate import build_filter
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_pass import kalman_pass
+from sysid.filter_start import settled_path
 from sysid.filter_variances import variance_pass
 from sysid.flight import Array, FlightSignals
 from sysid.identify import Identification, identify, make_problem
@@ -217,7 +218,7 @@ def test_the_estimate_is_the_top_of_the_likelihoods_ridge_and_its_bars_are_the_r
 
     def likelihood(theta: Array) -> float:
         filtered.paths = [path.copy() for path in start]
-        return filtered.settled_path(theta, noise, result.turbulence)[1].likelihood
+        return settled_path(filtered, theta, noise, result.turbulence)[1].likelihood
 
     top = likelihood(result.theta)
     for weak in ("airspeed_scale", "beta_bias"):
