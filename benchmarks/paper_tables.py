@@ -34,9 +34,10 @@ from sysid.equation_error import equation_error
 from sysid.errors import SysidError
 from sysid.estimate import LONGITUDINAL_STATES, Motion
 from sysid.flight import FlightSignals, Signal
-from sysid.identify import corrected_parts, identify
+from sysid.identify import identify
 from sysid.output_error import OutputError
 from sysid.parameterisation import STATES, Predictor, coefficient, sensor_error
+from sysid.posing import corrected_parts
 from sysid.prepare import prepare
 from sysid.records import LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
 from sysid.residuals import body_of

@@ -65,7 +65,8 @@ from sysid.equation_error import settled_equations
 from sysid.equation_identify import diffuse
 from sysid.equations import CUTOFF_HZ, axes_of
 from sysid.flight import FlightSignals
-from sysid.identify import corrected_parts, identify, make_problem
+from sysid.identify import identify
+from sysid.posing import corrected_parts, make_problem
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import body_of
 

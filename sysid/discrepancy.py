@@ -26,9 +26,9 @@ from sysid.evidence import log_likelihood_ratio
 from sysid.flight import FlightSignals
 from sysid.gap import gap
 from sysid.gapstages import fixed_model, stage_gaps
-from sysid.identify import make_problem
 from sysid.location import locate
 from sysid.output_error import OutputErrorResult
+from sysid.posing import make_problem
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import coefficient_path
 from sysid.search import Named, Search, extend, parameter_values, unexplained

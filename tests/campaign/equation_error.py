@@ -24,7 +24,7 @@ from sysid.compatibility import CompatibilityResult
 from sysid.equation_error import equation_values
 from sysid.equation_identify import diffuse, estimate_by_equations
 from sysid.estimate import excited_motion, free_coefficients
-from sysid.identify import corrected_parts, make_problem
+from sysid.posing import corrected_parts, make_problem
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import body_of
 from sysid.structure import default_structure

@@ -28,7 +28,8 @@ from jsbsim_flight import NOISE, Aircraft, fly, linear_aircraft, measure, slopes
 from sim_vehicle.model import Coefficient, Model
 from sysid.errors import SysidError
 from sysid.estimate import build
-from sysid.identify import Identification, identify, make_problem
+from sysid.identify import Identification, identify
+from sysid.posing import make_problem
 from sysid.records import OUTPUTS
 from sysid.structure import default_structure
 

@@ -13,8 +13,9 @@ from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.estimate import build
 from sysid.flight import FlightSignals
-from sysid.identify import Identification, identify, make_problem
+from sysid.identify import Identification, identify
 from sysid.late import COMMAND_DELAY, late_readings
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.records import OUTPUTS
 

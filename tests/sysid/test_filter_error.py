@@ -21,7 +21,8 @@ from sysid.filter_pass import kalman_pass
 from sysid.filter_start import settled_path
 from sysid.filter_variances import variance_pass
 from sysid.flight import Array, FlightSignals
-from sysid.identify import Identification, identify, make_problem
+from sysid.identify import Identification, identify
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.signalcheck import SignalCheck
 

@@ -16,7 +16,7 @@ from sysid.estimate import build_filter
 from sysid.filter_error import FilterError
 from sysid.filter_start import followed, settled_path
 from sysid.flight import Array
-from sysid.identify import make_problem
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.records import OUTPUTS
 

@@ -16,9 +16,10 @@ from sim_vehicle.vehicle import load_vehicle
 from sysid.errors import EstimationError, SegmentError, SignalError, SysidError
 from sysid.estimate import Motion, fit, split_runs
 from sysid.flight import FlightSignals
-from sysid.identify import Identification, identify, make_problem
+from sysid.identify import Identification, identify
 from sysid.linear import LinearModel, linearise
 from sysid.parameterisation import STATES
+from sysid.posing import make_problem
 from sysid.prepare import prepare
 from sysid.result import result_json
 from sysid.structure import default_structure, is_longitudinal

@@ -15,8 +15,8 @@ from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.vehicle import load_vehicle
 from sysid.estimate import fit, free_coefficients
-from sysid.identify import make_problem
 from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 
 SENSORS = ("accel_bias_x", "accel_bias_z", "gyro_bias_q", "alpha_scale")

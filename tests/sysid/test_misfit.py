@@ -11,8 +11,9 @@ from sim_vehicle.model import Coefficient, Model, read_model
 from sim_vehicle.terms import parse_term
 from sim_vehicle.vehicle import load_vehicle
 from sysid.estimate import fit, free_coefficients
-from sysid.identify import identify, make_problem
+from sysid.identify import identify
 from sysid.misfit import _GAIN, _likeliest_variances
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.signalcheck import SignalCheck
 from sysid.structure import default_structure

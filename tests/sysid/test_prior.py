@@ -11,7 +11,8 @@ from sim_vehicle.model import Coefficient, Correlation, Model, model_from_json, 
 from sim_vehicle.vehicle import load_vehicle
 from sysid.estimate import fit, model_of
 from sysid.flight import FlightSignals
-from sysid.identify import identify, make_problem
+from sysid.identify import identify
+from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.prior import Gaussian, known_from
 from sysid.structure import default_structure, is_longitudinal

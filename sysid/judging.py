@@ -1,0 +1,53 @@
+"""A model beside flights: those it is judged by, or where there are none those that it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_vehicle.model import Model
+from sim_vehicle.parameters import flatten
+from sim_vehicle.vehicle import Vehicle
+from sysid.flight import FlightSignals
+from sysid.gap import Fixed
+from sysid.prepare import Prepared, prepare
+from sysid.residuals import moment_noise
+from sysid.series import Comparison
+from sysid.signalcheck import SignalCheck, check_signals, in_time
+from sysid.smoothing import noise_sigma
+from sysid.validation import Validation, validate
+
+
+def judge(signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str]) -> Prepared:
+    """A flight to judge the model by, in time, its mistakes told."""
+    flight = prepare(signals, vehicle)
+    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
+    return in_time([flight], vehicle, check)[0]
+
+
+def comparison(
+    flights: Sequence[Prepared],
+    vehicle: Vehicle,
+    model: Model,
+    errors: Mapping[str, tuple[float, float, str]],
+    command_first: bool,
+) -> Comparison:
+    """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
+    told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
+    known = replace(model, coefficients=told, effects=tuple(e for e in model.effects if not e.refused()))
+    axes = sorted({name.partition("_")[0] for name in known.coefficients})
+    values = {name: value for name, (value, _, _) in errors.items()}
+    return Comparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))
+
+
+def validation_of(compared: Comparison) -> Validation:
+    """Coefficients measured on other flights against the model's."""
+    paths = [path for flight in compared.paths for path in flight]
+    z = {axis: np.concatenate([path.measured[axis] for path in paths]) for axis in compared.axes}
+    y = {axis: np.concatenate([path.predicted[axis] for path in paths]) for axis in compared.axes}
+    noise = {a: noise_sigma(z[a], compared.flights[-1].data.interval_s) for a in z if a in ("CL", "CD", "CY")}
+    stretches = [stretch for flight in compared.flights for stretch in flight.stretches]
+    moments = [moment_noise(stretch.record, compared.vehicle) for stretch in stretches]
+    return validate(z, y, noise | {a: float(np.median([m[a] for m in moments])) for a in ("Cl", "Cm", "Cn") if a in z})
