@@ -78,20 +78,27 @@ def joint_scores(
         return settled(theta, loud, air, flight.moved(near)), _NUDGE
 
     count = theta.size + noise.size + len(names)
-    passes = list(_POOL.map(moved, range(count)))
+    finite = [np.isfinite(nu) for nu in base.innovations]
+    scales = [
+        np.where(good, 1.0 / np.sqrt(np.where(good, v, 1.0)), 0.0)
+        for good, v in zip(finite, base.variances, strict=True)
+    ]
+    rows = [np.empty((*nu.shape, count)) for nu in base.innovations]
+    widths = [np.empty_like(slopes) for slopes in rows]
+
+    def fill(place: int) -> None:
+        # Into place at once: of a long flight the passes together would be as large as the scores.
+        found, h = moved(place)
+        for k, (good, scale) in enumerate(zip(finite, scales, strict=True)):
+            nu, variance = base.innovations[k] - found.innovations[k], found.variances[k] - base.variances[k]
+            rows[k][:, :, place] = np.where(good, nu / h, 0.0) * scale
+            widths[k][:, :, place] = np.where(good, variance / h, 0.0) * scale**2
+
+    list(_POOL.map(fill, range(count)))
     information, spread = np.zeros((count, count)), np.zeros((count, count))
-    rows, widths = [], []
-    for k, (nu, variance) in enumerate(zip(base.innovations, base.variances, strict=True)):
-        good = np.isfinite(nu)
-        scale = np.where(good, 1.0 / np.sqrt(np.where(good, variance, 1.0)), 0.0)
-        slopes = np.empty((*nu.shape, count))
-        wider = np.empty((*nu.shape, count))
-        for i, (one, h) in enumerate(passes):
-            slopes[:, :, i] = np.where(good, (nu - one.innovations[k]) / h, 0.0) * scale
-            wider[:, :, i] = np.where(good, (one.variances[k] - variance) / h, 0.0) * scale**2
+    for slopes, wider in zip(rows, widths, strict=True):
         flat, wide = slopes.reshape(-1, count), wider.reshape(-1, count)
         spread += 0.5 * wide.T @ wide
         information += flat.T @ flat
-        rows.append(slopes)
-        widths.append(wider)
-    return Scores(information + spread, rows, widths, spread), base
+    # The slopes that led the paths are as large again, and have served.
+    return Scores(information + spread, rows, widths, spread), replace(base, slopes=[], deviation_slopes=[])
