@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from seed_lines import fingerprint, fly_missing
 
 from sim_vehicle.flown import FlownFlight
 from sim_vehicle.fly import fly
@@ -278,30 +279,31 @@ def summarise(row: Row, estimates: Sequence[Estimates], bounds: Array, seeds: in
     )  # fmt: skip
 
 
-def run(seeds: int, thrust_noise: bool, first_seed: int = 0) -> dict[str, list[Summary]]:
-    """Fly and estimate every seed; estimator -> the 13 rows. Progress goes to standard error."""
+def trial(seed: int, thrust_noise: bool) -> dict[str, Any]:
+    """Fly and estimate one seed: {"seed", "bounds": (13,), "estimates": estimator -> name -> [value, std]}, SI."""
     vehicle, full = paper_vehicle(thrust_noise), read_model("iitb-mav")
     structure = paper_model(full)
-    found: dict[str, list[Estimates]] = {name: [] for name in ESTIMATORS}
-    bounds = []
-    for seed in range(first_seed, first_seed + seeds):
-        signals, flown = fly_experiment(vehicle, full, seed, thrust_noise)
-        bounds.append(cramer_rao(flown, vehicle, full, thrust_noise))
-        for name, estimator in ESTIMATORS.items():
-            found[name].append(estimator(signals, vehicle, structure))
-        _progress(seed - first_seed + 1, seeds)
-    table = np.array(bounds)
+    signals, flown = fly_experiment(vehicle, full, seed, thrust_noise)
+    bounds = cramer_rao(flown, vehicle, full, thrust_noise).tolist()
+    estimates = {name: estimator(signals, vehicle, structure) for name, estimator in ESTIMATORS.items()}
+    return {"seed": seed, "bounds": bounds, "estimates": estimates}
+
+
+def run(seeds: range, thrust_noise: bool, workers: int, keep: Path | None) -> dict[str, list[Summary]]:
+    """Fly and estimate every seed that `keep` does not hold; estimator -> the 13 rows. Progress to standard error."""
+    path = None
+    if keep:
+        mark = fingerprint(("sim_vehicle", "sysid"), Path(__file__))
+        path = keep / f"{'thrust-noise' if thrust_noise else 'exact-thrust'}-{mark}.jsonl"
+    lines = fly_missing(trial, seeds, workers, path, thrust_noise)
+    bounds = np.array([line["bounds"] for line in lines])
     return {
-        name: [summarise(row, estimates, table[:, j], seeds) for j, row in enumerate(ROWS)]
-        for name, estimates in found.items()
+        name: [
+            summarise(row, [line["estimates"][name] for line in lines], bounds[:, j], len(seeds))
+            for j, row in enumerate(ROWS)
+        ]
+        for name in ESTIMATORS
     }
-
-
-def _progress(done: int, seeds: int) -> None:
-    if sys.stderr.isatty():
-        print(f"\r{done} of {seeds} flights", end="\n" if done == seeds else "", file=sys.stderr, flush=True)
-    elif done == seeds or done % 10 == 0:
-        print(f"{done} of {seeds} flights", file=sys.stderr, flush=True)
 
 
 def render(name: str, summaries: Sequence[Summary], seeds: int) -> str:
@@ -364,11 +366,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="with the bundled aircraft's own thrust sensor: 0.02 N of noise, and the motor's mass on it",
     )
     parser.add_argument("--json", metavar="FILE", help="write the figures there too")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument(
+        "--keep", metavar="DIRECTORY", type=Path, help="keep each flight's estimates there, and go on from those kept"
+    )
     given = parser.parse_args(arguments)
-    if given.seeds < 1 or given.first_seed < 0:
-        parser.error("--seeds must be at least 1 and --first-seed at least 0")
+    if given.seeds < 1 or given.first_seed < 0 or given.workers < 1:
+        parser.error("--seeds and --workers must be at least 1 and --first-seed at least 0")
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
     try:
-        result = run(given.seeds, given.thrust_noise, given.first_seed)
+        result = run(seeds, given.thrust_noise, given.workers, given.keep)
         for name, summaries in result.items():
             print(render(name, summaries, given.seeds), end="\n\n")
         if given.json:
@@ -378,7 +385,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"paper_tables: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"paper_tables: {given.json}: cannot write the figures: {error.strerror}", file=sys.stderr)
+        print(f"paper_tables: {error.filename}: cannot write the figures: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("paper_tables: stopped" + ("; the same command goes on from here" if given.keep else ""), file=sys.stderr)
         return 1
     return 0 if all(s.passed for summaries in result.values() for s in summaries) else 1
 

@@ -9,9 +9,7 @@ each scenario: bias, RMS error over the bound, coverage of the 95 % intervals an
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
-import os
 import sys
 import time
 import warnings
@@ -22,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios import SCENARIOS, Scenario, bounds_of, fly_scenario, true_values
+from seed_lines import end_line, fingerprint, one_thread_each, progress, read_lines
 from tables import overview, render
 
 import sysid.identify as estimator
@@ -34,6 +33,8 @@ OUTPUT = ROOT / "campaign-output" / "identification"
 FIRST_SEED = 10_000
 # The flights hold no mistake in a signal, and `make campaign-mistakes` counts those that are invented: none is sought.
 NO_MISTAKES = SignalCheck()
+# The estimator's, the simulator's and this campaign's flights: what a flight kept rests on.
+SOURCES = ("sysid", "sim_vehicle", "scenarios", "flight_bounds", "gust_bounds")
 
 
 def trial(name: str, seed: int) -> dict[str, Any]:
@@ -86,34 +87,6 @@ def estimates_of(found: estimator.Identification, scenario: Scenario) -> dict[st
     return told
 
 
-def fingerprint() -> str:
-    """Of the sources that make an estimate: the estimator's, the simulator's, and this campaign's flights."""
-    files = {
-        Path(module.__file__)
-        for key, module in sys.modules.items()
-        if key.split(".")[0] in ("sysid", "sim_vehicle", "scenarios", "flight_bounds", "gust_bounds")
-        and getattr(module, "__file__", None)
-    }
-    files |= set((ROOT / "sim_vehicle" / "vehicles").iterdir())
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def read_lines(path: Path) -> dict[int, dict[str, Any]]:
-    """Finished flights by seed; a last line that was cut off does not count."""
-    found = {}
-    if path.exists():
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                line = json.loads(text)
-            except json.JSONDecodeError:
-                continue
-            found[int(line["seed"])] = line
-    return found
-
-
 def run(names: Sequence[str], seeds: Iterable[int], workers: int, mark: str) -> None:
     """Fly what is missing, scenarios in turn for each seed, so that all grow alike."""
     OUTPUT.mkdir(parents=True, exist_ok=True)
@@ -123,10 +96,9 @@ def run(names: Sequence[str], seeds: Iterable[int], workers: int, mark: str) -> 
     if not jobs:
         return
     for path in files.values():
-        _end_line(path)
+        end_line(path)
     begin = time.monotonic()
-    # One thread for each worker's linear algebra, since the workers share the cores; they load numpy afresh.
-    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    one_thread_each()
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         pending = {pool.submit(trial, *job): job for job in jobs}
         try:
@@ -134,25 +106,10 @@ def run(names: Sequence[str], seeds: Iterable[int], workers: int, mark: str) -> 
                 name, _ = pending[future]
                 with files[name].open("a", encoding="utf-8") as sink:
                     sink.write(json.dumps(future.result()) + "\n")
-                _progress(count, len(jobs), time.monotonic() - begin)
+                progress(count, len(jobs), time.monotonic() - begin)
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise
-
-
-def _end_line(path: Path) -> None:
-    """A line that was cut off when a campaign was stopped must not swallow the next one."""
-    if path.exists() and (text := path.read_bytes()) and not text.endswith(b"\n"):
-        path.write_bytes(text + b"\n")
-
-
-def _progress(done: int, of: int, seconds: float) -> None:
-    left = seconds / done * (of - done)
-    text = f"{done} of {of} flights, {seconds / done:.1f} s each, {left / 60.0:.0f} min left"
-    if sys.stderr.isatty():
-        print(f"\r{text}   ", end="\n" if done == of else "", file=sys.stderr, flush=True)
-    elif done == of or done % 10 == 0:
-        print(text, file=sys.stderr, flush=True)
 
 
 def main() -> int:
@@ -169,7 +126,7 @@ def main() -> int:
         parser.error(f"no scenario {unknown[0]!r}; there are {', '.join(SCENARIOS)}")
     if given.seeds < 1 or given.workers < 1:
         parser.error("--seeds and --workers must be at least 1")
-    mark, seeds = fingerprint(), range(FIRST_SEED, FIRST_SEED + given.seeds)
+    mark, seeds = fingerprint(SOURCES), range(FIRST_SEED, FIRST_SEED + given.seeds)
     if not given.tables:
         try:
             run(names, seeds, given.workers, mark)

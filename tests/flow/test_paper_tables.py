@@ -30,7 +30,7 @@ def run(*options: str) -> subprocess.CompletedProcess[str]:
 def outcome(tmp_path_factory):
     """Finished process and its JSON."""
     target = tmp_path_factory.mktemp("paper") / "tables.json"
-    done = run("--seeds", str(SEEDS), "--json", str(target))
+    done = run("--seeds", str(SEEDS), "--workers", "1", "--json", str(target))
     return done, json.loads(target.read_text(encoding="utf-8"))
 
 
