@@ -372,7 +372,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     if given.seeds < 1 or given.first_seed < 0 or given.workers < 1:
-        parser.error("--seeds and --workers must be at least 1 and --first-seed at least 0")
+        parser.error("--seeds must be at least 1, --workers at least 1 and --first-seed at least 0")
     seeds = range(given.first_seed, given.first_seed + given.seeds)
     try:
         result = run(seeds, given.thrust_noise, given.workers, given.keep)

@@ -127,7 +127,7 @@ def draw(result: dict[str, Any], published: dict[str, float], shares: dict[str, 
     for place, name in enumerate(MAIN):
         entry = found.get(name, {"refused": ""})
         if "refused" in entry:
-            left.text(0.02, place, "refused", va="center", fontsize=8)
+            left.text(0.02, place, "refused", va="center", fontsize=8, transform=left.get_yaxis_transform())
             continue
         low, high = sorted(bound / published[name] for bound in interval(entry))
         left.plot([low, high], [place, place], color="tab:blue", lw=2.0)
