@@ -26,13 +26,14 @@ from sysid.compatibility import CompatibilityResult
 from sysid.estimate import Problem, build, free_coefficients, refusals
 from sysid.flight import Array, FlightSignals
 from sysid.identifiability import Refusal
-from sysid.output_error import OutputError, inverse
+from sysid.output_error import OutputError
 from sysid.parameterisation import SENSOR_ERRORS, Predictor
 from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.records import OUTPUTS, SURFACES
 from sysid.rehearsal import RATE_HZ, channel_noise, rehearse, true_starts
 from sysid.sensorchoice import with_clear_sensors
+from sysid.steps import inverse
 from sysid.structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.turbulence import GustyPath, gusty_path
 

@@ -26,6 +26,7 @@ from sysid.output_error import autocorrelation, prior_knowledge
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS
+from sysid.steps import damped_step, require_numbers
 
 MAX_ITERATIONS = 30
 # Effects with a memory that the filter's state does not hold.
@@ -223,6 +224,7 @@ class FilterError(FilteredFlight):
         prior[np.arange(p, p + eta.size), np.arange(p, p + eta.size)] = known.weight
         middle = np.concatenate((self.prior_mean, known.middle))
         information = scores.information + prior
+        require_numbers(self.records[0].flight, information)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13, hermitian=True)
         return _Scored(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale))
@@ -249,11 +251,10 @@ class FilterError(FilteredFlight):
         """Gauss-Newton step (P,), damped, and covariance (P, P) of the parameters, prior included."""
         information = found.information + self.prior_information
         downhill = found.gradient - self.prior_information @ (theta - self.prior_mean)
+        step = damped_step(information, downhill, damping, self.records[0].flight)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         scaled = information * np.outer(scale, scale)
-        covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += damping
-        return np.linalg.lstsq(scaled, downhill * scale, rcond=1e-13)[0] * scale, covariance
+        return step, np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
 
     def _calm_cost(self, linear: Sequence[Linear], noise: Array, theta: Array) -> float:
         """Cost without turbulence, the noise of the outputs and the parameters as that needs them."""

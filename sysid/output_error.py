@@ -19,6 +19,7 @@ from sysid.flight import Array, IntArray
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS, angle_wrap
+from sysid.steps import damped_step, inverse, require_numbers
 
 MAX_ITERATIONS = 25
 # An estimate has converged when a step gains less log likelihood than this: 0.02 is a fifth of a standard error.
@@ -212,17 +213,18 @@ class OutputError:
     ) -> OutputErrorResult:
         """Estimate, from parameter values and in at most so many steps.
 
-        Raises EstimationError where the simulation from the start values diverges, UnlikelyError as soon as it shows
-        that the cost will stay above `give_up_above`: by three times what the quadratic model still promises, and by
-        six times at the start, where that model is less to be trusted.
+        Raises EstimationError where the simulation diverges, from the start values or next to an estimate, and
+        UnlikelyError as soon as it shows that the cost will stay above `give_up_above`: by three times what the
+        quadratic model still promises, and by six times at the start, where that model is less to be trusted.
         """
+        flight = self.predictor.records[0].flight
         theta = self.start(values)
         predicted = self.predict(theta)
         residuals = self.residuals(predicted)
         cost = self.cost(theta, residuals)
         if not np.isfinite(cost):
             raise EstimationError(
-                f"{self.predictor.records[0].flight}: the simulation from the start values diverges; "
+                f"{flight}: the simulation from the start values diverges; "
                 "give a better start (--prior MODEL.json) or a shorter part (--from, --to)"
             )
         damping, converged, iteration, slow = 1e-3, False, 0, 0
@@ -233,11 +235,11 @@ class OutputError:
             if age > 0 and (age > 1 or gained > SAME_SENSITIVITIES):
                 S, age = self.sensitivities(theta, predicted), 0
             M, g = self.normal_equations(theta, residuals, S, sigma)
-            promised = 0.5 * float(g @ _damped_step(M, g, 0.0)) if np.isfinite(give_up_above) else 0.0
+            promised = 0.5 * float(g @ damped_step(M, g, 0.0, flight)) if np.isfinite(give_up_above) else 0.0
             if cost - (_FAR if iteration == 1 else _NEAR) * promised > give_up_above:
-                raise UnlikelyError(f"{self.predictor.records[0].flight}: less likely than what is known")
+                raise UnlikelyError(f"{flight}: less likely than what is known")
             while True:
-                trial = self._bounded(theta + _damped_step(M, g, damping))
+                trial = self._bounded(theta + damped_step(M, g, damping, flight))
                 trial_predicted = self.predict(trial)
                 trial_residuals = self.residuals(trial_predicted)
                 trial_cost = self.cost(trial, trial_residuals)
@@ -268,6 +270,7 @@ class OutputError:
         sigma = self.sigma(residuals)
         S = self.sensitivities(theta, predicted)
         M, g = self.normal_equations(theta, residuals, S, sigma)
+        require_numbers(self.predictor.records[0].flight, M, g)
         white = inverse(M)
         step: Array = white @ g
         return step, self._coloured(residuals, S, sigma, white)[0]
@@ -282,6 +285,7 @@ class OutputError:
     ) -> OutputErrorResult:
         sigma = self.sigma(residuals)
         M, _ = self.normal_equations(theta, residuals, S, sigma)
+        require_numbers(self.predictor.records[0].flight, M)
         white = inverse(M)
         coloured, inflation = self._coloured(residuals, S, sigma, white)
         samples = np.zeros(len(OUTPUTS))
@@ -349,10 +353,12 @@ def _gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[A
     for begin in range(0, s.shape[0], size):
         part = slice(begin, begin + size)
         rows = s[part].take(columns, axis=1)
-        rows *= weights[part, :, None]
-        flat = rows.reshape(-1, unknowns)
-        M += flat.T @ flat
-        g += target[part].ravel() @ flat
+        # Slopes that diverge are no numbers, and named where a step is asked for.
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows *= weights[part, :, None]
+            flat = rows.reshape(-1, unknowns)
+            M += flat.T @ flat
+            g += target[part].ravel() @ flat
     return M, g
 
 
@@ -361,21 +367,3 @@ def _filtered(rows: Array, kernel: Array) -> Array:
     if kernel.size > _LONG_KERNEL:
         return convolved(rows, kernel)
     return np.asarray(convolve1d(rows, kernel, axis=0, mode="constant"))
-
-
-def _damped_step(M: Array, g: Array, damping: float) -> Array:
-    """Levenberg-Marquardt step in scaled unknowns."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30))
-    scaled = M * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += damping
-    step: Array = np.linalg.lstsq(scaled, g * scale, rcond=1e-13)[0] * scale
-    return step
-
-
-def inverse(M: Array) -> Array:
-    """Inverse of the information matrix, scaled; directions without information get a huge variance."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30))
-    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
-    values = np.maximum(values, 1e-14)
-    inverse: Array = (vectors / values) @ vectors.T * np.outer(scale, scale)
-    return inverse

@@ -22,6 +22,7 @@ from sysid.flight import Array
 from sysid.output_error import OutputErrorResult
 from sysid.records import SURFACES, Record, angle_wrap
 from sysid.shifts import held_back
+from sysid.steps import damped_step
 from sysid.thrust import THRUST_BY_SQUARE
 
 DELAY_S = 0.010
@@ -121,7 +122,8 @@ def systematic_errors(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
         after = build(changed, model, coefficients, effects, result.sigma).predict(theta)
-        step = _step(information, estimation.data_equations(_shifts(start, predicted, after), S, result.sigma)[1])
+        downhill = estimation.data_equations(_shifts(start, predicted, after), S, result.sigma)[1]
+        step = damped_step(information, downhill, 0.0, problem.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
     late = replace(start, records=tuple(map(LATE.record, start.records)))
@@ -137,10 +139,3 @@ def _shifts(problem: Problem, before: Sequence[Array], after: Sequence[Array]) -
         np.where(np.isfinite(record.z), angle_wrap(old - new), np.nan)
         for record, old, new in zip(problem.records, before, after, strict=True)
     ]
-
-
-def _step(information: Array, downhill: Array) -> Array:
-    """Gauss-Newton step in scaled unknowns."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-    step = np.linalg.lstsq(information * np.outer(scale, scale), downhill * scale, rcond=1e-13)[0] * scale
-    return np.asarray(step)

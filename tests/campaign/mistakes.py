@@ -1,9 +1,9 @@
 """Mistakes put into the signals of simulated flights: which are found and named. Run: make campaign-mistakes
 
 Every kind of mistake of tests/support/signal_mistakes.py, flight by flight. A mistake counts if it changes the fit by
-at least 5 standard errors of a coefficient: its output-error estimate is compared with that from the flight without
-the mistake, noise and all else the same. Clean flights in calm air and gusts show the false alarms. Every result is a
-line of JSON in --out; what is there already is not run again.
+at least 5 standard errors of a coefficient: its estimate by equation error (--fit oe: output error) is compared with
+that from the flight without the mistake, noise and all else the same. Clean flights in calm air and gusts show the
+false alarms. Every result is a line of JSON in --out; what is there already is not run again.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from simulated import fly_mav
 
 from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
+from sysid.delays import COMMANDS
 from sysid.errors import SysidError
 from sysid.flight import FlightSignals
 from sysid.identify import identify
@@ -55,38 +56,44 @@ def checked(flight: FlightSignals, vehicle: str) -> tuple[str, list[dict[str, An
     return "", [one.to_json() for one in check.findings()]
 
 
-def estimates(flight: FlightSignals, vehicle: str) -> dict[str, tuple[float, float]]:
-    """Coefficients by output error as if nothing were wrong."""
+def estimates(flight: FlightSignals, vehicle: str, method: str) -> dict[str, tuple[float, float]]:
+    """Coefficients as if nothing were wrong."""
     craft = load_vehicle(vehicle)
-    found = identify([flight], craft, method="oe", check=SignalCheck(), systematic=False, delays=False)
+    found = identify([flight], craft, method=method, check=SignalCheck(), systematic=False, delays=False)
     entries = found.model.coefficients.items()
     return {n: (e.value, e.std) for n, e in entries if e.value is not None and e.std is not None}
 
 
-def change_of(flight: FlightSignals, vehicle: str, clean: dict[str, tuple[float, float]]) -> float:
-    """Largest change of a coefficient in its clean standard errors; infinite where nothing can be estimated."""
+def change_of(flight: FlightSignals, vehicle: str, clean: dict[str, tuple[float, float]], method: str) -> float:
+    """Largest change of a coefficient in its clean standard errors; very large where nothing can be estimated."""
     try:
-        wrong = estimates(flight, vehicle)
+        wrong = estimates(flight, vehicle, method)
     except SysidError:
         return 1e9
     return max((abs(wrong[n][0] - v) / s if n in wrong else 1e9 for n, (v, s) in clean.items()), default=0.0)
 
 
 def named(one: Injection, line: str, findings: list[dict[str, Any]], flight: FlightSignals, vehicle: str) -> bool:
-    """Whether a mistake is found under its kind and for its signals, by the check or as a corrected scale error."""
+    """Whether a mistake is found under its kind and for its signals: by the check, as scale error, as late commands."""
     if line:
         return any(re.search(rf"\b{name}\b", line) for name in one.signals)
     if any(f["kind"] == one.kind and set(f["signals"]) & set(one.signals) for f in findings):
         return True
-    if one.kind != "scale" or one.signals[0] not in ("alpha", "beta", "airspeed", "theta"):
+    late_commands = one.kind == "delay" and one.signals[0] in COMMANDS
+    if not late_commands and not (one.kind == "scale" and one.signals[0] in ("alpha", "beta", "airspeed", "theta")):
         return False
-    found = identify([flight], load_vehicle(vehicle), method="ee", check=SignalCheck(), systematic=False, delays=False)
+    found = identify(
+        [flight], load_vehicle(vehicle), method="ee", check=SignalCheck(), systematic=False, delays=late_commands
+    )
+    if late_commands:
+        told = [delay for delay in found.check.delays if delay.of_commands]
+        return any(abs(delay.value - one.delay_s) < max(5.0 * delay.std, 0.2 * one.delay_s) for delay in told)
     entry = found.compatibility.parameters.get(f"{one.signals[0]}_scale")
     return entry is not None and abs(entry.value) > 2.0 * entry.std
 
 
 class Results:
-    """Lines of JSON, by key."""
+    """Lines of JSON, by key; of several lines with a key the last one counts."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -108,7 +115,7 @@ def run_clean(results: Results, seeds: range, deadline: float) -> None:
             for manoeuvres in MANOEUVRES:
                 for gusts in GUSTS:
                     key = f"clean|{vehicle}|{manoeuvres}|{gusts:g}|{seed}"
-                    if key in results.rows or time.process_time() > deadline:
+                    if key in results.rows or time.monotonic() > deadline:
                         continue
                     line, findings = checked(fly(vehicle, manoeuvres, gusts, seed), vehicle)
                     said = line or "; ".join(str(one["sentence"]) for one in findings)
@@ -116,24 +123,40 @@ def run_clean(results: Results, seeds: range, deadline: float) -> None:
 
 
 def run_injected(results: Results, seeds: range, stride: int, deadline: float) -> None:
-    """Found and named."""
+    """Found and named: the check alone, which takes a second."""
     for seed in seeds:
         for vehicle in VEHICLES:
             flight = fly(vehicle, "multisine", 0.0, seed)
-            clean: dict[str, tuple[float, float]] | None = None
             for number, one in enumerate(injections()):
                 key = f"{one.name}|{vehicle}|{seed}"
-                if (number + seed) % stride or key in results.rows or time.process_time() > deadline:
+                if (number + seed) % stride or key in results.rows or time.monotonic() > deadline:
                     continue
-                clean = estimates(flight, vehicle) if clean is None else clean
                 wrong = one.apply(flight)
                 line, findings = checked(wrong, vehicle)
                 hit = named(one, line, findings, wrong, vehicle)
-                change = change_of(wrong, vehicle, clean)
                 said = line or "; ".join(str(entry["sentence"]) for entry in findings)
-                row = {"key": key, "kind": one.kind, "signals": list(one.signals), "change": change, "found": hit}
+                row = {"key": key, "kind": one.kind, "signals": list(one.signals), "change": None, "found": hit}
                 results.add({**row, "said": said})
-                print(f"{key:<60} change {change:8.3g} sigma  {'found' if hit else 'MISSED'}", flush=True)
+
+
+def run_changes(results: Results, seeds: range, method: str, deadline: float) -> None:
+    """What the mistakes change in the fit: first those that were missed, which take an estimation each."""
+    by_name = {one.name: one for one in injections()}
+    for found in (False, True):
+        for seed in seeds:
+            for vehicle in VEHICLES:
+                rows = [row for row in results.rows.values() if row["key"].endswith(f"|{vehicle}|{seed}")]
+                rows = [row for row in rows if row["kind"] != "clean" and row["found"] == found]
+                rows = [row for row in rows if row["change"] is None]
+                if not rows:
+                    continue
+                flight = fly(vehicle, "multisine", 0.0, seed)
+                clean = estimates(flight, vehicle, method)
+                for row in rows:
+                    if time.monotonic() > deadline:
+                        return
+                    wrong = by_name[row["key"].partition("|")[0]].apply(flight)
+                    results.add({**row, "change": change_of(wrong, vehicle, clean, method)})
 
 
 def table(results: Results) -> None:
@@ -149,14 +172,17 @@ def table(results: Results) -> None:
         if row["kind"] != "clean":
             groups[row["kind"]].append(row)
             groups["all"].append(row)
-    print(f"{'kind':<8} {'tried':>6} {'change the fit by 5 sigma':>26} {'of those found':>15}")
+    print(f"{'kind':<8} {'tried':>6} {'found':>7} {'weighed':>8} {'5 sigma or more':>16} {'of those found':>15}")
     for kind, entries in sorted(groups.items()):
-        big = [row for row in entries if row["change"] >= BIG]
+        weighed = [row for row in entries if row["change"] is not None]
+        big = [row for row in weighed if row["change"] >= BIG]
         share = f"{sum(row['found'] for row in big) / len(big):.1%}" if big else "-"
-        print(f"{kind:<8} {len(entries):>6} {len(big) / len(entries):>26.1%} {share:>15}")
+        told = sum(row["found"] for row in entries) / len(entries)
+        print(f"{kind:<8} {len(entries):>6} {told:>7.1%} {len(weighed):>8} {len(big):>16} {share:>15}")
     for row in groups["all"]:
-        if row["change"] >= BIG and not row["found"]:
-            print(f"  missed: {row['key']} (change {row['change']:.3g} sigma): {row['said'] or 'nothing said'}")
+        if not row["found"] and (row["change"] is None or row["change"] >= BIG):
+            size = "not weighed" if row["change"] is None else f"{row['change']:.3g} sigma"
+            print(f"  missed: {row['key']} ({size}): {row['said'] or 'nothing said'}")
 
 
 def main() -> None:
@@ -164,18 +190,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("campaign-output/mistakes.jsonl"))
     parser.add_argument("--seeds", type=int, default=2, help="flights with mistakes per vehicle")
-    parser.add_argument("--quick", action="store_true", help="a sample of all, 3 minutes of CPU")
+    parser.add_argument("--quick", action="store_true", help="a sample of all")
+    parser.add_argument("--minutes", type=float, help="end after so long; the next run goes on from there")
+    parser.add_argument(
+        "--fit", choices=("ee", "oe"), default="ee", help="whose change counts; oe takes ten times as long"
+    )
     parser.add_argument("--table", action="store_true", help="print what is there, run nothing")
-    parser.add_argument("--only", choices=("clean", "injected"))
+    parser.add_argument("--only", choices=("clean", "injected", "changes"))
     options = parser.parse_args()
     results = Results(options.out)
     if not options.table:
-        deadline = time.process_time() + (170.0 if options.quick else 1e9)
-        if options.only != "injected":
+        minutes = options.minutes or (3.0 if options.quick else 1e6)
+        deadline = time.monotonic() + 60.0 * minutes
+        seeds = range(500, 500 + (1 if options.quick else options.seeds))
+        if options.only in (None, "clean"):
             run_clean(results, range(100, 101) if options.quick else CLEAN_SEEDS, deadline)
-        if options.only != "clean":
-            seeds = range(500, 500 + (1 if options.quick else options.seeds))
+        if options.only in (None, "injected"):
             run_injected(results, seeds, 12 if options.quick else 1, deadline)
+        if options.only in (None, "changes"):
+            run_changes(results, seeds, options.fit, deadline)
     table(results)
 
 

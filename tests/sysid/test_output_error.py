@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,6 +18,7 @@ from sysid.errors import EstimationError
 from sysid.output_error import OutputError, OutputErrorResult, autocorrelation
 from sysid.parameterisation import Parameter, Predictor, coefficient, effect_parameter, sensor_error
 from sysid.records import LONGITUDINAL, OUTPUTS, Record, angle_wrap
+from sysid.steps import damped_step
 
 Array = NDArray[np.float64]
 
@@ -262,6 +264,34 @@ def test_a_start_from_which_the_simulation_diverges_is_named_in_one_line() -> No
         problem(data, mav.trim()[0]).solve({"CD_0": -500.0})
     assert "\n" not in str(caught.value)
     assert "mav" in str(caught.value)
+
+
+def test_slopes_that_diverge_next_to_an_estimate_are_named_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As late attitude angles make them: the motion itself stays finite, its derivatives do not."""
+    data = mav.measure(mav.fly(mav.pulse(duration=4.0)), np.random.default_rng(0))
+    estimation = problem(data, mav.trim()[0])
+    plain = estimation.sensitivities
+
+    def diverging(theta: Array, predicted: Sequence[Array]) -> list[Array]:
+        slopes = plain(theta, predicted)
+        slopes[0][-1, :, 0] = np.inf
+        return slopes
+
+    monkeypatch.setattr(estimation, "sensitivities", diverging)
+    start = estimation.start(dict(mav.COEFFICIENTS))
+    for attempt in (lambda: estimation.solve(dict(mav.COEFFICIENTS)), lambda: estimation.step_at(start)):
+        with pytest.raises(EstimationError, match=r"nearly diverges.* check units, signs and delays") as caught:
+            attempt()
+        assert "\n" not in str(caught.value)
+
+
+def test_a_damped_step_is_newtons_without_damping_and_the_gradients_with_much() -> None:
+    information, downhill = np.array([[4.0, 1.0], [1.0, 3.0e4]]), np.array([1.0, -2.0])
+    np.testing.assert_allclose(damped_step(information, downhill, 0.0, "f"), np.linalg.inv(information) @ downhill)
+    much = 1e9
+    np.testing.assert_allclose(
+        damped_step(information, downhill, much, "f"), downhill / np.diag(information) / much, rtol=1e-6
+    )
 
 
 def test_an_effect_hidden_in_the_data_is_found_with_its_size() -> None:
