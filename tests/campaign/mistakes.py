@@ -87,7 +87,8 @@ def named(one: Injection, line: str, findings: list[dict[str, Any]], flight: Fli
     )
     if late_commands:
         told = [delay for delay in found.check.delays if delay.of_commands]
-        return any(abs(delay.value - one.delay_s) < max(5.0 * delay.std, 0.2 * one.delay_s) for delay in told)
+        # Commands stamped late are followed early.
+        return any(abs(delay.value + one.delay_s) < max(5.0 * delay.std, 0.2 * one.delay_s) for delay in told)
     entry = found.compatibility.parameters.get(f"{one.signals[0]}_scale")
     return entry is not None and abs(entry.value) > 2.0 * entry.std
 
