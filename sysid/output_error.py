@@ -27,6 +27,9 @@ MAX_ITERATIONS = 25
 COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3
 # After a step that gained less than this the sensitivities hold for one step more.
 SAME_SENSITIVITIES = 1.0
+# Damping of the first step, if that gains its share of what the quadratic model promises, and what a step that does not
+# falls back to. Damped along what the flight hardly tells, a start near the estimate would take twice the steps.
+_UNDAMPED, _DAMPED, _KEPT = 1e-9, 1e-3, 0.25
 # The cost cannot fall by so many times what its quadratic model promises, after the first step and before it.
 _NEAR, _FAR = 3.0, 6.0
 _SIGMA_FLOOR = 1e-7
@@ -227,7 +230,7 @@ class OutputError:
                 f"{flight}: the simulation from the start values diverges; "
                 "give a better start (--prior MODEL.json) or a shorter part (--from, --to)"
             )
-        damping, converged, iteration, slow = 1e-3, False, 0, 0
+        damping, converged, iteration, slow = _UNDAMPED, False, 0, 0
         S, age, gained = self.sensitivities(theta, predicted), 0, np.inf
         while iteration < max_iterations and not converged:
             iteration += 1
@@ -235,17 +238,19 @@ class OutputError:
             if age > 0 and (age > 1 or gained > SAME_SENSITIVITIES):
                 S, age = self.sensitivities(theta, predicted), 0
             M, g = self.normal_equations(theta, residuals, S, sigma)
-            promised = 0.5 * float(g @ damped_step(M, g, 0.0, flight)) if np.isfinite(give_up_above) else 0.0
-            if cost - (_FAR if iteration == 1 else _NEAR) * promised > give_up_above:
+            first = iteration == 1
+            promised = 0.5 * float(g @ damped_step(M, g, 0.0, flight)) if first or np.isfinite(give_up_above) else 0.0
+            if cost - (_FAR if first else _NEAR) * promised > give_up_above:
                 raise UnlikelyError(f"{flight}: less likely than what is known")
             while True:
                 trial = self._bounded(theta + damped_step(M, g, damping, flight))
                 trial_predicted = self.predict(trial)
                 trial_residuals = self.residuals(trial_predicted)
                 trial_cost = self.cost(trial, trial_residuals)
-                if trial_cost <= cost or damping > 1e8:
+                wanted = _KEPT * promised if first and damping == _UNDAMPED else 0.0
+                if trial_cost <= cost - wanted or damping > 1e8:
                     break
-                damping *= 10.0
+                damping = max(10.0 * damping, _DAMPED)
             if trial_cost > cost:
                 converged = True
                 break
@@ -253,7 +258,7 @@ class OutputError:
             gained = cost - trial_cost
             slow = slow + 1 if gained < SLOW_TOLERANCE else 0
             converged = damping <= 1e-1 and (gained < COST_TOLERANCE or slow >= SLOW_STEPS)
-            damping = max(damping * 0.1, 1e-9)
+            damping = max(damping * 0.1, _UNDAMPED)
             theta, predicted, residuals, cost = trial, trial_predicted, trial_residuals, trial_cost
             progress(iteration, cost)
         if age > 0 and gained > COST_TOLERANCE:

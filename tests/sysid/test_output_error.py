@@ -68,7 +68,7 @@ def runs() -> Runs:
 
 def test_every_run_converges_in_few_steps(runs: Runs) -> None:
     assert all(result.converged for result in runs.results)
-    assert np.median([result.iterations for result in runs.results]) <= 10
+    assert np.median([result.iterations for result in runs.results]) <= 5
 
 
 def test_the_standard_error_is_the_published_bound(runs: Runs) -> None:
