@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -29,6 +30,7 @@ from sysid.residuals import known_propulsion
 
 _SAMPLES, _INTERVAL_S, _SPEED, _PITCH, _GRAVITY = 100, 0.02, 15.0, 0.05, 9.80665
 _VEHICLE = "iitb-mav"
+_LONGEST_S = 600.0  # no machine needs so long; another process that hangs is ended
 
 
 def _predictor() -> Predictor:
@@ -108,9 +110,16 @@ class CompileAhead:
 
     def wait(self) -> None:
         """Until all is compiled. What another process could not compile, this one compiles when it needs it."""
-        codes = [process.wait() for process in self._running]
+        try:
+            codes = [process.wait(_LONGEST_S) for process in self._running]
+        except subprocess.TimeoutExpired:
+            self.stop()
+            return
         if codes and not any(codes):
-            compiled_mark().touch()
+            # A cache that cannot be written has nothing to mark.
+            with suppress(OSError):
+                compiled_mark().parent.mkdir(parents=True, exist_ok=True)
+                compiled_mark().touch()
         self._running.clear()
 
     def stop(self) -> None:

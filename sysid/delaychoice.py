@@ -15,10 +15,11 @@ import numpy as np
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
+from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.identifiability import Refusal
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS, with_late_commands
-from sysid.output_error import OutputErrorResult, UnlikelyError
+from sysid.output_error import OutputErrorResult
 from sysid.records import OUTPUTS
 
 # A delay is an unknown from four standard errors and one millisecond on.
@@ -62,7 +63,10 @@ def with_told_delays(
             break
         values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
         other = replace(warmed(problem, result), delays=told)
-        found = fit(other, model, coefficients, effects, told | values)
+        try:
+            found = fit(other, model, coefficients, effects, told | values)
+        except EstimationError:
+            break
         asked = set(told) - set(sure) - set(problem.delays)
         if not found.converged or (asked and found.cost > result.cost - _GAIN):
             break
@@ -135,7 +139,7 @@ def lag_or_delay(
             instead, lagging, coefficients, [*effects, ("actuator_lag", "tau")], values,
             max_iterations=_LAG_STEPS, give_up_above=result.cost + _LAG_MARGIN,
         )  # fmt: skip
-    except UnlikelyError:
+    except EstimationError:
         return LagOrDelay()
     gain = result.cost - found.cost
     lag, std = found.value("actuator_lag.tau") * 1e3, found.std("actuator_lag.tau") * 1e3

@@ -17,6 +17,7 @@ from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
 from sysid.convolution import convolved
 from sysid.dryden import Turbulence
+from sysid.errors import EstimationError
 from sysid.filter_noise import FAINT, Surroundings, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass, Path
 from sysid.filter_scores import Scores, joint_scores
@@ -37,6 +38,7 @@ _NEAR = 1.0  # standard errors, within which noise and turbulence are estimated 
 _NOISE_ROUNDS = 2
 _LOSS = 5.0
 _JOINT_STEPS = 12
+_LOST = "filter error: the filter loses the flight (the model explains too little of the motion); use --method ee"
 _CHORDS = 6  # steps with the same slopes
 _DETOUR = 100.0  # of log likelihood that a step may cost, to be won back by the next
 
@@ -110,7 +112,8 @@ class FilterError(FilteredFlight):
     ) -> FilterErrorResult:
         """Estimate from parameter values and a first guess of the turbulence.
 
-        known: an estimate whose noise of the outputs is kept, and the turbulence as given.
+        known: an estimate whose noise of the outputs is kept, and the turbulence as given: a short way to a cost that
+        can be compared with others found so, without the information that variances carry.
 
         Raises EstimationError where the filter diverges.
         """
@@ -130,6 +133,7 @@ class FilterError(FilteredFlight):
             step, covariance = self._step(found, theta, damping)
             step = step if calls < _NOISE_ROUNDS or damping > 0.0 else _lengthened(step, last, covariance)
             last = step
+            step = self._within(theta, step)
             size = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
             trial = np.clip(theta + step, self.low, self.high)
             kept = [path.copy() for path in self.paths]
@@ -141,6 +145,8 @@ class FilterError(FilteredFlight):
             if not trial_cost < cost + _LOSS and damping < 1e6:
                 self.paths, damping = kept, max(10.0 * damping, 1e-3)
                 continue
+            if not np.isfinite(trial_cost):
+                raise EstimationError(_LOST)
             damping = 0.1 * damping if damping > 1e-4 else 0.0
             theta, linear, found, cost = trial, trial_linear, trial_found, trial_cost
             progress(iteration, cost)
@@ -151,7 +157,29 @@ class FilterError(FilteredFlight):
                 found = self.filtered(linear, noise, turbulence)
                 cost = self._cost(found, theta)
         covariance = self._step(found, theta, 0.0)[1]
+        if known is not None:
+            return self._short(theta, covariance, noise, turbulence, found, cost, iteration, near)
         return self._joint(theta, covariance, noise, turbulence, iteration, near, progress)
+
+    def _short(
+        self, theta: Array, covariance: Array, noise: Array, turbulence: Turbulence, found: Pass, cost: float,
+        iteration: int, near: bool,
+    ) -> FilterErrorResult:  # fmt: skip
+        """An estimate with noise and turbulence as they were known: what is told of them is not asked."""
+        sigma = np.full(len(OUTPUTS), np.nan)
+        sigma[self.columns] = np.sqrt(noise)
+        return FilterErrorResult(
+            self.predictor.parameters, theta, covariance, covariance, sigma, turbulence,
+            self._residuals(found), cost, np.nan, iteration, near,
+        )  # fmt: skip
+
+    def _residuals(self, found: Pass) -> tuple[Array, ...]:
+        residuals = []
+        for innovation in found.innovations:
+            full = np.full((innovation.shape[0], len(OUTPUTS)), np.nan)
+            full[:, self.columns] = innovation
+            residuals.append(full)
+        return tuple(residuals)
 
     def _joint(
         self, theta: Array, covariance: Array, noise: Array, turbulence: Turbulence, iteration: int, near: bool,
@@ -185,6 +213,7 @@ class FilterError(FilteredFlight):
         """
         std = np.sqrt(np.diag(best.covariance)[: best.theta.size])
         whole = best.step(best)
+        whole[: std.size] = self._within(best.theta, whole[: std.size])
         if np.max(np.abs(whole[: std.size]) / std) < _SETTLED:
             return None
         here: _Place = best
@@ -201,6 +230,11 @@ class FilterError(FilteredFlight):
                 break
         return here
 
+    def _within(self, theta: Array, step: Array) -> Array:
+        """A step without what would leave the bounds from a parameter that lies on one."""
+        outward = ((theta <= self.low) & (step < 0.0)) | ((theta >= self.high) & (step > 0.0))
+        return np.where(outward, 0.0, step)
+
     def _placed(self, theta: Array, eta: Array, known: Surroundings, turbulence: Turbulence) -> _Place:
         """The filter at parameters theta and surroundings eta, on the path that it takes itself."""
         noise, here = known.values(eta, turbulence)
@@ -216,6 +250,8 @@ class FilterError(FilteredFlight):
         """The whole likelihood about there, covariance (P, P) saying how far is near."""
         known = surroundings(self)
         here = self._placed(theta, eta, known, turbulence)
+        if not np.isfinite(here.cost):
+            raise EstimationError(_LOST)
         noise, air = known.values(eta, turbulence)
         scores, base = joint_scores(self, theta, np.sqrt(np.diag(covariance)), noise, air, known.names)
         p = theta.size
@@ -274,16 +310,11 @@ class FilterError(FilteredFlight):
         p = best.theta.size
         sigma = np.full(len(OUTPUTS), np.nan)
         sigma[self.columns] = np.sqrt(noise)
-        residuals = []
-        for innovation in best.found.innovations:
-            full = np.full((innovation.shape[0], len(OUTPUTS)), np.nan)
-            full[:, self.columns] = innovation
-            residuals.append(full)
         linear = [self.linearised(k, best.theta) for k in range(len(self.records))]
         cost = self._cost(self.filtered(linear, noise, turbulence, wanted=False), best.theta)
         return FilterErrorResult(
             self.predictor.parameters, best.theta, best.coloured()[:p, :p], best.covariance[:p, :p], sigma, turbulence,
-            tuple(residuals), cost, self._calm_cost(linear, noise, best.theta), iteration, converged,
+            self._residuals(best.found), cost, self._calm_cost(linear, noise, best.theta), iteration, converged,
         )  # fmt: skip
 
 

@@ -60,8 +60,10 @@ def joint_scores(
 
     def settled(at: Array, loud: Array, air: Turbulence, paths: list[Path]) -> Pass:
         other = flight.along(paths)
-        there = [other.linearised(k, at, slopes=False) for k in range(len(other.records))]
-        return other.filtered(there, loud, air, wanted=False)
+        # A thread does not inherit what the caller ignores; what is not finite is refused where the scores are used.
+        with np.errstate(all="ignore"):
+            there = [other.linearised(k, at, slopes=False) for k in range(len(other.records))]
+            return other.filtered(there, loud, air, wanted=False)
 
     def moved(place: int) -> tuple[Pass, float]:
         if place < theta.size:

@@ -23,13 +23,15 @@ _STILL = 1e-4  # rad
 _SHARE, _NOISES = 0.15, 20.0
 
 
-def frozen_commands(parts: Sequence[FlightData], body: Body, noise: Sequence[Mapping[str, float]]) -> list[str]:
+def frozen_commands(
+    parts: Sequence[FlightData], body: Body, noise: Sequence[Mapping[str, float]], recorded: Sequence[str]
+) -> list[str]:
     """One line for every surface whose value never changes though its moment does, with the cure.
 
-    parts: corrected parts for equation error, of flights in calm air: gusts make
-    moments too. noise: per part, axis -> noise of its moment coefficient.
+    parts: corrected parts for equation error, of flights in calm air: gusts make moments too. noise: per part, axis ->
+    noise of its moment coefficient. recorded: the surfaces that the flights have at all.
     """
-    known = [name for name in _SURFACES if all(name in part for part in parts)]
+    known = [name for name in _SURFACES if name in recorded and all(name in part for part in parts)]
     still = [name for name in known if max(float(np.ptp(part[name])) for part in parts) < _STILL]
     told = []
     for name in still:

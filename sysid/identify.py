@@ -176,7 +176,7 @@ def _pose(
     parts, told = corrected_parts(prepared, vehicle, compatible), tuple(structure.coefficients)
     if calm:
         noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
-        warnings += frozen_commands(parts, body_of(vehicle), noise)
+        warnings += frozen_commands(parts, body_of(vehicle), noise, surfaces)
     if delays and structure.effect("actuator_delay") is None:
         prepared, check, late = commands_in_time(prepared, vehicle, check, parts, told, method, calm)
     problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model import Model
+from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.inputs import denoised_thrust
@@ -115,7 +116,11 @@ def with_thrust_by_airspeed(
             place += part.size
     corrected = warmed(replace(problem, records=tuple(records)), result)
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
-    return corrected, fit(corrected, model, coefficients, effects, values)
+    try:
+        return corrected, fit(corrected, model, coefficients, effects, values)
+    except EstimationError:
+        # The estimate before stands, with the thrust that it had.
+        return problem, result
 
 
 def _doubt(
@@ -157,6 +162,8 @@ def _joint_step(
     gradient = np.concatenate((downhill, np.zeros(len(doubts))))
     for index, (residual, slopes) in enumerate(zip(residuals, S, strict=True)):
         inside = [k for k, doubt in enumerate(doubts) if index in doubt.outputs]
+        if not inside:
+            continue
         good = np.isfinite(residual[:, columns])
         scale = np.where(good, 1.0 / result.sigma[columns], 0.0)
         white = np.where(good, residual[:, columns], 0.0) * scale

@@ -75,11 +75,13 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed:
     rest = thrust - explained
     values = explained + smooth_series(rest)
     kept = _terms(rest, fft.dct(rest, norm="ortho"), 0.5) if np.any(rest) else 1
+    explaining = design.shape[1]
     swings = fft.idct(np.eye(min(kept, _DOUBTED_TERMS), n)[1:], norm="ortho").T
     design = np.hstack([design, swings])
     basis, sizes, _ = linalg.qr(design, mode="economic", pivoting=True)
     basis = basis[:, np.abs(np.diag(sizes)) > 1e-9 * np.abs(sizes[0, 0])]
-    sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - basis.shape[1], 1)))
+    fitted = kept + explaining - 1  # the series has a level, and so has the explanation
+    sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - fitted, 1)))
     return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), by_airspeed)
 
 

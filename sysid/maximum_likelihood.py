@@ -10,6 +10,7 @@ from sysid.bench import BenchError, carry, late_commands
 from sysid.compatibility import CompatibilityResult
 from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
 from sysid.delays import COMMANDS, Delay
+from sysid.errors import EstimationError
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
 from sysid.filtered_delay import estimate_with_delay
@@ -85,22 +86,19 @@ def maximum_likelihood(
         warnings.append(_rough(compatible) + "; filter error has no state for this model's lagging lift or sensors")
         wanted = False
     if wanted:
-        left: tuple[Delay, ...] = ()
-        if COMMAND_DELAY in problem.delays:
-            (solved, filtered, refused), left = estimate_with_delay(
-                turbulent, (model, late_model or model), coefficients, effects, compatible, sensors,
-                problem.delays[COMMAND_DELAY], progress,
-            )  # fmt: skip
-        else:
-            solved, filtered, refused = estimate_in_turbulence(
-                turbulent, model, coefficients, effects, compatible, sensors, progress
+        suspected = problem.delays.get(COMMAND_DELAY)
+        models = (model, late_model or model)
+        try:
+            found = _filtered(
+                turbulent, models, coefficients, effects, compatible, bench, sensors, suspected, method, progress
             )
-        if method == "fe" or is_turbulent(filtered):
-            if not filtered.converged:
-                warnings.append("filter error did not settle; the standard errors may be too small")
-            bench = [*bench, *(late_commands(one.std) for one in left)]
-            filtered, shares = carry_filtered(bench, solved, model, coefficients, effects, filtered)
-            return MaximumLikelihood(solved, filtered, "fe", tuple(refused), tuple(warnings), shares, None, left)
+        except EstimationError as error:
+            if method == "fe":
+                raise
+            warnings.append(f"{_rough(compatible)}; {error}")
+        else:
+            if found is not None:
+                return found
     elif method == "oe" and compatible.gust_sigma > 0.0:
         warnings.append(_rough(compatible) + "; use --method fe, or auto")
     model = late_model or model
@@ -123,12 +121,47 @@ def maximum_likelihood(
         warnings.append("output error did not converge; the standard errors may be too small")
     # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
     exact = not bench and all(record.thrust_source.measured for record in problem.records)
-    wider = widened(problem, model, coefficients, effects, result) if exact else None
+    wider = None
+    try:
+        wider = widened(problem, model, coefficients, effects, result) if exact else None
+    except EstimationError as error:
+        text = "the flight shows what the structure does not hold, and the standard errors do not count it"
+        warnings.append(f"{text}: {error}")
     if wider is not None:
         return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()))
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
+
+
+def _filtered(
+    problem: Problem,
+    models: tuple[Model, Model],
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    compatible: CompatibilityResult,
+    bench: Sequence[BenchError],
+    sensors: Sequence[str] | None,
+    suspected_s: float | None,
+    method: str,
+    progress: Progress,
+) -> MaximumLikelihood | None:
+    """The estimate by filter error; None where the air is calm after all and nothing else was asked for."""
+    left: tuple[Delay, ...] = ()
+    if suspected_s is not None:
+        (solved, filtered, refused), left = estimate_with_delay(
+            problem, models, coefficients, effects, compatible, sensors, suspected_s, progress
+        )
+    else:
+        solved, filtered, refused = estimate_in_turbulence(
+            problem, models[0], coefficients, effects, compatible, sensors, progress
+        )
+    if method != "fe" and not is_turbulent(filtered):
+        return None
+    warnings = () if filtered.converged else ("filter error did not settle; the standard errors may be too small",)
+    errors = [*bench, *(late_commands(one.std) for one in left)]
+    filtered, shares = carry_filtered(errors, solved, models[0], coefficients, effects, filtered)
+    return MaximumLikelihood(solved, filtered, "fe", tuple(refused), warnings, shares, None, left)
 
 
 def _left(problem: Problem, result: OutputErrorResult) -> tuple[Delay, ...]:

@@ -25,6 +25,7 @@ from scipy import linalg
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.terms import AXES, parse_term
 from sim_vehicle.vehicle import Vehicle
+from sysid.errors import EstimationError
 from sysid.estimate import Motion, Problem, build, fit, likelier_timing, start_values, warmed
 from sysid.flight import Array
 from sysid.late import COMMAND_DELAY
@@ -34,6 +35,8 @@ from sysid.records import OUTPUTS, SURFACES, Record
 
 # Twice the log likelihood that a misfit of one axis must gain: of axes without any 0.03 % do so.
 _GAIN = 12.0
+# Of a coefficient: an axis that changes less has no swing to be a share of.
+_LEAST_SWING = 1e-6
 # Parts of the misfit that the structure and the other parts leave less of than this are no parts of their own.
 _SMALL_PART = 1e-3
 _EM_STEPS, _EM_TOLERANCE = 300, 2e-3
@@ -129,6 +132,7 @@ def widened(
     """The problem with the misfit that its flights show, estimated; None where they show none.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
+    Raises EstimationError where they show one that cannot be estimated beside the rest.
     """
     start = warmed(problem, result)
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
@@ -147,7 +151,7 @@ def widened(
     if COMMAND_DELAY not in wider.delays:
         wider, estimate = likelier_timing(wider, extended, names, effects, estimate)
     if not estimate.converged:
-        return None
+        raise EstimationError("the misfit's size does not settle")
     # The motion of the wider estimate is the one flown, and nearest means along that.
     along = _along(wider, build(wider, extended, names, effects, estimate.sigma), names, estimate)
     nearest = tuple(_nearest(axis.name, axis.own, axis.further, along, axis.swing) for axis in found)
@@ -315,8 +319,10 @@ def _sizes(
     sizes = {axis.name: float(v) for axis, v in zip(axes, variances, strict=True)}
     if shown:
         # What is hidden in the noise of one axis is taken to be as large a part of it as of those that show theirs.
-        shares = [sizes[axis.name] * len(axis.further) / axis.swing**2 for axis in shown]
-        share = float(np.exp(np.mean(np.log(shares))))
+        # An axis that hardly changes has no measure of that.
+        moving = [axis for axis in shown if axis.swing > _LEAST_SWING]
+        shares = [min(sizes[axis.name] * len(axis.further) / axis.swing**2, 1.0) for axis in moving]
+        share = float(np.exp(np.mean(np.log(shares)))) if shares else 0.0
         for axis in axes:
             if axis not in shown:
                 sizes[axis.name] = max(sizes[axis.name], share * axis.swing**2 / len(axis.further))

@@ -88,7 +88,8 @@ def _with_sensors(
         name: compatible.parameters[name].value if name in compatible.parameters else problem.sensors.get(name, 0.0)
         for name in names
     }
-    priors = {name: prior for name, prior in problem.priors.items() if name in names}
+    # Velocity over ground must not count twice: the air data's priors come from it.
+    priors = {} if motion.ground else {name: prior for name, prior in problem.priors.items() if name in names}
     whole = replace(problem, motion=motion, sensors=start, priors=priors)
     filtered = build_filter(whole, model, coefficients, effects)
     sigma = max(compatible.gust_sigma, _LEAST_SIGMA)

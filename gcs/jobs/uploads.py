@@ -160,6 +160,10 @@ def _place(source: Path, target: Path) -> None:
         if error.errno not in _NO_LINKS:
             raise
         target.open("xb").close()
-        os.replace(source, target)
+        try:
+            os.replace(source, target)
+        except OSError:
+            target.unlink(missing_ok=True)
+            raise
     else:
         source.unlink()
