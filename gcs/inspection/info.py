@@ -12,7 +12,7 @@ from gcs.formats.conversion import check_file, import_file
 from gcs.inspection.clocks import clock_text, clocks
 from gcs.inspection.links import link_counts, radio_text, radios
 from gcs.inspection.pace import Pace, paces
-from gcs.mavlink.dialect import DEFAULT_DIALECT
+from gcs.mavlink.dialect import DEFAULT_DIALECT, Dialect
 from gcs.mavlink.signing import SignatureCounts
 from gcs.recording.joined import all_parts
 from gcs.recording.reader import Recording
@@ -22,6 +22,9 @@ from gcs.text.utctext import utc_text
 @contextmanager
 def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator[list[Path]]:
     """The same recordings as MCAP: other formats are imported to files that are gone afterwards."""
+    if dialect != DEFAULT_DIALECT:
+        # A recording holds its own definitions, but a dialect that is not there is a mistake beside one too.
+        Dialect.load(dialect)
     with TemporaryDirectory(prefix="gcs-") as folder:
         converted = []
         for number, path in enumerate(paths):

@@ -36,3 +36,10 @@ def test_a_dialect_that_is_not_there_is_one_line(
     arguments = [*command, str(log), "--vehicle", "iitb-mav", "--dialect", str(log.with_name("missing.xml"))]
     assert main(arguments) == 1
     assert "missing.xml" in capsys.readouterr().err
+
+
+def test_it_is_one_line_beside_a_recording_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = tmp_path / "flight.mcap"
+    recording.write_bytes(b"")
+    assert main(["identify", str(recording), "--vehicle", "iitb-mav", "--dialect", "nowhere"]) == 1
+    assert "unknown MAVLink dialect 'nowhere'" in capsys.readouterr().err
