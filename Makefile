@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-design clean
+.PHONY: setup demo test check interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
 
 setup: $(VENV)/.ready
 
@@ -97,6 +97,13 @@ campaign-recorder: setup
 
 campaign-mistakes: setup
 	$(BIN)/python tests/campaign/mistakes.py
+
+# Hidden effects over many flights: half a minute a case and worker, hundreds of cases; what is there is kept. For less:
+# make campaign-discrepancy SEEDS=1 SIZES=1 EFFECTS=stall,vane_lag. FULL=1 flies 20 seeds of 3 sizes. PART=none: nothing hidden.
+campaign-discrepancy: setup
+	$(BIN)/python tests/campaign/discrepancy.py --seeds $(or $(SEEDS),$(if $(FULL),20,5)) \
+	  --sizes $(or $(SIZES),$(if $(FULL),3,2)) --effects $(or $(EFFECTS),all) --part $(or $(PART),single) \
+	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(WORKERS),--workers $(WORKERS))
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output

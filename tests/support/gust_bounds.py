@@ -9,6 +9,7 @@ The matrices are differences of single steps of the plant that flew; nothing of 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,10 +109,17 @@ def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
 
 def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
     """Fisher information of the unknowns (P, P) with the gusts as process noise, calm at the first sample."""
+    information = told.prior.copy()
+    for white in whitened(told, path, gusts):
+        information += white.T @ white
+    return np.asarray(information, dtype=np.float64)
+
+
+def whitened(told: Slopes, path: LinearPath, gusts: GustModel) -> Iterator[Array]:
+    """The derivatives sample by sample, (outputs, P), as a Kalman filter whitens them; calm at the first sample."""
     n, f = path.A.shape[1], gusts.F.shape[0]
     size = n + f
     covariance, mean = np.zeros((size, size)), np.zeros((size, len(told.names)))
-    information = told.prior.copy()
     for k in range(told.values.shape[0]):
         used = np.isfinite(told.sigma[k])
         H = np.zeros((int(used.sum()), size))
@@ -119,7 +127,7 @@ def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
         gap = told.values[k][used] - H @ mean
         root = np.linalg.cholesky(H @ covariance @ H.T + np.diag(told.sigma[k][used] ** 2))
         white = np.linalg.solve(root, gap)
-        information += white.T @ white
+        yield np.asarray(white, dtype=np.float64)
         half = np.linalg.solve(root, H @ covariance)
         mean = mean + half.T @ white
         covariance = covariance - half.T @ half
@@ -129,7 +137,6 @@ def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
         step[:n, :n], step[:n, n:] = path.A[k], noise[:n] @ (np.eye(f) + gusts.F)
         step[n:, n:] = gusts.F
         mean, covariance = step @ mean, step @ covariance @ step.T + noise @ gusts.Q @ noise.T
-    return np.asarray(information, dtype=np.float64)
 
 
 def _nine(state: PlantState) -> Array:

@@ -1,0 +1,73 @@
+"""One trial of the discrepancy campaign: the job run on a flight's signals, and the gap that the true model leaves."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import sysid.discrepancy as job
+from sim_vehicle.model import Model
+from sim_vehicle.vehicle import Vehicle
+from sysid.compatibility import CompatibilityResult
+from sysid.errors import SysidError
+from sysid.estimate import Problem, fit
+from sysid.flight import FlightSignals
+from sysid.gap import gap
+from sysid.gapstages import fixed_model
+from sysid.posing import make_problem
+from sysid.prepare import Prepared, check_compatibility, prepare
+
+
+def judged(
+    fit_on: Sequence[FlightSignals], judge_on: Sequence[FlightSignals], vehicle: Vehicle, baseline: Model, true: Model
+) -> dict[str, Any]:
+    """What the job says of a baseline and the flights, and what the truth leaves on the flights to judge by.
+
+    The job gets signals, vehicle and baseline. "true_gap": output -> gap of the true model, its sensor errors fitted.
+    """
+    line: dict[str, Any] = {"failure": None, "verdict": None, "named": [], "reasons": [], "gap": {}}
+    begin, begin_cpu = time.monotonic(), time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            found = job.discrepancy(fit_on, vehicle, baseline, validate_on=judge_on)
+        except SysidError as error:
+            line["failure"] = str(error)
+        else:
+            line |= {"verdict": found["verdict"], "named": found["effects"], "reasons": found["reasons"]}
+            line |= {"gap": found["gap"], "turbulence": found["turbulence"]}
+            line["told"] = {name: entry["value"] for name, entry in found["model"]["coefficients"].items()}
+        line["seconds"] = round(time.monotonic() - begin, 2)
+        line["cpu_seconds"] = round(time.process_time() - begin_cpu, 2)
+        line["true_gap"] = _true_gap(judge_on, vehicle, true)
+    return line
+
+
+def _true_gap(flights: Sequence[FlightSignals], vehicle: Vehicle, true: Model) -> dict[str, float]:
+    """Gap per output of the true model with the flights' own sensor errors fitted; {} where that fails."""
+    prepared = [prepare(flight, vehicle) for flight in flights]
+    try:
+        problem, compatible = _sensors_free(prepared, vehicle)
+        own = fit(problem, true, ())
+    except SysidError:
+        return {}
+    records = [stretch.record for flight in prepared for stretch in flight.stretches]
+    found = gap(records, prepared[0].layout, fixed_model(problem, true, own, compatible))
+    return {name: value for name, value in found.items() if math.isfinite(value)}
+
+
+def _sensors_free(prepared: Sequence[Prepared], vehicle: Vehicle) -> tuple[Problem, CompatibilityResult]:
+    """The problem in which nothing but the sensors' errors is unknown."""
+    compatible = check_compatibility(prepared)
+    return make_problem(prepared, vehicle, compatible, [*job.NUISANCE, *job.BENCH], job.RUN_S), compatible
+
+
+def gap_ratio(over: dict[str, float], under: dict[str, float]) -> float:
+    """Quadratic mean over the outputs of one gap over another; NaN where there is none."""
+    ratios = [over[name] / value for name, value in under.items() if name in over and value > 0.0]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else math.nan
