@@ -22,6 +22,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+import numpy as np
 from discrepancy_cases import (
     Case,
     baseline_model,
@@ -35,18 +36,19 @@ from discrepancy_tables import report
 from discrepancy_trial import judged
 from discrepancy_truth import Truths
 from effect_sizes import RANGES, SHARES
+from made_up import MADE_UP
 from seed_lines import end_line, fingerprint, one_thread_each, progress
 
-from sim_vehicle.effects import EFFECTS
+from sim_vehicle.effects import EFFECTS, Stage
 from sim_vehicle.errors import SimVehicleError
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTPUT = ROOT / "campaign-output" / "discrepancy"
 # Seeds that no test uses; even ones are calm.
 FIRST_SEED = 20_000
-PARTS = ("single", "none")
+PARTS = ("single", "none", "pairs", "off-list")
 # What a line rests on: estimator, simulator and this campaign's flights; what the truth tells rests on less.
-SOURCES = ("sysid", "sim_vehicle", "discrepancy_cases", "discrepancy_trial", "effect_sizes", "simulated")
+SOURCES = ("sysid", "sim_vehicle", "discrepancy_cases", "discrepancy_trial", "effect_sizes", "made_up", "simulated")
 TRUE_SOURCES = (
     "sim_vehicle", "discrepancy_cases", "discrepancy_truth", "effect_responses", "effect_sizes", "flight_bounds",
     "gust_bounds",
@@ -58,12 +60,32 @@ def cases_of(part: str, effects: Sequence[str], seeds: int, sizes: int, flights:
     every = range(FIRST_SEED, FIRST_SEED + seeds)
     if part == "none":
         return [Case((), FIRST_SEED + n, gust_for(FIRST_SEED + n), exact=n // 2 % 2 == 0) for n in range(flights)]
-    return [
-        Case(((name, share),), seed, gust_for(seed), kind_for(name))
+    if part == "pairs":
+        return pairs_of(effects, flights)
+    off_list = part == "off-list"
+    found = [
+        Case(((name, share),), seed, gust_for(seed), kind_for(name), unlisted=off_list)
         for share in SHARES[sizes]
         for seed in every
         for name in effects
     ]
+    made_up = [Case((), seed, gust_for(seed), made_up=name) for seed in every for name in MADE_UP] if off_list else []
+    return made_up + found
+
+
+def pairs_of(effects: Sequence[str], flights: int) -> list[Case]:
+    """As many flights with two effects at their greatest size, drawn at random where one kind of flight shows both."""
+    generator = np.random.default_rng(FIRST_SEED)
+    told = [name for name in effects if not EFFECTS[name].alias and EFFECTS[name].stage is not Stage.ENVIRONMENT]
+    found: list[Case] = []
+    while len(found) < flights:
+        first, second = (str(name) for name in generator.choice(told, 2, replace=False))
+        kinds = {kind_for(first), kind_for(second)} - {"multisine"}
+        if len(kinds) < 2:
+            seed = FIRST_SEED + len(found)
+            pair = ((first, 1.0), (second, 1.0))
+            found.append(Case(pair, seed, gust_for(seed), kinds.pop() if kinds else "multisine"))
+    return found
 
 
 def read_cases(path: Path) -> dict[str, dict[str, Any]]:
@@ -114,8 +136,9 @@ def _judged(
         except SimVehicleError as error:
             yield case, {"failure": f"not flown: {error}", "verdict": None, "named": []}
             continue
-        models = baseline_model(case), true_model(case, air=False)
-        waiting[pool.submit(judged, flights[:1], flights[1:], vehicle, *models)] = case
+        models = baseline_model(case), None if case.made_up else true_model(case, air=False)
+        unlisted = [name for name, _ in case.effects] if case.unlisted else []
+        waiting[pool.submit(judged, flights[:1], flights[1:], vehicle, *models, unlisted)] = case
         while len(waiting) > workers:
             yield from _finished(waiting)
     while waiting:
@@ -138,6 +161,7 @@ def described(case: Case) -> dict[str, Any]:
         "gust": case.gust,
         "kind": case.kind,
         "exact": case.exact,
+        "made_up": case.made_up,
     }
 
 
@@ -148,7 +172,7 @@ def main() -> int:
     parser.add_argument("--effects", default="all", help="names with commas between")
     parser.add_argument("--seeds", type=int, default=5, help="flights of each effect and size (default 5)")
     parser.add_argument("--sizes", type=int, default=2, choices=sorted(SHARES), help="sizes of each effect (default 2)")
-    parser.add_argument("--flights", type=int, default=500, help="flights of the part `none` (default 500)")
+    parser.add_argument("--flights", type=int, default=500, help="of the parts `none` and `pairs` (default 500)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--minutes", type=float, default=1e9, help="begin no case after so many")
     parser.add_argument("--tables", action="store_true", help="fly nothing, print what is there of these sources")
@@ -172,7 +196,7 @@ def main() -> int:
     lines = [done[case.key] for case in cases if case.key in done]
     truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
     flown = [case for case in cases if case.key in done]
-    text = report(given.part, lines, {case.key: truths.of(case) for case in flown})
+    text = report(given.part, lines, {case.key: truths.of(case) for case in flown if not case.made_up})
     (OUTPUT / f"{given.part}.md").write_text(text + "\n", encoding="utf-8")
     print(text)
     return 0

@@ -24,8 +24,8 @@ class Score:
     kind: of CLASSES, by the truth. first: name that stands first, else the verdict, or "failed". named: every name
     given with its probability, sets included, and whether it is right. chosen, true_set: names of the first set, and of
     the set that the truth tells. wrong_confident: wrong names above CONFIDENT. gap: the job's on the held-out flight
-    over the true model's, NaN where the right effect was not found. inside, spread: per estimated parameter of the
-    right effect whether its 95 % interval holds the truth, and its std over the bound.
+    over the true model's, NaN where the right effect was not found. away, spread: of each estimated parameter of the
+    right effect its error over its std, and its std over the bound.
     """
 
     hidden: str
@@ -42,7 +42,7 @@ class Score:
     manoeuvre: bool
     gap: float
     seconds: float
-    inside: Mapping[str, bool] = field(default_factory=dict)
+    away: Mapping[str, float] = field(default_factory=dict)
     spread: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -75,7 +75,7 @@ def score(line: Mapping[str, Any], told: Mapping[str, Any]) -> Score:
     kind, true_set = class_of(told, hidden)
     named = line["named"]
     found = next((one for one in named if one["name"] == hidden), None)
-    inside, spread = _parameters(found, line["hidden"][hidden], told["bounds"]) if found else ({}, {})
+    away, spread = _parameters(found, line["hidden"][hidden], told["bounds"]) if found else ({}, {})
     validation = line.get("gap", {}).get("validation", {})
     chosen = (named[0]["name"], *(one["name"] for one in named[0]["alternatives"])) if named else ()
     first = named[0]["name"] if named else line["verdict"] or "failed"
@@ -94,7 +94,7 @@ def score(line: Mapping[str, Any], told: Mapping[str, Any]) -> Score:
         bool(named and named[0].get("separating_manoeuvre")),
         gap_ratio(validation.get("after", {}), line.get("true_gap", {})) if found else math.nan,
         line.get("seconds", math.nan),
-        inside,
+        away,
         spread,
     )
 
@@ -107,17 +107,17 @@ def _stated(named: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> list[t
 
 def _parameters(
     found: Mapping[str, Any], true: Mapping[str, Any], bounds: Mapping[str, float]
-) -> tuple[dict[str, bool], dict[str, float]]:
-    inside, spread = {}, {}
+) -> tuple[dict[str, float], dict[str, float]]:
+    away, spread = {}, {}
     for name, estimate in found["parameters"].items():
         value, std = estimate["value"], estimate.get("std")
         truth = true.get(name, 0.0)
         if std is None or not isinstance(truth, float):
             continue
-        inside[name] = abs(value - truth) <= 1.96 * std
+        away[name] = (value - truth) / std
         if bounds.get(name):
             spread[name] = std / bounds[name]
-    return inside, spread
+    return away, spread
 
 
 def calibration_error(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 import sysid.discrepancy as job
+from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
 from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import CompatibilityResult
@@ -24,18 +26,25 @@ from sysid.prepare import Prepared, check_compatibility, prepare
 
 
 def judged(
-    fit_on: Sequence[FlightSignals], judge_on: Sequence[FlightSignals], vehicle: Vehicle, baseline: Model, true: Model
+    fit_on: Sequence[FlightSignals],
+    judge_on: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    baseline: Model,
+    true: Model | None,
+    unlisted: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What the job says of a baseline and the flights, and what the truth leaves on the flights to judge by.
 
-    The job gets signals, vehicle and baseline. "true_gap": output -> gap of the true model, its sensor errors fitted.
+    The job gets signals, vehicle and baseline, and a catalogue without the effects `unlisted`. "true_gap": output ->
+    gap of the true model, its sensor errors fitted; {} where there is none.
     """
     line: dict[str, Any] = {"failure": None, "verdict": None, "named": [], "reasons": [], "gap": {}}
     begin, begin_cpu = time.monotonic(), time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            found = job.discrepancy(fit_on, vehicle, baseline, validate_on=judge_on)
+            with catalogue_without(unlisted):
+                found = job.discrepancy(fit_on, vehicle, baseline, validate_on=judge_on)
         except SysidError as error:
             line["failure"] = str(error)
         else:
@@ -44,8 +53,21 @@ def judged(
             line["told"] = {name: entry["value"] for name, entry in found["model"]["coefficients"].items()}
         line["seconds"] = round(time.monotonic() - begin, 2)
         line["cpu_seconds"] = round(time.process_time() - begin_cpu, 2)
-        line["true_gap"] = _true_gap(judge_on, vehicle, true)
+        line["true_gap"] = {} if true is None else _true_gap(judge_on, vehicle, true)
     return line
+
+
+@contextmanager
+def catalogue_without(names: Sequence[str]) -> Iterator[None]:
+    """The catalogue of this process without some effects; their places in the effect vector stay."""
+    whole = dict(EFFECTS)
+    for name in names:
+        del EFFECTS[name]
+    try:
+        yield
+    finally:
+        EFFECTS.clear()
+        EFFECTS.update(whole)
 
 
 def _true_gap(flights: Sequence[FlightSignals], vehicle: Vehicle, true: Model) -> dict[str, float]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from effect_sizes import Value, effect_text, values_at
+from made_up import MADE_UP, MadeUpPlant
 from simulated import signals_of
 
 from sim_vehicle.effects import EFFECTS, parse_effect
@@ -65,7 +66,8 @@ KINDS = {
 class Case:
     """One trial. effects: (name, share of the way from the least to the greatest size) of what is hidden.
 
-    gust: sigma, m/s. exact: whether the baseline's coefficients are true. kind: of KINDS.
+    gust: sigma, m/s. exact: whether the baseline's coefficients are true. kind: of KINDS. made_up: of MADE_UP, physics
+    that no catalogue holds. unlisted: whether the job's catalogue lacks the effects.
     """
 
     effects: tuple[tuple[str, float], ...]
@@ -73,17 +75,20 @@ class Case:
     gust: float
     kind: str = "multisine"
     exact: bool = False
+    made_up: str = ""
+    unlisted: bool = False
 
     @property
     def key(self) -> str:
         """Its name in files."""
-        what = "+".join(f"{name}@{share:g}" for name, share in self.effects) or "none"
-        return f"{what}/{self.kind}/{self.gust:g}{'/exact' if self.exact else ''}/{self.seed}"
+        what = "+".join(f"{name}@{share:g}" for name, share in self.effects) or self.made_up or "none"
+        extra = "/exact" * self.exact + "/unlisted" * self.unlisted
+        return f"{what}/{self.kind}/{self.gust:g}{extra}/{self.seed}"
 
     @property
     def truth_key(self) -> str:
         """What the flight can tell depends on this alone, near enough."""
-        return self.key.rsplit("/", 1)[0]
+        return replace(self, unlisted=False).key.rsplit("/", 1)[0]
 
     def values(self) -> dict[str, dict[str, Value]]:
         """Parameters of what is hidden, by effect."""
@@ -167,7 +172,10 @@ def fly_case(
 ) -> tuple[FlightSignals, FlownFlight]:
     """Fly one of the case's two flights: what a recording carries, and the truth."""
     generator = np.random.default_rng([case.seed, int(held_out)])
-    plant = Plant(vehicle, true_model(case), max_step=STEP_S)
+    if case.made_up:
+        plant: Plant = MadeUpPlant(vehicle, true_model(case), MADE_UP[case.made_up])
+    else:
+        plant = Plant(vehicle, true_model(case), max_step=STEP_S)
     suite = SensorSuite(vehicle, generator=generator)
     speed, course = generator.uniform(0.0, MOST_WIND), generator.uniform(0.0, 2.0 * np.pi)
     wind = wind_of(plant, (float(speed * np.cos(course)), float(speed * np.sin(course)), 0.0))

@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from discrepancy_cases import Case, baseline_model, structure, true_model, with_effects
+from discrepancy_cases import (
+    Case,
+    baseline_model,
+    plan_for,
+    structure,
+    the_vehicle,
+    true_model,
+    with_effects,
+)
 from discrepancy_truth import Whitener, separations, smallest_stds, tell
 from effect_responses import whole_response
 from flight_bounds import LONGITUDINAL_OUTPUTS, Experiment, Slopes, slopes
+from made_up import MADE_UP, MadeUp, MadeUpPlant
 
 from sim_vehicle.effects import EFFECTS
+from sim_vehicle.flown import FlownFlight
 from sim_vehicle.fly import fly
 from sim_vehicle.model import read_model
 from sim_vehicle.plan import plan_of
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.vehicle import load_vehicle
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaign"))
+
+from discrepancy_scores import HIDDEN_TO_ALL, IN_A_SET, SEPARABLE, calibration_error, score
+from discrepancy_trial import catalogue_without
 
 # Sigma by which an effect stands out of an 18 s elevator multisine of 2 deg peak in calm air, all 17 nominal parameters
 # fitted again: computed with another simulator, linearised, for the same aircraft. Those that rest on slow changes of
@@ -105,3 +123,69 @@ def test_the_baseline_lacks_what_is_hidden_and_is_off_by_a_tenth_at_most() -> No
     assert max(map(abs, shares)) <= 0.1
     assert np.std(shares) > 0.03
     assert baseline_model(Case((("actuator_lag", 1.0),), 3, 0.1)).effects == ()
+
+
+def test_made_up_physics_changes_a_flight_and_nothing_else_does() -> None:
+    vehicle, plan = the_vehicle(), plan_for("multisine", held_out=False).fitted(3.0)
+    model = true_model(Case((), 0, 0.0))
+    nothing = MadeUp("nothing", lambda flow: (0.0,) * 6)
+
+    def flown_by(plant: Plant) -> FlownFlight:
+        suite = SensorSuite(vehicle, noise="none", generator=0)
+        return fly(plant, plan, suite=suite, generator=np.random.default_rng(0))
+
+    # The same steps: the surfaces' lag is averaged over each.
+    plain = flown_by(Plant(vehicle, model, max_step=0.005)).truth
+    same = flown_by(MadeUpPlant(vehicle, model, nothing)).truth
+    for name in ("V", "alpha", "q", "r"):
+        assert np.max(np.abs(same[name] - plain[name])) < 1e-4 * np.ptp(plain[name])
+    yaw = flown_by(MadeUpPlant(vehicle, model, MADE_UP["one_sided_rudder"]))
+    there, mass, geometry = yaw.truth, vehicle.mass, vehicle.geometry
+    moment = mass.Izz * there["r_dot"] + (mass.Iyy - mass.Ixx) * there["p"] * there["q"]
+    Cn = moment / (0.5 * there["rho"] * there["V"] ** 2 * geometry.S * geometry.b)
+    added = -0.05 * np.maximum(there["dr"], 0.0)
+    assert np.ptp(added) > 0.001
+    assert np.allclose(Cn - there["Cn"], added, atol=1e-9)
+
+
+def test_an_effect_taken_off_the_list_is_back_afterwards() -> None:
+    before = list(EFFECTS)
+    with catalogue_without(["stall", "vane_lag"]):
+        assert list(EFFECTS) == [name for name in before if name not in ("stall", "vane_lag")]
+    assert list(EFFECTS) == before
+
+
+def line(hidden: dict[str, dict[str, float]], named: list[tuple[str, float]], verdict: str) -> dict[str, Any]:
+    """A case's line with one set of names."""
+    entries = [{"name": name, "probability": p} for name, p in named]
+    first = [{**entries[0], "alternatives": entries[1:], "parameters": {"scale": {"value": 0.07, "std": 0.01}},
+              "separating_manoeuvre": "weigh it"}] if entries else []  # fmt: skip
+    shares = dict.fromkeys(hidden, 1.0)
+    gap = {"validation": {"after": {"V": 2.2, "q": 0.9}}}
+    return {"hidden": hidden, "shares": shares, "gust": 0.0, "named": first, "verdict": verdict, "failure": None,
+            "gap": gap, "true_gap": {"V": 2.0, "q": 1.0}, "seconds": 1.0}  # fmt: skip
+
+
+def test_a_case_is_scored_by_what_the_flight_tells() -> None:
+    told = {"detect": 40.0, "separate": {"mass_error": 1.0, "reynolds_drag": 30.0}, "bounds": {"scale": 0.008}}
+    hidden = {"thrust_scale": {"scale": 0.05}}
+    tied = score(line(hidden, [("mass_error", 0.6), ("thrust_scale", 0.4)], "missing_effect"), told)
+    assert (tied.kind, tied.right, tied.holds, tied.wrong_confident) == (IN_A_SET, False, True, ())
+    assert tied.true_set == ("thrust_scale", "mass_error")
+    assert tied.named == ((0.6, False), (0.4, True))
+    right = score(line(hidden, [("thrust_scale", 0.97)], "missing_effect"), {**told, "separate": {"mass_error": 9.0}})
+    assert (right.kind, right.right) == (SEPARABLE, True)
+    assert right.away["scale"] == pytest.approx(2.0)
+    assert right.spread["scale"] == pytest.approx(1.25)
+    assert right.gap == pytest.approx(np.sqrt((1.1**2 + 0.9**2) / 2.0))
+    mute = score(line(hidden, [("stall", 0.99)], "missing_effect"), {**told, "detect": 2.0})
+    assert (mute.kind, mute.silent, mute.wrong_confident) == (HIDDEN_TO_ALL, False, ("stall",))
+    quiet = score(line(hidden, [], "parameter_error"), {**told, "detect": 2.0})
+    assert quiet.silent
+
+
+def test_the_calibration_error_is_the_mean_distance_of_statement_and_share() -> None:
+    stated = [(0.95, True)] * 3 + [(0.95, False)] + [(0.25, False)] * 4
+    error, rows = calibration_error(stated)
+    assert error == pytest.approx(0.5 * 0.2 + 0.5 * 0.25)
+    assert [(count, right) for count, _, right in rows] == [(4, 0.0), (4, 0.75)]
