@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from discrepancy_trial import gap_ratio
-from discrepancy_truth import STANDS_OUT
+from discrepancy_truth import AIR, STANDS_OUT
 
 SEPARABLE, IN_A_SET, HIDDEN_TO_ALL = "separable", "in a set", "not detectable"
 CLASSES = (SEPARABLE, IN_A_SET, HIDDEN_TO_ALL)
-# Nuisances of every flight, which to name is no mistake where they are.
-AIR = ("steady_wind", "turbulence")
 CONFIDENT = 0.9
 
 

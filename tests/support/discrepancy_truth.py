@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ from effect_responses import (
 from flight_bounds import LATERAL_OUTPUTS, LONGITUDINAL_OUTPUTS, Array, Experiment, Slopes, slopes
 from gust_bounds import gust_model, linear_path, whitened
 
-from sim_vehicle.effects import EFFECTS, Stage
+from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
 from sim_vehicle.terms import AXES
 
@@ -48,6 +48,8 @@ ERRORS = (
 )  # fmt: skip
 BENCH = {"airspeed_bias": 0.02, "airspeed_scale": 0.002}
 STANDS_OUT = 5.0
+# Nuisances of every flight, which to name is no mistake where they are.
+AIR = ("steady_wind", "turbulence")
 # Columns of which less than this is left are imitated by the others: what is left is the differences' own error.
 _IMITATED = 1e-5
 
@@ -218,6 +220,9 @@ def tell(case: Case) -> dict[str, Told]:
     """
     hidden = [name for name, _ in case.effects]
     true, plain = true_model(case, air=False), structure(case)
+    if "wind_shear" in hidden:
+        # The air is part of the path, not of the model: its answers are taken in still air.
+        true = _still(true)
     flies = true if any(EFFECTS[name].is_coefficient for name in hidden) else plain
     own = {p.name for name in hidden if EFFECTS[name].is_coefficient for p in EFFECTS[name].parameters}
     here = point_at(case, flies, own)
@@ -232,6 +237,10 @@ def tell(case: Case) -> dict[str, Told]:
         nuisances = np.hstack([there.white_nuisances, *_of_others(at_truth, name)])
         found[name] = Told(detect, separate, smallest_stds(at_truth[name], nuisances))
     return found
+
+
+def _still(model: Model) -> Model:
+    return replace(model, effects=tuple(effect for effect in model.effects if effect.name != "wind_shear"))
 
 
 def _answers(point: Point, case: Case, plain: Model) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
@@ -303,7 +312,7 @@ class Truths:
     def _computed(case: Case) -> dict[str, Any]:
         if not case.effects:
             return {"error_sigma": 0.0 if case.exact else error_sigma(case)}
-        if any(EFFECTS[name].stage is Stage.ENVIRONMENT and name != "density_error" for name, _ in case.effects):
-            # The air's own motion is a nuisance of every flight: nothing to be told.
+        if any(name in AIR for name, _ in case.effects):
+            # A nuisance of every flight: nothing to be told.
             return {"effects": {name: {"detect": 0.0, "separate": {}, "bounds": {}} for name, _ in case.effects}}
         return {"effects": {name: told.__dict__ for name, told in tell(case).items()}}

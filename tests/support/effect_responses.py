@@ -54,8 +54,29 @@ def changed(model: Model, effect: str, values: Mapping[str, Value]) -> Model:
     return model.with_effect(*parse_effect(effect_text(effect, values)))
 
 
+def _in_shear(experiment: Experiment, gradient: float) -> Array:
+    """The outputs (N, outputs) where the north wind grows by `gradient` [1/s] with height, along the path flown."""
+    flown, vehicle = experiment.flown, experiment.vehicle
+    phi, theta, psi = (flown.truth[name] for name in ("phi", "theta", "psi"))
+    north = gradient * (-flown.truth["down"] - vehicle.flight.altitude)
+    # First column of the rotation from earth to body axes.
+    to_body = np.stack(
+        [
+            np.cos(theta) * np.cos(psi),
+            np.sin(phi) * np.sin(theta) * np.cos(psi) - np.cos(phi) * np.sin(psi),
+            np.cos(phi) * np.sin(theta) * np.cos(psi) + np.sin(phi) * np.sin(psi),
+        ],
+        axis=1,
+    )
+    moved = replace(flown, gust_body=flown.gust_body + north[:, None] * to_body)
+    return outputs_of(replace(experiment, flown=moved), experiment.model)
+
+
 def parameter_slopes(experiment: Experiment, effect: str, values: Mapping[str, Value]) -> dict[str, Array]:
     """Change of the outputs by each estimated parameter of an effect at `values`, per unit (N, outputs)."""
+    if effect == "wind_shear":
+        step = _STEP * greatest(effect, "gradient")
+        return {"gradient": (_in_shear(experiment, step) - _in_shear(experiment, -step)) / (2.0 * step)}
     found = {}
     for parameter in EFFECTS[effect].parameters:
         if not parameter.fitted or parameter.name not in values:
@@ -96,7 +117,7 @@ def whole_response(experiment: Experiment, effect: str, values: Mapping[str, Val
 
 
 def impostors(model: Model) -> list[str]:
-    """Effects that might be blamed instead: all that the model lacks, but for the air's own motion.
+    """Effects that might be blamed instead: all that the model lacks, but for wind and turbulence.
 
     Aliases of coefficients imitate nothing that those do not; one that multiplies what is hidden does not without it.
     """
@@ -105,7 +126,7 @@ def impostors(model: Model) -> list[str]:
         for name, effect in EFFECTS.items()
         if name in RANGES
         and model.effect(name) is None
-        and effect.stage is not Stage.ENVIRONMENT
+        and (effect.stage is not Stage.ENVIRONMENT or name == "wind_shear")
         and not effect.alias
         and not (effect.is_coefficient and all(p.name in model.coefficients for p in effect.parameters))
     ]
