@@ -13,8 +13,9 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,14 @@ from discrepancy_cases import (
     the_vehicle,
     true_model,
 )
+from discrepancy_scores import IN_A_SET, class_of
 from discrepancy_tables import report
 from discrepancy_trial import judged
 from discrepancy_truth import Truths
 from effect_sizes import RANGES, SHARES
 from made_up import MADE_UP
 from seed_lines import end_line, fingerprint, one_thread_each, progress
+from separating_flights import plan_named
 
 from sim_vehicle.effects import EFFECTS, Stage
 from sim_vehicle.errors import SimVehicleError
@@ -46,9 +49,12 @@ ROOT = Path(__file__).resolve().parents[2]
 OUTPUT = ROOT / "campaign-output" / "discrepancy"
 # Seeds that no test uses; even ones are calm.
 FIRST_SEED = 20_000
-PARTS = ("single", "none", "pairs", "off-list")
+PARTS = ("single", "none", "pairs", "off-list", "separating")
 # What a line rests on: estimator, simulator and this campaign's flights; what the truth tells rests on less.
-SOURCES = ("sysid", "sim_vehicle", "discrepancy_cases", "discrepancy_trial", "effect_sizes", "made_up", "simulated")
+SOURCES = (
+    "sysid", "sim_vehicle", "discrepancy_cases", "discrepancy_trial", "effect_sizes", "made_up", "separating_flights",
+    "simulated",
+)  # fmt: skip
 TRUE_SOURCES = (
     "sim_vehicle", "discrepancy_cases", "discrepancy_truth", "effect_responses", "effect_sizes", "flight_bounds",
     "gust_bounds",
@@ -85,6 +91,19 @@ def pairs_of(effects: Sequence[str], flights: int) -> list[Case]:
             seed = FIRST_SEED + len(found)
             pair = ((first, 1.0), (second, 1.0))
             found.append(Case(pair, seed, gust_for(seed), kinds.pop() if kinds else "multisine"))
+    return found
+
+
+def to_separate(cases: Sequence[Case], done: Mapping[str, Mapping[str, Any]], truths: Truths) -> list[Case]:
+    """Cases that the flight cannot tell alone by the truth, each with the manoeuvre that the job has named for it."""
+    found = []
+    for case in cases:
+        named = done.get(case.key, {}).get("named")
+        if not named:
+            continue
+        (name, told), *_ = truths.of(case)["effects"].items()
+        if class_of(told, name)[0] == IN_A_SET:
+            found.append(replace(case, also=plan_named(named[0]["separating_manoeuvre"])))
     return found
 
 
@@ -133,12 +152,13 @@ def _judged(
             break
         try:
             flights = [fly_case(case, vehicle, held_out=held_out)[0] for held_out in (False, True)]
+            also = [fly_case(case, vehicle, also=True)[0]] if case.also else []
         except SimVehicleError as error:
             yield case, {"failure": f"not flown: {error}", "verdict": None, "named": []}
             continue
         models = baseline_model(case), None if case.made_up else true_model(case, air=False)
         unlisted = [name for name, _ in case.effects] if case.unlisted else []
-        waiting[pool.submit(judged, flights[:1], flights[1:], vehicle, *models, unlisted)] = case
+        waiting[pool.submit(judged, flights[:1] + also, flights[1:], vehicle, *models, unlisted)] = case
         while len(waiting) > workers:
             yield from _finished(waiting)
     while waiting:
@@ -162,6 +182,7 @@ def described(case: Case) -> dict[str, Any]:
         "kind": case.kind,
         "exact": case.exact,
         "made_up": case.made_up,
+        "also": case.also,
     }
 
 
@@ -185,7 +206,13 @@ def main() -> int:
     if min(given.seeds, given.workers, given.flights) < 1:
         parser.error("--seeds, --workers and --flights must be at least 1")
     cases = cases_of(given.part, effects, given.seeds, given.sizes, given.flights)
-    path = OUTPUT / f"{given.part}-{fingerprint(SOURCES)}.jsonl"
+    mark = fingerprint(SOURCES)
+    path = OUTPUT / f"{given.part}-{mark}.jsonl"
+    truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
+    if given.part == "separating":
+        tied = to_separate(cases, read_cases(OUTPUT / f"single-{mark}.jsonl"), truths)
+        cases = [case for case in tied if case.also]
+        print(f"{len(tied)} cases of the part `single` cannot be told alone; {len(cases)} have a manoeuvre to fly")
     if not given.tables:
         try:
             run(cases, path, given.workers, given.minutes)
@@ -194,7 +221,6 @@ def main() -> int:
             return 1
     done = read_cases(path)
     lines = [done[case.key] for case in cases if case.key in done]
-    truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
     flown = [case for case in cases if case.key in done]
     text = report(given.part, lines, {case.key: truths.of(case) for case in flown if not case.made_up})
     (OUTPUT / f"{given.part}.md").write_text(text + "\n", encoding="utf-8")

@@ -109,6 +109,21 @@ def off_list(lines: Lines, truth: Truth) -> str:
     return "\n".join(rows)
 
 
+def separating(lines: Lines, truth: Truth) -> str:
+    """Effects that one flight could not tell alone, after the manoeuvre that the job itself has named for it."""
+    right = [line for line in lines if line["named"] and line["named"][0]["name"] in line["hidden"]]
+    alone = [line for line in right if not line["named"][0]["alternatives"]]
+    rows = [
+        "| figure | found | goal | |",
+        "|---|---|---|---|",
+        share("right name after the manoeuvre", len(right), len(lines), ">= 90 %", lambda x: x >= 0.9),
+        share("and alone in its set", len(alone), len(lines), "", lambda x: x >= 0.9),
+        "",
+        *(f"- {line['key']}: {_answer(line)}" for line in lines if line not in right),
+    ]
+    return "\n".join(rows)
+
+
 def _answer(line: Mapping[str, Any]) -> str:
     names = ", ".join(f"{each['name']} {each['probability']:.2f}" for each in line["named"])
     return f"{line['failure'] or line['verdict']} {names}; {'; '.join(line.get('reasons', ()))[:300]}"
@@ -118,4 +133,5 @@ PARTS: Mapping[str, Callable[[Lines, Truth], str]] = {
     "none": nothing_hidden,
     "pairs": pairs,
     "off-list": off_list,
+    "separating": separating,
 }

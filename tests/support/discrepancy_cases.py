@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from effect_sizes import Value, effect_text, values_at
 from made_up import MADE_UP, MadeUpPlant
+from separating_flights import PLANS
 from simulated import signals_of
 
 from sim_vehicle.effects import EFFECTS, parse_effect
@@ -67,7 +68,7 @@ class Case:
     """One trial. effects: (name, share of the way from the least to the greatest size) of what is hidden.
 
     gust: sigma, m/s. exact: whether the baseline's coefficients are true. kind: of KINDS. made_up: of MADE_UP, physics
-    that no catalogue holds. unlisted: whether the job's catalogue lacks the effects.
+    that no catalogue holds. unlisted: whether the job's catalogue lacks the effects. also: of PLANS, flown as well.
     """
 
     effects: tuple[tuple[str, float], ...]
@@ -77,18 +78,19 @@ class Case:
     exact: bool = False
     made_up: str = ""
     unlisted: bool = False
+    also: str = ""
 
     @property
     def key(self) -> str:
         """Its name in files."""
         what = "+".join(f"{name}@{share:g}" for name, share in self.effects) or self.made_up or "none"
-        extra = "/exact" * self.exact + "/unlisted" * self.unlisted
+        extra = "/exact" * self.exact + "/unlisted" * self.unlisted + f"/{self.also}" * bool(self.also)
         return f"{what}/{self.kind}/{self.gust:g}{extra}/{self.seed}"
 
     @property
     def truth_key(self) -> str:
         """What the flight can tell depends on this alone, near enough."""
-        return replace(self, unlisted=False).key.rsplit("/", 1)[0]
+        return replace(self, unlisted=False, also="").key.rsplit("/", 1)[0]
 
     def values(self) -> dict[str, dict[str, Value]]:
         """Parameters of what is hidden, by effect."""
@@ -168,10 +170,10 @@ def plan_for(kind: str, *, held_out: bool, seed: int = 0) -> Plan:
 
 
 def fly_case(
-    case: Case, vehicle: Vehicle, *, held_out: bool = False, plan: Plan | None = None
+    case: Case, vehicle: Vehicle, *, held_out: bool = False, also: bool = False
 ) -> tuple[FlightSignals, FlownFlight]:
-    """Fly one of the case's two flights: what a recording carries, and the truth."""
-    generator = np.random.default_rng([case.seed, int(held_out)])
+    """Fly one of the case's two flights, or the one flown as well: what a recording carries, and the truth."""
+    generator = np.random.default_rng([case.seed, 2 if also else int(held_out)])
     if case.made_up:
         plant: Plant = MadeUpPlant(vehicle, true_model(case), MADE_UP[case.made_up])
     else:
@@ -179,9 +181,9 @@ def fly_case(
     suite = SensorSuite(vehicle, generator=generator)
     speed, course = generator.uniform(0.0, MOST_WIND), generator.uniform(0.0, 2.0 * np.pi)
     wind = wind_of(plant, (float(speed * np.cos(course)), float(speed * np.sin(course)), 0.0))
-    flown_plan = plan or plan_for(case.kind, held_out=held_out, seed=case.seed)
-    flown = fly(plant, flown_plan, suite=suite, generator=generator, wind=wind)
-    signals = signals_of(flown, vehicle, "judge" if held_out else "fit")
+    plan = PLANS[case.also] if also else plan_for(case.kind, held_out=held_out, seed=case.seed)
+    flown = fly(plant, plan, suite=suite, generator=generator, wind=wind)
+    signals = signals_of(flown, vehicle, "also" if also else "judge" if held_out else "fit")
     kept = {name: signal for name, signal in signals.signals.items() if name not in KINDS[case.kind].without}
     return FlightSignals(signals.name, kept), flown
 

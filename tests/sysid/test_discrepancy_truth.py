@@ -22,6 +22,7 @@ from discrepancy_truth import Whitener, separations, smallest_stds, tell
 from effect_responses import whole_response
 from flight_bounds import LONGITUDINAL_OUTPUTS, Experiment, Slopes, slopes
 from made_up import MADE_UP, MadeUp, MadeUpPlant
+from separating_flights import plan_named
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.flown import FlownFlight
@@ -189,3 +190,10 @@ def test_the_calibration_error_is_the_mean_distance_of_statement_and_share() -> 
     error, rows = calibration_error(stated)
     assert error == pytest.approx(0.5 * 0.2 + 0.5 * 0.25)
     assert [(count, right) for count, _, right in rows] == [(4, 0.0), (4, 0.75)]
+
+
+def test_words_of_a_manoeuvre_become_a_plan_unless_it_is_one_on_the_ground() -> None:
+    assert plan_named("elevator sweep from 2 to 6 Hz") == "2 to 6 Hz"
+    assert plan_named("power-off glide and throttle steps; weigh the aircraft") == "throttle step"
+    assert plan_named("bench protractor") == plan_named("bifilar swing test") == ""
+    assert sum(bool(plan_named(effect.separated_by)) for effect in EFFECTS.values()) > 0.7 * len(EFFECTS)

@@ -1,0 +1,41 @@
+"""What to fly when the job names a manoeuvre that would separate effects: its words as a plan of the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sim_vehicle.manoeuvres import manoeuvre
+from sim_vehicle.plan import Plan, plan_of
+
+_FAST_SWEEP = replace(manoeuvre("elevator-sweep"), low=2.0, high=6.0)
+_TWO_SPEEDS = Plan((manoeuvre("elevator-multisine"), manoeuvre("deceleration"), manoeuvre("elevator-multisine")))
+_LARGE = replace(manoeuvre("elevator-doublet"), amplitude=0.06)
+# The first words that are found in what the job says decide; a test on the ground is in none of them.
+PLANS: dict[str, Plan] = {
+    "throttle step": plan_of(["throttle-step", "throttle-multisine"]),
+    "power-off glide": plan_of(["throttle-step", "throttle-multisine"]),
+    "level acceleration": plan_of(["throttle-step", "throttle-step"]),
+    "idle and at full power": plan_of(["throttle-step", "elevator-multisine"]),
+    "2 to 6 Hz": Plan((_FAST_SWEEP,)),
+    "3 to 6 Hz": Plan((_FAST_SWEEP,)),
+    "two speeds": _TWO_SPEEDS,
+    "range of speed": _TWO_SPEEDS,
+    "two angles of attack": _TWO_SPEEDS,
+    "low and high lift": _TWO_SPEEDS,
+    "deceleration": _TWO_SPEEDS,
+    "pull-up": plan_of(["roller-coaster", "elevator-pulse"]),
+    "zoom": plan_of(["roller-coaster", "elevator-pulse"]),
+    "dive and climb": plan_of(["roller-coaster", "elevator-pulse"]),
+    "amplitude": Plan((_LARGE, manoeuvre("elevator-3211"))),
+    "large steps": Plan((_LARGE, manoeuvre("elevator-3211"))),
+    "roll": plan_of(["aileron-doublet", "aileron-3211"]),
+    "aileron": plan_of(["aileron-doublet", "aileron-3211"]),
+    "sideslip": plan_of(["rudder-doublet", "rudder-pulse"]),
+    "rudder": plan_of(["rudder-doublet", "rudder-3211"]),
+    "elevator multisine": plan_of(["elevator-multisine"]),
+}
+
+
+def plan_named(words: str) -> str:
+    """Key of the plan that the job's words ask for, "" where nothing can be flown."""
+    return next((key for key in PLANS if key in words), "")
