@@ -26,13 +26,15 @@ from sysid.punctual import commands_in_time, refined_delays, with_late_commands
 from sysid.records import SURFACES
 from sysid.residuals import body_of, moment_noise
 from sysid.series import Comparison
-from sysid.signalcheck import SignalCheck, check_signals, in_time
+from sysid.signalcheck import SignalCheck, check_signals, flights_named, in_time
 from sysid.structure import default_structure
 from sysid.told import equation_model, linear_model, once, quiet, validity_of, with_extra
 from sysid.validation import Validation
 
 METHODS = ("auto", "ee", "oe", "fe")
 Progress = Callable[[float, str], None]
+# How often a flight is corrected for what the whole motion told of single sensors.
+_CORRECTED = 2
 
 
 @dataclass(frozen=True)
@@ -95,11 +97,17 @@ def identify(
         progress(0.05, "units, signs, axes and delays")
         check = check_signals(prepared, vehicle)
     posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
-    warnings = list(posed.warnings)
     if method == "ee":
         found = _by_equations(posed, systematic)
     else:
-        found = _by_likelihood(posed, method, sensors, delays, systematic, progress)
+        for turn in range(_CORRECTED + 1):
+            likeliest = _likeliest(posed, method, sensors, delays, turn < _CORRECTED, progress)
+            if not likeliest.mistakes:
+                break
+            check = check.joined(likeliest.mistakes, flights_named(prepared))
+            posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
+        found = _by_likelihood(posed, likeliest, systematic, progress)
+    warnings = list(posed.warnings)
     warnings += [*found.warnings, *(one.sentence for one in found.check.findings())]
     progress(0.88, "validation")
     judges = [judge(flight, vehicle, found.check, warnings) for flight in validate_on]
@@ -208,19 +216,28 @@ def _by_equations(posed: _Posed, systematic: bool) -> _Found:
     )  # fmt: skip
 
 
-def _by_likelihood(
-    posed: _Posed, method: str, sensors: Sequence[str] | None, delays: bool, systematic: bool, progress: Progress
-) -> _Found:
+def _likeliest(
+    posed: _Posed, method: str, sensors: Sequence[str] | None, delays: bool, singles: bool, progress: Progress
+) -> MaximumLikelihood:
+    """The estimate; singles: whether to ask for mistakes of single sensors, which kinematics did not find any of."""
     progress(0.40, "maximum likelihood")
-    vehicle, compatible, start, names = posed.vehicle, posed.compatible, posed.start, posed.names
-    free_effects = [(e.name, key) for e in start.effects for key, entry in e.parameters.items() if entry.std]
+    vehicle, compatible = posed.vehicle, posed.compatible
     turbulent = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S)
-    likeliest = maximum_likelihood(
-        posed.problem, replace(turbulent, known=posed.problem.known), start, names, free_effects, compatible,
-        bench_errors(posed.prepared, vehicle), delays=posed.check.delays if delays else None,
-        late_model=posed.late_start, method=method, sensors=sensors,
+    return maximum_likelihood(
+        posed.problem, replace(turbulent, known=posed.problem.known), posed.start, posed.names, _free_effects(posed),
+        compatible, bench_errors(posed.prepared, vehicle), delays=posed.check.delays if delays else None,
+        singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,
         progress=lambda s, t: progress(0.4 + 0.45 * s, t),
     )  # fmt: skip
+
+
+def _free_effects(posed: _Posed) -> list[tuple[str, str]]:
+    return [(e.name, key) for e in posed.start.effects for key, entry in e.parameters.items() if entry.std]
+
+
+def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood, systematic: bool, progress: Progress) -> _Found:
+    vehicle, compatible, start, names = posed.vehicle, posed.compatible, posed.start, posed.names
+    free_effects = _free_effects(posed)
     problem, result = likeliest.problem, likeliest.estimate
     prepared, check = refined_delays(posed.prepared, vehicle, posed.check, likeliest.delays)
     refused = [*posed.refused, *refusals(result, names), *likeliest.refused]

@@ -11,7 +11,7 @@ from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
 from sysid.kinematic_filter import OUTPUTS, PARAMETERS, predict_readings
 from sysid.kinematics import STATES, air_data, body_velocity, reconstruct, to_centre_of_gravity
-from sysid.smoothing import fourier_smooth, noise_sigma
+from sysid.smoothing import fourier_smooth, sample_noise
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 REQUIRED = (*IMU, "airspeed", "phi", "theta")
@@ -129,7 +129,7 @@ def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
             z[:, j] = data[name]
             noise[j] = _output_noise(name, data[name], dt)
     z[:, 5] = _unwrapped(z[:, 5])
-    imu_noise = np.array([max(noise_sigma(data[name], dt), _NOISE_FLOOR[name]) for name in IMU])
+    imu_noise = np.array([max(sample_noise(data[name], dt), _NOISE_FLOOR[name]) for name in IMU])
     imu = _imu_at_centre(data, layout, np.zeros(3))
     measured = _measured_states(data, z, layout)
     speed = float(np.mean(data["airspeed"])) * layout.airspeed_factor
@@ -250,7 +250,7 @@ def _output_noise(name: str, values: Array, dt: float) -> float:
         values, dt = values[dense], dt / float(dense.mean())
         if values.size < 16:
             return max(float(np.std(np.diff(values)) / np.sqrt(2.0)), _OUTPUT_FLOOR)
-    return max(noise_sigma(values, dt), _NOISE_FLOOR.get(name, _OUTPUT_FLOOR))
+    return max(sample_noise(values, dt), _NOISE_FLOOR.get(name, _OUTPUT_FLOOR))
 
 
 def _unwrapped(values: Array) -> Array:

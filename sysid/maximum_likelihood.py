@@ -14,12 +14,14 @@ from sysid.errors import EstimationError
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
 from sysid.filtered_delay import estimate_with_delay
+from sysid.findings import Mistake
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
 from sysid.misfit import Widened, widened
 from sysid.output_error import OutputErrorResult
 from sysid.sensorchoice import with_told_sensors
+from sysid.single_sensors import told_by_motion
 from sysid.systematic import systematic_errors
 from sysid.turbulent import (
     can_filter,
@@ -30,6 +32,8 @@ from sysid.turbulent import (
 )
 
 Progress = Callable[[float, str], None]
+# Gusts up to this level, m/s, may be what a mistake of a single sensor leaves.
+_FEIGNED = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class MaximumLikelihood:
 
     method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
     words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
-    delays: what the estimate adds to those that the data were corrected for.
+    delays: what the estimate adds to those that the data were corrected for. mistakes: of single sensors, which the
+    estimate does not know of.
     """
 
     problem: Problem
@@ -49,6 +54,7 @@ class MaximumLikelihood:
     from_bench: Mapping[str, Mapping[str, float]]
     wider: Widened | None = None
     delays: tuple[Delay, ...] = ()
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def estimate(self) -> Likeliest:
@@ -66,6 +72,7 @@ def maximum_likelihood(
     bench: Sequence[BenchError] = (),
     *,
     delays: Sequence[Delay] | None = None,
+    singles: bool = False,
     late_model: Model | None = None,
     method: str = "auto",
     sensors: Sequence[str] | None = None,
@@ -77,6 +84,7 @@ def maximum_likelihood(
     error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the innovations
     confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations.
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
+    singles: whether to ask for mistakes of single sensors; where there are any the estimate ends there.
     late_model: start values with the delay of the commands that `problem` starts from, where they differ.
     Raises EstimationError for "fe" with a model that it has no states for.
     """
@@ -85,6 +93,12 @@ def maximum_likelihood(
     if wanted and method == "auto" and not can_filter(problem, model):
         warnings.append(_rough(compatible) + "; filter error has no state for this model's lagging lift or sensors")
         wanted = False
+    # A late sensor leaves what looks like faint gusts, which then would stand in the way of finding it.
+    singles = singles and compatible.gust_sigma < _FEIGNED
+    if wanted and singles and method == "auto":
+        mistaken = _mistaken(problem, late_model or model, coefficients, effects)
+        if mistaken is not None:
+            return mistaken
     if wanted:
         suspected = problem.delays.get(COMMAND_DELAY)
         models = (model, late_model or model)
@@ -110,13 +124,19 @@ def maximum_likelihood(
     if sensors is None and compatible.gust_sigma == 0.0:
         unclear = [refusal.name for refusal in compatible.refused]
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
-    late = LagOrDelay()
+    late, alone = LagOrDelay(), tuple[Mistake, ...]()
     if delays is not None:
         progress(0.95, "delays")
         problem, result = with_told_delays(problem, model, coefficients, effects, result, _corrected(delays))
         given = sum(one.value for one in delays if one.of_commands)
         late = lag_or_delay(problem, model, coefficients, effects, result, given)
         warnings += late.warnings
+        if singles:
+            alone = told_by_motion(problem, model, coefficients, effects, result)
+    if alone:
+        # Whatever comes next would take them for aerodynamics; the flight is estimated anew without them.
+        left = _left(problem, result)
+        return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), {}, None, left, alone)
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
     # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
@@ -132,6 +152,20 @@ def maximum_likelihood(
     problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
+
+
+def _mistaken(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> MaximumLikelihood | None:
+    """The estimate in still air, if it tells mistakes of single sensors that leave no gusts to be explained."""
+    try:
+        result = fit(problem, model, coefficients, effects)
+    except EstimationError:
+        return None
+    alone = told_by_motion(problem, model, coefficients, effects, result)
+    if not alone:
+        return None
+    return MaximumLikelihood(problem, result, "oe", (), (), {}, None, _left(problem, result), alone)
 
 
 def _filtered(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.delays import Delay
+from sysid.examined import known, longest
 from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array, FlightData
 from sysid.hypotheses import ACCEL, GROUND, GROUPS, IMU, VANES, Hypothesis, hypotheses, joined, scale_hypothesis
@@ -42,13 +43,12 @@ SCALE_SIGMAS, SCALE_LEAST = 5.0, 0.03
 # ... and from here on the data are not used as they are.
 SCALE_REFUSED = 0.2
 _SHORTLIST = 6
+_FOREMOST = 3
 _LEVEL_GAIN = 5.0
 _HUGE = 1e20
 _MOST = 4
 _STEPS = 6
-_FEWEST = 100  # samples of a part
 _CALM_RATIO = 1.15
-_LONGEST_S = 60.0
 _SCALED = (
     ("ax",), ("ay",), ("az",), ("p",), ("q",), ("r",), ("phi",), ("theta",), ("psi",), ("p", "q", "r"),
     ("ax", "ay", "az"), ("vn", "ve", "vd"), ("vn",), ("ve",), ("vd",),
@@ -64,20 +64,24 @@ Names = tuple[str, ...] | None
 
 @dataclass(frozen=True)
 class _Candidate:
-    """One reading of the data with its gain over the one before; columns: per window."""
+    """One reading of the data with its gain over the one before; columns: per window.
+
+    stretched: logarithm of its Jacobian, less its penalty.
+    """
 
     gain: float
     mistake: Mistake
     columns: list[dict[str, Array]]
+    stretched: float = 0.0
 
 
 def find_mistakes(parts: Sequence[FlightData], layout: SensorLayout) -> list[Mistake]:
     """Mistakes in the signals of uniform parts without NaN in IMU, attitude and airspeed, the surest first."""
-    parts = _longest(parts)
+    parts = longest(parts)
     if not parts:
         return []
     windows = [Window(part, layout) for part in parts]
-    columns = [{name: window.data[name] for name in _known(window.data)} for window in windows]
+    columns = [{name: window.data[name] for name in known(window.data)} for window in windows]
     found: list[Mistake] = []
     # Readings far from any motion overflow; their likelihood is then no number, which wins no comparison.
     with np.errstate(all="ignore"):
@@ -97,47 +101,49 @@ def _finite(window: Window, columns: Columns) -> bool:
     return all(np.isfinite(gap @ gap) and gap @ gap < _HUGE for gap in window.gaps(columns, {}).values())
 
 
-def _longest(parts: Sequence[FlightData]) -> list[FlightData]:
-    """The longest parts, together at most some minutes: more of the same tells nothing new."""
-    kept: list[FlightData] = []
-    total = 0.0
-    for part in sorted(map(_whole, parts), key=lambda one: -one.time_s.size):
-        if part.time_s.size < _FEWEST or (kept and total > 2.0 * _LONGEST_S):
-            break
-        kept.append(part)
-        total += part.time_s.size * part.interval_s
-    return kept
-
-
-def _whole(part: FlightData) -> FlightData:
-    """The longest run in which vanes and heading, where they are there at all, carry values."""
-    good = np.ones(part.time_s.size, dtype=np.bool_)
-    for name in (*VANES, "psi"):
-        if name in part and np.isfinite(part[name]).mean() > 0.5:
-            good &= np.isfinite(part[name])
-    edges = np.concatenate(([-1], np.flatnonzero(~good), [good.size]))
-    longest = int(np.argmax(np.diff(edges)))
-    return part.window(int(edges[longest]) + 1, int(edges[longest + 1]))
-
-
-def _known(part: FlightData) -> list[str]:
-    names = [name for group in (*GROUPS.values(),) for name in group]
-    return [name for name in dict.fromkeys(names) if name in part and np.isfinite(part[name]).any()]
-
-
 def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate | None:
     base = Comparison(windows, columns)
     found = _discrete(windows, columns, base)
     # Large scale errors of vanes and airspeed are estimated later; here they must only do no harm.
-    columns, base = _rescaled(windows, columns, base)
-    found += [*_scales(windows, columns, base), *_delays(windows, columns, base)]
-    return max(found, key=lambda one: one.gain, default=None)
+    read, there, stretched = _rescaled(windows, columns, base)
+    estimated = [*_scales(windows, read, there), *_delays(windows, read, there)]
+    if there is base:
+        return max([*found, *estimated], key=lambda one: one.gain, default=None)
+    # Such scale errors may themselves be what a delay does. Then each reading is given those that it leaves.
+    entries = [(one, columns, 0.0) for some in (found, _delays(windows, columns, base)) for one in _foremost(some)]
+    entries += [(one, read, stretched) for one in _foremost(estimated)]
+    plain = stretched - there.null().cost
+    worths = [(_worth(windows, one, given) + more - plain, one) for one, given, more in entries]
+    return max((entry for entry in worths if entry[0] > GAIN), key=lambda entry: entry[0], default=(0.0, None))[1]
+
+
+def _foremost(found: Sequence[_Candidate]) -> list[_Candidate]:
+    """The few that gain most."""
+    return sorted(found, key=lambda one: -one.gain)[:_FOREMOST]
+
+
+def _worth(windows: list[Window], one: _Candidate, given: list[dict[str, Array]]) -> float:
+    """Log likelihood of a reading of `given` with the large scale errors that it leaves taken off.
+
+    Late signals are moved by whole samples: parts of a sample would make their noise small, which is no merit.
+    """
+    columns = one.columns
+    if one.mistake.kind == "delay":
+        interval = windows[0].interval_s
+        whole = round(one.mistake.found / interval) * interval
+        columns = [advanced(c, one.mistake.signals, whole, interval) for c in given]
+    _, there, stretched = _rescaled(windows, columns, Comparison(windows, columns))
+    return one.stretched + stretched - there.null().cost
 
 
 def _rescaled(
     windows: list[Window], columns: list[dict[str, Array]], base: Comparison
-) -> tuple[list[dict[str, Array]], Comparison]:
-    """The signals without scale errors so large that their derivative does not hold, where that is likelier."""
+) -> tuple[list[dict[str, Array]], Comparison, float]:
+    """The signals without scale errors so large that their derivative does not hold, where that is likelier.
+
+    The third is the logarithm of the Jacobian.
+    """
+    total = 0.0
     for _ in range(_STEPS):
         large = {name: s for name, s in base.null().scales.items() if name != "theta" and abs(s) > _SCALE_LINEAR}
         if not large:
@@ -150,8 +156,8 @@ def _rescaled(
         there = Comparison(windows, read)
         if base.null().cost - there.null().cost + stretched < _LIKELIER:
             break
-        columns, base = read, there
-    return columns, base
+        columns, base, total = read, there, total + stretched
+    return columns, base, total
 
 
 def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
@@ -179,7 +185,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
             mistake = Mistake(
                 _name(one.signals), one.kind, factor, float("nan"), one.unit, one.sentence, one.signals, False
             )
-            found.append(_Candidate(gain, mistake, read))
+            found.append(_Candidate(gain, mistake, read, _stretched(one, windows) - one.penalty))
     return found
 
 
@@ -252,7 +258,7 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Compar
         if gain > GAIN:
             usable = abs(scale) < SCALE_REFUSED
             mistake = Mistake(_name(names), "scale", 1.0 / (1.0 + scale), std, "1", one.sentence, names, usable)
-            found.append(_Candidate(gain, mistake, read))
+            found.append(_Candidate(gain, mistake, read, _stretched(one, windows) - one.penalty))
     return found
 
 
@@ -275,8 +281,8 @@ def _summed(slopes: Sequence[dict[str, Array]]) -> dict[str, Array]:
     return {key: np.sum([one[key] for one in slopes], axis=0) for key in slopes[0]}
 
 
-def _noise(values: Array, interval: float) -> float:
-    """Noise of one sample, also of readings that were interpolated, whose neighbours share theirs."""
+def noise_at_most(values: Array, interval: float) -> float:
+    """Noise of one sample, also of readings that were interpolated, whose neighbours share theirs; motion may add."""
     return max(noise_sigma(values, interval), noise_sigma(values[::2], 2.0 * interval))
 
 
@@ -287,7 +293,7 @@ def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, name
             level = []
             for window, c in zip(windows, columns, strict=True):
                 if name in window.relations:
-                    level.append(_noise(window.measured(window.states(c, {}), c)[name], window.interval_s))
+                    level.append(noise_at_most(window.measured(window.states(c, {}), c)[name], window.interval_s))
             if fit.sigma[name] > _CALM_RATIO * float(np.mean(level)):
                 return False
     return True

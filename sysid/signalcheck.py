@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
-from sysid.delays import Delay, delay_sentence, prepared_in_time
+from sysid.delays import Delay, delay_sentence, prepared_in_time, total
 from sysid.errors import SignalError
 from sysid.findings import Mistake, delay_mistake
-from sysid.mistakes import find_mistakes
+from sysid.mistakes import DELAY_LEAST_S, find_mistakes
 from sysid.prepare import Prepared
 from sysid.records import STANDARD_DENSITY
 
@@ -36,12 +36,24 @@ class SignalCheck:
     rounds: int = 0
 
     def findings(self) -> list[Mistake]:
-        """All mistakes, the delays with their last estimates."""
-        return [*self.mistakes, *(delay_mistake(one) for one in self.delays)]
+        """All mistakes, the delays with their last estimates; one that the estimate has taken back is none."""
+        late = (one for one in self.delays if abs(one.value) > max(DELAY_LEAST_S, 2.0 * one.std))
+        return [*self.mistakes, *map(delay_mistake, late)]
 
     def with_delays(self, delays: Sequence[Delay]) -> SignalCheck:
         """The same after one more round of estimating them."""
         return replace(self, delays=tuple(delays), rounds=self.rounds + 1)
+
+    def joined(self, more: Sequence[Mistake], name: str) -> SignalCheck:
+        """The same with what the whole motion told besides, of the flights `name`. Raises SignalError as above.
+
+        A delay that the motion takes back is gone.
+        """
+        _stop_at_unusable(more, name)
+        late = [Delay(one.signals, one.found, one.std) for one in more if one.kind == "delay"]
+        told = [one for one in total([*self.delays, *late]) if abs(one.value) > one.std]
+        mistakes = (*self.mistakes, *(one for one in more if one.kind != "delay"))
+        return replace(self, delays=tuple(told), mistakes=mistakes, rounds=self.rounds + 1)
 
 
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
@@ -49,10 +61,7 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
     found = [one for one in found if not _unflyable(one, prepared, vehicle)]
-    wrong = [one for one in found if not one.usable]
-    if wrong:
-        name = ", ".join(dict.fromkeys(flight.data.name for flight in prepared))
-        raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
+    _stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
 
@@ -69,6 +78,17 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:
     """The flights corrected for the delays."""
     return prepared_in_time(prepared, vehicle, check.delays)
+
+
+def flights_named(prepared: Sequence[Prepared]) -> str:
+    """Names of flights in one line."""
+    return ", ".join(dict.fromkeys(flight.data.name for flight in prepared))
+
+
+def _stop_at_unusable(found: Sequence[Mistake], name: str) -> None:
+    wrong = [one for one in found if not one.usable]
+    if wrong:
+        raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
 
 
 def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle) -> bool:

@@ -21,6 +21,10 @@ _DIFFERENCE_ORDER = 4
 _DIFFERENCE_GAIN = float(np.sqrt(70.0))
 _MAD_TO_SIGMA = 1.4826
 
+# Samples from which on interpolated readings are looked for, and how far their noise then seems to grow by strides.
+_INTERPOLATED_LEAST = 100
+_SHARED = 1.2
+
 
 @dataclass(frozen=True)
 class Smoothed:
@@ -56,6 +60,20 @@ def noise_sigma(values: Array, interval_s: float) -> float:
         # More than half of the differences are equal: a coarse converter. Then the root mean square is the estimate.
         sigma = float(np.sqrt(np.mean(difference**2))) / _DIFFERENCE_GAIN
     return sigma
+
+
+def sample_noise(values: Array, interval_s: float) -> float:
+    """Noise of one sample as `noise_sigma` gives it, also of readings that were interpolated.
+
+    These share their noise with their neighbours, so that every second one has more of it than the differences of all
+    show, and every third one no more than that; what grows on is motion.
+    """
+    known = values[np.isfinite(values)]
+    every = noise_sigma(known, interval_s)
+    if known.size < _INTERPOLATED_LEAST:
+        return every
+    second, third = (noise_sigma(known[::k], k * interval_s) for k in (2, 3))
+    return second if second > _SHARED * every and third < _SHARED * second else every
 
 
 def fourier_smooth(values: Array, interval_s: float, cutoff_hz: float | None = None) -> Smoothed:

@@ -60,7 +60,7 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
     imu = [name for name in IMU if name in clean] or [name for name in IMU if name in signals.signals]
     if not imu:
         raise SignalError(f"{signals.name}: no IMU signal ({' '.join(IMU)}) to take the time base from")
-    base_name = max(imu, key=lambda name: signals.signals[name].rate_hz)
+    base_name = _base(signals, imu)
     base = clean.get(base_name)
     if base is None:
         base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
@@ -71,6 +71,18 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
         if lost and name not in SPARSE:
             warnings.append(f"{name}: {lost * interval:.2f} s of {grid.size * interval:.1f} s without samples")
     return FlightData(signals.name, interval, grid, columns, tuple(dict.fromkeys(warnings)))
+
+
+def _base(signals: FlightSignals, imu: Sequence[str]) -> str:
+    """The fastest IMU signal; of several alike the one whose stamps most signals share, which need no interpolation."""
+    fastest = max(signals.signals[name].rate_hz for name in imu)
+    alike = [name for name in imu if signals.signals[name].rate_hz > 0.99 * fastest]
+
+    def shared(name: str) -> int:
+        time = signals.signals[name].time_s
+        return sum(np.array_equal(other.time_s, time, equal_nan=True) for other in signals.signals.values())
+
+    return max(alike or list(imu), key=shared)
 
 
 def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signal:

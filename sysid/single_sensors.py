@@ -1,0 +1,222 @@
+"""Scale and timing of single sensors that only the whole motion tells: the lateral accelerometer's before all.
+
+Kinematics compare a lateral acceleration with a noisy vane, which says little of its scale. The free-running
+simulation explains every sensor at once. At the estimate one Gauss-Newton step along a reading itself, or along its
+rate of change, says which multiple of true it is, and how late (score test: C. R. Rao, Proc. Camb. Phil. Soc. 44,
+1948). What stands out counts if the flight, so corrected, is far likelier and explained down to the noise of every
+sensor: else it is the model that lacks something, and no sensor is blamed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model import Model
+from sysid.delays import Delay
+from sysid.errors import EstimationError
+from sysid.estimate import Problem, build, fit, warmed
+from sysid.findings import Mistake, delay_mistake
+from sysid.flight import Array
+from sysid.hypotheses import scale_hypothesis
+from sysid.mistakes import GAIN, LONGEST_DELAY_S, SCALE_LEAST, SCALE_REFUSED, SCALE_SIGMAS, noise_at_most
+from sysid.output_error import OutputError, OutputErrorResult, autocorrelation
+from sysid.records import GROUND, OUTPUTS, Record
+from sysid.shifts import read_later
+from sysid.steps import inverse
+
+# Outputs whose scale is no sensor error of its own; headings turn through pi, and have no scale.
+SCALED = ("q", "p", "r", "ax", "ay", "az", "phi", *GROUND)
+# Outputs that may come late alone; groups of sensors are asked for elsewhere (sysid.delaychoice).
+TIMED = ("airspeed", "alpha", "beta", "q", "p", "r", "ax", "ay", "az", "phi", "theta")
+# A delay counts from so many standard errors and this size, s, on.
+SIGMAS, LEAST_S = 5.0, 2e-3
+# Residuals above the sensors' noise by which a model does not explain the flight.
+_UNEXPLAINED = 1.15
+_MOST, _STEPS = 3, 4
+
+
+@dataclass(frozen=True)
+class _Error:
+    """What one reading would have to be. kind: "scale" (value: measured = (1 + value) true) or "delay" (s)."""
+
+    output: str
+    kind: str
+    value: float
+    std: float
+
+    @property
+    def sigmas(self) -> float:
+        """Size in standard errors."""
+        return abs(self.value) / self.std
+
+    def counts(self, share: float = 1.0) -> bool:
+        """Whether it is no accident and large enough to matter; share: of the size that is asked for."""
+        least, sigmas = (SCALE_LEAST, SCALE_SIGMAS) if self.kind == "scale" else (LEAST_S, SIGMAS)
+        return self.sigmas > sigmas and abs(self.value) > share * least
+
+    def joined(self, more: _Error) -> _Error:
+        """Both, one after the other."""
+        if self.kind == "delay":
+            return replace(more, value=self.value + more.value)
+        return replace(more, value=(1.0 + self.value) * (1.0 + more.value) - 1.0)
+
+    def corrected(self, record: Record) -> Record:
+        """The record as the sensor should have read."""
+        z, j = record.z.copy(), OUTPUTS.index(self.output)
+        z[:, j] = (
+            z[:, j] / (1.0 + self.value) if self.kind == "scale" else read_later(z[:, j], self.value, record.interval_s)
+        )
+        return replace(record, z=z)
+
+    def stretched(self, records: Sequence[Record]) -> float:
+        """Log of the Jacobian: a reading in smaller numbers leaves smaller residuals, which is no merit."""
+        if self.kind == "delay":
+            return 0.0
+        count = sum(int(np.isfinite(record.z[:, OUTPUTS.index(self.output)]).sum()) for record in records)
+        return count * float(np.log1p(self.value))
+
+    def mistake(self) -> Mistake:
+        """As a finding."""
+        if self.kind == "delay":
+            return delay_mistake(Delay((self.output,), self.value, self.std))
+        sentence = scale_hypothesis((self.output,), self.value).sentence
+        usable = abs(self.value) < SCALE_REFUSED
+        factor = 1.0 / (1.0 + self.value)
+        return Mistake(self.output, "scale", factor, self.std * factor**2, "1", sentence, (self.output,), usable)
+
+
+def told_by_motion(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> tuple[Mistake, ...]:
+    """Mistakes of single sensors, the surest first.
+
+    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air.
+    """
+    found: list[Mistake] = []
+    for _ in range(_MOST):
+        errors = [one for one in _errors(problem, model, coefficients, effects, result) if one.counts(0.5)]
+        best = max(errors, key=lambda one: one.sigmas, default=None)
+        told = None if best is None else _settled(problem, model, coefficients, effects, result, best)
+        if told is None:
+            break
+        error, problem, result = told
+        found.append(error.mistake())
+    if found and not _explained(problem, result):
+        return ()
+    return tuple(found)
+
+
+def _settled(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+    error: _Error,
+) -> tuple[_Error, Problem, OutputErrorResult] | None:
+    """An error after further steps with the flight corrected for it, and that flight's estimate; None if it fades."""
+    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
+    before = result.cost
+    for _ in range(_STEPS):
+        if abs(error.value) > (0.9 if error.kind == "scale" else LONGEST_DELAY_S):
+            return None
+        records = tuple(error.corrected(record) for record in problem.records)
+        other = replace(warmed(problem, result), records=records)
+        try:
+            there = fit(other, model, coefficients, effects, values)
+        except EstimationError:
+            return None
+        (more,) = (
+            one
+            for one in _errors(other, model, coefficients, effects, there)
+            if (one.output, one.kind) == (error.output, error.kind)
+        )
+        if abs(more.value) < more.std:
+            break
+        error = error.joined(more)
+    error = replace(error, std=more.std)
+    gain = before - there.cost - error.stretched(problem.records)
+    return (error, other, there) if error.counts() and gain > GAIN else None
+
+
+def _explained(problem: Problem, result: OutputErrorResult) -> bool:
+    """Whether no residual exceeds its sensor's noise."""
+    for name in problem.motion.outputs:
+        j = OUTPUTS.index(name)
+        dense = [r for r in problem.records if np.isfinite(r.z[:, j]).mean() > 0.9]
+        if name not in GROUND and dense:
+            noise = float(np.mean([noise_at_most(r.z[:, j], r.interval_s) for r in dense]))
+            if result.sigma[j] > _UNEXPLAINED * noise:
+                return False
+    return True
+
+
+def _errors(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> list[_Error]:
+    """What one step from the estimate makes of every reading's scale and delay, each alone."""
+    problem = warmed(problem, result)
+    estimation = build(problem, model, coefficients, effects, result.sigma)
+    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
+    theta = estimation.start(values)
+    predicted = estimation.predict(theta)
+    residuals, S = estimation.residuals(predicted), estimation.sensitivities(theta, predicted)
+    information, gradient = estimation.normal_equations(theta, residuals, S, result.sigma)
+    white = inverse(information)
+    found = []
+    for j in estimation.columns:
+        kernel = autocorrelation([residual[:, j] for residual in residuals])
+        for kind, columns in _slopes(problem.records, predicted, int(j)):
+            value, std = _alone(estimation, residuals, S, white, gradient, int(j), columns)
+            if np.isfinite(value) and std > 0.0:
+                inflation = max(float(np.sum(kernel)), 1.0)
+                found.append(_Error(OUTPUTS[j], kind, value, std * float(np.sqrt(inflation))))
+    return found
+
+
+def _slopes(records: Sequence[Record], predicted: Sequence[Array], j: int) -> Iterator[tuple[str, list[Array]]]:
+    """Derivatives (N,) of one output's readings by its scale, and by its delay, s."""
+    if OUTPUTS[j] in SCALED:
+        yield "scale", [y[:, j] for y in predicted]
+    if OUTPUTS[j] in TIMED:
+        yield (
+            "delay",
+            [
+                -np.gradient(np.unwrap(y[:, j]) if OUTPUTS[j] == "phi" else y[:, j], record.interval_s)
+                for record, y in zip(records, predicted, strict=True)
+            ],
+        )
+
+
+def _alone(
+    estimation: OutputError,
+    residuals: Sequence[Array],
+    S: Sequence[Array],
+    white: Array,
+    gradient: Array,
+    j: int,
+    columns: Sequence[Array],
+) -> tuple[float, float]:
+    """One more unknown beside all others: its Gauss-Newton step and standard error for white residuals."""
+    own, across, downhill = 0.0, np.zeros(gradient.size), 0.0
+    weight = float(estimation.sigma(residuals)[j]) ** -2.0
+    for k, (residual, s, column) in enumerate(zip(residuals, S, columns, strict=True)):
+        rows = np.where(np.isfinite(residual[:, j]), column, 0.0) * weight
+        own += float(rows @ column)
+        downhill += float(rows @ np.nan_to_num(residual[:, j]))
+        across[estimation.places(k)] += rows @ s[:, j, :]
+    left = own - float(across @ white @ across)
+    if not left > 1e-9 * own:
+        return float("nan"), float("inf")
+    return (downhill - float(across @ white @ gradient)) / left, left**-0.5
