@@ -43,7 +43,6 @@ SCALE_SIGMAS, SCALE_LEAST = 5.0, 0.03
 # ... and from here on the data are not used as they are.
 SCALE_REFUSED = 0.2
 _SHORTLIST = 6
-_FOREMOST = 3
 _LEVEL_GAIN = 5.0
 _HUGE = 1e20
 _MOST = 4
@@ -106,20 +105,18 @@ def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate 
     found = _discrete(windows, columns, base)
     # Large scale errors of vanes and airspeed are estimated later; here they must only do no harm.
     read, there, stretched = _rescaled(windows, columns, base)
-    estimated = [*_scales(windows, read, there), *_delays(windows, read, there)]
-    if there is base:
-        return max([*found, *estimated], key=lambda one: one.gain, default=None)
-    # Such scale errors may themselves be what a delay does. Then each reading is given those that it leaves.
-    entries = [(one, columns, 0.0) for some in (found, _delays(windows, columns, base)) for one in _foremost(some)]
-    entries += [(one, read, stretched) for one in _foremost(estimated)]
-    plain = stretched - there.null().cost
-    worths = [(_worth(windows, one, given) + more - plain, one) for one, given, more in entries]
-    return max((entry for entry in worths if entry[0] > GAIN), key=lambda entry: entry[0], default=(0.0, None))[1]
-
-
-def _foremost(found: Sequence[_Candidate]) -> list[_Candidate]:
-    """The few that gain most."""
-    return sorted(found, key=lambda one: -one.gain)[:_FOREMOST]
+    entries = [(one, columns, 0.0) for one in found]
+    entries += [(one, read, stretched) for one in (*_scales(windows, read, there), *_delays(windows, read, there))]
+    best = max(entries, key=lambda entry: entry[0].gain, default=None)
+    if there is not base and (best is None or best[0].mistake.kind != "unit"):
+        # Such scale errors may themselves be what a delay does.
+        late = max(_delays(windows, columns, base), key=lambda one: one.gain, default=None)
+        if late is not None:
+            worth = _worth(windows, late, columns)
+            other = -np.inf if best is None else _worth(windows, best[0], best[1]) + best[2]
+            if worth > max(other, stretched - there.null().cost + GAIN):
+                return late
+    return None if best is None else best[0]
 
 
 def _worth(windows: list[Window], one: _Candidate, given: list[dict[str, Array]]) -> float:
