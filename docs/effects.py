@@ -1,27 +1,46 @@
 """Print docs/effects.md from the catalogue."""
 
-from sim_vehicle.effects import EFFECTS
+from sim_vehicle.effects import EFFECTS, Parameter
 
 HEAD = """# Effects
 
 What `sim-vehicle fly --effect NAME:KEY=VALUE` flies and `gcs discrepancy` looks for. This page is printed by
 `python docs/effects.py`. Ranges are those in which an estimate is sought. Equations stand in `sim_vehicle/effects/`.
-An effect with an alias is flown but never named: no flight can tell it from that.
+An effect with an alias is flown but never named: no flight can tell it from that. Times are seconds from the flight's
+first stamp on the vehicle's clock. Ground effect is looked for where a rangefinder or a recording from before take-off
+on tells the height.
 
-| name | effect | acts on | parameters (range) | told apart by | alias |
-|---|---|---|---|---|---|"""
+| name | effect | acts on | parameters (range) | told apart by | easily taken for | alias |
+|---|---|---|---|---|---|---|"""
+
+
+PAIRS = """
+What tells two of them apart where it is not the effect's own manoeuvre:
+
+| taken for one another | manoeuvre |
+|---|---|"""
+
+
+def _parameter(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f"`{parameter.name}` ({', '.join(f'`{name}`' for name in parameter.choices)})"
+    fitted = "" if parameter.fitted else ", not fitted"
+    return f"`{parameter.name}` [{parameter.unit}] ({parameter.low:g} to {parameter.high:g}{fitted})"
 
 
 def page() -> str:
     """The page as text."""
     rows = [HEAD]
     for effect in EFFECTS.values():
-        parameters = "; ".join(
-            f"`{p.name}` [{p.unit}] ({p.low:g} to {p.high:g}{'' if p.fitted else ', not fitted'})"
-            for p in effect.parameters
-        )
-        cells = (effect.title, effect.stage.value, parameters, effect.separated_by, effect.alias)
+        parameters = "; ".join(map(_parameter, effect.parameters))
+        others = ", ".join(f"`{name}`" for name in effect.confusable_with)
+        cells = (effect.title, effect.stage.value, parameters, effect.separated_by, others, effect.alias)
         rows.append(f"| `{effect.name}` | " + " | ".join(cells) + " |")
+    rows.append(PAIRS)
+    for effect in EFFECTS.values():
+        for other, manoeuvre in effect.separations:
+            if manoeuvre:
+                rows.append(f"| `{effect.name}`, `{other}` | {manoeuvre} |")
     return "\n".join(rows) + "\n"
 
 

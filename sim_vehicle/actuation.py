@@ -1,4 +1,4 @@
-"""From the command to the surface: delay, lag, rate limit, free play, gain (compiled).
+"""From the command to the surface: delay, dead band, lag, rate limit, free play, linkage, gain (compiled).
 
 The command is held between ticks. Every element is advanced exactly over a sub-step under that held command, and
 hands on both its mean over the sub-step (what the motion feels) and its value at the end (what a sensor then sees).
@@ -15,8 +15,9 @@ from sim_vehicle.effects.actuator import (
     rate_limited,
     rate_limited_mean,
 )
+from sim_vehicle.effects.linkage import after_deadband, cubic_linkage
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import Par
+from sim_vehicle.layout import ACCEPTED_PLACE, THROTTLE_PLACE, Par
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,8 @@ _LAG, _LAG_TAU = slot("actuator_lag"), slot("actuator_lag", "tau")
 _RATE, _RATE_MAX = slot("actuator_rate_limit"), slot("actuator_rate_limit", "rate")
 _PLAY, _PLAY_WIDTH = slot("actuator_backlash"), slot("actuator_backlash", "width")
 _GAIN, _GAIN_SCALE = slot("elevator_gain"), slot("elevator_gain", "scale")
+_CUBIC, _CUBIC_K = slot("linkage_nonlinearity"), slot("linkage_nonlinearity", "cubic")
+_BAND, _BAND_WIDTH = slot("servo_deadband"), slot("servo_deadband", "width")
 _MOTOR, _MOTOR_TAU = slot("motor_lag"), slot("motor_lag", "tau")
 _MOTOR_TAU_PAR = int(Par.motor_tau)
 
@@ -49,16 +52,26 @@ def start_actuators(command: Array, actuators: Array) -> None:
     for channel in range(3):
         actuators[2 * channel] = command[channel]
         actuators[2 * channel + 1] = command[channel]
-    actuators[6] = command[3]
+        actuators[ACCEPTED_PLACE + channel] = command[channel]
+    actuators[THROTTLE_PLACE] = command[3]
+
+
+@jit
+def deflection(channel: int, position: float, E: Array) -> float:
+    """Surface [rad] that the position of a servo behind its free play gives."""
+    if E[_CUBIC] != 0.0:
+        position = cubic_linkage(position, E[_CUBIC_K])
+    if channel == 0 and E[_GAIN] != 0.0:
+        position *= 1.0 + E[_GAIN_SCALE]
+    return position
 
 
 @jit
 def surfaces_at_rest(command: Array, E: Array, end: Array) -> None:
     """Surfaces (4,) of actuators that have been at rest at `command` for long."""
-    for channel in range(4):
-        end[channel] = command[channel]
-    if E[_GAIN] != 0.0:
-        end[0] *= 1.0 + E[_GAIN_SCALE]
+    for channel in range(3):
+        end[channel] = deflection(channel, command[channel], E)
+    end[3] = command[3]
 
 
 @jit
@@ -68,7 +81,7 @@ def advance_actuators(
 ) -> None:  # fmt: skip
     """Advance by `step` seconds, `begin` seconds after `tick`.
 
-    commands: (N, 4) de, da, dr [rad], throttle, as held from each tick on. actuators: (7,) state, changed in place.
+    commands: (N, 4) de, da, dr [rad], throttle, as held from each tick on. actuators: (10,) state, changed in place.
     mean, end: (4,) results: mean over the step and value at its end.
     """
     delay = E[_DELAY_S] if E[_DELAY] != 0.0 else 0.0
@@ -76,6 +89,9 @@ def advance_actuators(
         command = commands[tick, channel]
         if delay > 0.0:
             command = delayed_mean(commands, tick, channel, begin, begin + step, delay, dt)
+        if E[_BAND] != 0.0:
+            command = after_deadband(actuators[ACCEPTED_PLACE + channel], command, E[_BAND_WIDTH])
+            actuators[ACCEPTED_PLACE + channel] = command
         position = actuators[2 * channel]
         target, middle = command, command
         lags = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0
@@ -94,26 +110,22 @@ def advance_actuators(
             # Exact where the linkage is in contact over the whole step, and where the drive moves at once.
             middle = after_backlash(before, middle, E[_PLAY_WIDTH])
         actuators[2 * channel + 1] = target
-        if channel == 0 and E[_GAIN] != 0.0:
-            target *= 1.0 + E[_GAIN_SCALE]
-            middle *= 1.0 + E[_GAIN_SCALE]
-        mean[channel], end[channel] = middle, target
+        mean[channel], end[channel] = deflection(channel, middle, E), deflection(channel, target, E)
     throttle = commands[tick, 3]
     tau = E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_MOTOR_TAU_PAR]
     mean[3], end[3] = throttle, throttle
     if tau > 0.0:
-        mean[3] = lagged_mean(actuators[6], throttle, step, tau)
-        end[3] = lagged_position(actuators[6], throttle, step, tau)
-    actuators[6] = end[3]
+        mean[3] = lagged_mean(actuators[THROTTLE_PLACE], throttle, step, tau)
+        end[3] = lagged_position(actuators[THROTTLE_PLACE], throttle, step, tau)
+    actuators[THROTTLE_PLACE] = end[3]
 
 
 @jit
 def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end: Array) -> None:
     """Let a command act at once on the surfaces a sensor sees at its own tick, where nothing delays or lags it."""
     lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
-    if lags or delays or E[_RATE] != 0.0 or (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0):
+    remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
+    if lags or delays or E[_RATE] != 0.0 or remembers:
         return
     for channel in range(3):
-        end[channel] = commands[tick, channel]
-    if E[_GAIN] != 0.0:
-        end[0] *= 1.0 + E[_GAIN_SCALE]
+        end[channel] = deflection(channel, commands[tick, channel], E)

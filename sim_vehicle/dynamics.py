@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.battery_sag import sagged_share
+from sim_vehicle.effects.cg_shift import shift_moment
 from sim_vehicle.effects.elastic_tail import elastic_gain
+from sim_vehicle.effects.ground_effect import nearness
+from sim_vehicle.effects.mass_drop import remaining_mass
 from sim_vehicle.effects.propeller import gyroscopic_moment, normal_force, p_factor_moment, torque_roll
 from sim_vehicle.effects.propwash_elevator import propwash_gain
 from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
+from sim_vehicle.effects.switched import switched
 from sim_vehicle.effects.thrust_line_offset import thrust_line_moment
 from sim_vehicle.effects.thrust_scale import scaled_thrust
 from sim_vehicle.effects.thrust_speed_loss import speed_thrust
@@ -42,6 +47,12 @@ _NORM, _NORM_K = slot("propeller_normal_force"), slot("propeller_normal_force", 
 _RHO, _RHO_E = slot("density_error"), slot("density_error", "scale")
 _MASS, _MASS_E = slot("mass_error"), slot("mass_error", "scale")
 _INERTIA, _INERTIA_E = slot("inertia_error"), slot("inertia_error", "scale")
+_STEP, _STEP_T, _STEP_D = (slot("configuration_step", name) for name in ("on", "time", "duration"))
+_STEP_CL, _STEP_CD, _STEP_CM = (slot("configuration_step", name) for name in ("dCL", "dCD", "dCm"))
+_DROP, _DROP_M, _DROP_T, _DROP_D = (slot("mass_drop", name) for name in ("on", "fraction", "time", "duration"))
+_SAG, _SAG_RATE = slot("battery_sag"), slot("battery_sag", "rate")
+_NEAR, _NEAR_CL, _NEAR_CD = (slot("ground_effect", name) for name in ("on", "lift_gain", "drag_reduction"))
+_CG, _CG_X = slot("cg_shift"), slot("cg_shift", "x")
 
 _MASS_P, _IXX, _IYY, _IZZ, _IXZ = int(Par.mass), int(Par.Ixx), int(Par.Iyy), int(Par.Izz), int(Par.Ixz)
 _S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), int(Par.reference_speed)
@@ -53,14 +64,17 @@ _R_CL, _R_ADOT = REGRESSORS.index("CL"), REGRESSORS.index("alphadot")
 _V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
 _PD, _QD, _RD, _AD = int(Aux.p_dot), int(Aux.q_dot), int(Aux.r_dot), int(Aux.alpha_dot)
 _T, _RHO_W, _CL_W, _VB, _UB = int(Aux.thrust), int(Aux.rho), int(Aux.CL), int(Aux.v_body), int(Aux.u_body)
+_TIME = int(Aux.time)
 
 # Kinds of term that an effect may scale.
-PLAIN, ELEVATOR_MOMENT, ZERO_LIFT_DRAG = 0, 1, 2
+PLAIN, ELEVATOR_MOMENT, ZERO_LIFT_DRAG, INDUCED_DRAG = 0, 1, 2, 3
 SEA_LEVEL_DENSITY = 1.225
 
 
 @jit
-def _sum_terms(C: Array, F: IntArray, K: IntArray, first: int, last: int, W: Array, tail: float, drag: float) -> float:
+def _sum_terms(
+    C: Array, F: IntArray, K: IntArray, first: int, last: int, W: Array, tail: float, drag: float, induced: float
+) -> float:
     total = 0.0
     for i in range(first, last):
         value = C[i]
@@ -73,18 +87,25 @@ def _sum_terms(C: Array, F: IntArray, K: IntArray, first: int, last: int, W: Arr
             value *= tail
         elif K[i] == 2:
             value *= drag
+        elif K[i] == 3:
+            value *= induced
         total += value
     return total
 
 
 @jit
 def _lift(
-    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, alpha: float, lift_alpha: float
+    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, alpha: float, lift_alpha: float, near: float
 ) -> float:
-    """CL of the terms, felt at `lift_alpha` where lift lags, faded by the stall."""
+    """CL of the terms, felt at `lift_alpha` where lift lags, as the configuration and the ground change it, faded by
+    the stall; near: see `nearness`."""
     W[0] = lift_alpha
-    CL = _sum_terms(C, F, K, T[0], T[1], W, 1.0, 1.0)
+    CL = _sum_terms(C, F, K, T[0], T[1], W, 1.0, 1.0, 1.0)
     W[0] = alpha
+    if E[_STEP] != 0.0:
+        CL += E[_STEP_CL] * switched(W[_TIME], E[_STEP_T], E[_STEP_D])
+    if near != 0.0:
+        CL *= 1.0 + E[_NEAR_CL] * near
     if E[_STALL] != 0.0:
         share = separated_share(alpha, E[_STALL_A], E[_STALL_M])
         CL = (1.0 - share) * CL + share * flat_plate_lift(alpha)
@@ -92,10 +113,12 @@ def _lift(
 
 
 @jit_inlined
-def _thrust(thrust: float, throttle: float, V: float, rho: float, P: Array, E: Array) -> float:
+def _thrust(thrust: float, throttle: float, V: float, rho: float, time: float, P: Array, E: Array) -> float:
     """Thrust, N, as measured or by the throttle where `thrust` is NaN, after what effects make of it."""
     if np.isnan(thrust):
         thrust = throttle_thrust(throttle, V, rho, P)
+        if E[_SAG] != 0.0:
+            thrust *= sagged_share(time, E[_SAG_RATE])
     if E[_LOSS] != 0.0:
         thrust += speed_thrust(throttle, V, P[_VREF], E[_LOSS_K])
     if E[_TSC] != 0.0:
@@ -134,9 +157,9 @@ def _propeller_loads(
 
 @jit_inlined
 def _add_alpha_rate(
-    CL: float, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, lift_alpha: float, x: Array,
-    flow: tuple[float, float, float], force: tuple[float, float], weight: tuple[float, float], mass: float,
-    qS: float, half_chord: float, ca: float, sa: float,
+    CL: float, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, lift_alpha: float, near: float,
+    x: Array, flow: tuple[float, float, float], force: tuple[float, float], weight: tuple[float, float],
+    mass: float, qS: float, half_chord: float, ca: float, sa: float,
 ) -> float:  # fmt: skip
     """CL with the rate of the angle of attack, into W, where a term asks for it: it depends on lift itself, linearly.
 
@@ -151,7 +174,7 @@ def _add_alpha_rate(
     ud = fx / mass + qS * CL * sa / mass + gx + r * va - q * wa
     wd = fz / mass - qS * CL * ca / mass + gz + q * ua - p * va
     W[_R_ADOT] = 1.0
-    slope = _lift(E, C, F, K, T, W, alpha, lift_alpha) - CL
+    slope = _lift(E, C, F, K, T, W, alpha, lift_alpha, near) - CL
     free = (ua * wd - wa * ud) / flow2
     alpha_dot = free / (1.0 + qS / mass * slope * half_chord / math.sqrt(flow2))
     W[_R_ADOT] = alpha_dot * half_chord
@@ -162,8 +185,8 @@ def _add_alpha_rate(
 
 @jit_inlined
 def _coefficients(
-    alpha: float, V: float, thrust: float, qS: float, qbar: float, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, W: Array,
+    alpha: float, V: float, thrust: float, qS: float, qbar: float, near: float, P: Array, E: Array, C: Array,
+    F: IntArray, K: IntArray, T: IntArray, W: Array,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """CD, CY, Cl, Cm and Cn."""
     drag_factor = 1.0
@@ -174,13 +197,17 @@ def _coefficients(
         tail_factor *= propwash_gain(thrust, qS, E[_WASH_K])
     if E[_TAIL] != 0.0:
         tail_factor *= elastic_gain(qbar, 0.5 * SEA_LEVEL_DENSITY * P[_VREF] * P[_VREF], E[_TAIL_K])
-    CD = _sum_terms(C, F, K, T[1], T[2], W, 1.0, drag_factor)
+    CD = _sum_terms(C, F, K, T[1], T[2], W, 1.0, drag_factor, 1.0 - E[_NEAR_CD] * near)
     if E[_STALL] != 0.0:
         CD += separated_share(alpha, E[_STALL_A], E[_STALL_M]) * flat_plate_drag(alpha)
-    CY = _sum_terms(C, F, K, T[2], T[3], W, 1.0, 1.0)
-    Cl = _sum_terms(C, F, K, T[3], T[4], W, 1.0, 1.0)
-    Cm = _sum_terms(C, F, K, T[4], T[5], W, tail_factor, 1.0)
-    Cn = _sum_terms(C, F, K, T[5], T[6], W, 1.0, 1.0)
+    CY = _sum_terms(C, F, K, T[2], T[3], W, 1.0, 1.0, 1.0)
+    Cl = _sum_terms(C, F, K, T[3], T[4], W, 1.0, 1.0, 1.0)
+    Cm = _sum_terms(C, F, K, T[4], T[5], W, tail_factor, 1.0, 1.0)
+    Cn = _sum_terms(C, F, K, T[5], T[6], W, 1.0, 1.0, 1.0)
+    if E[_STEP] != 0.0:
+        share = switched(W[_TIME], E[_STEP_T], E[_STEP_D])
+        CD += E[_STEP_CD] * share
+        Cm += E[_STEP_CM] * share
     return CD, CY, Cl, Cm, Cn
 
 
@@ -250,7 +277,7 @@ def derivatives(
     thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
     of the air, m/s; gust: (3,) that in body axes on top. rho: kg/m3. P, E: vehicle constants and effect vector.
     C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work
-    array, holds the by-products (Aux) afterwards.
+    array, holds the by-products (Aux) afterwards; its `time` stays as it came.
     """
     R = _rotation(x[6], x[7], x[8], x[9])
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = R
@@ -266,9 +293,12 @@ def derivatives(
     mass, S, b, c = P[_MASS_P], P[_S], P[_B], P[_C]
     if E[_MASS] != 0.0:
         mass *= 1.0 + E[_MASS_E]
+    if E[_DROP] != 0.0:
+        mass = remaining_mass(mass, E[_DROP_M], switched(W[_TIME], E[_DROP_T], E[_DROP_D]))
+    near = nearness(-x[2], b) if E[_NEAR] != 0.0 else 0.0
     qbar = 0.5 * rho * V * V
     qS = qbar * S
-    thrust = _thrust(thrust, surfaces[3], V, rho, P, E)
+    thrust = _thrust(thrust, surfaces[3], V, rho, W[_TIME], P, E)
 
     W[0], W[1], W[2] = alpha, 0.0, beta
     W[3], W[4], W[5] = p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V)
@@ -281,17 +311,22 @@ def derivatives(
     fx, fz, ly, my, nz = _propeller_loads(surfaces[3], thrust, alpha, beta, V, q, r, rho, P, E)
 
     ca, sa = math.cos(alpha), math.sin(alpha)
-    CL = _lift(E, C, F, K, T, W, alpha, lift_alpha)
+    CL = _lift(E, C, F, K, T, W, alpha, lift_alpha, near)
     W[_AD] = 0.0
     if P[_HAS_ADOT] != 0.0:
         weight = (P[_G] * r13, P[_G] * r33)
         flow, half_chord = (ua, va, wa), c / (2.0 * V)
-        CL = _add_alpha_rate(CL, E, C, F, K, T, W, lift_alpha, x, flow, (fx, fz), weight, mass, qS, half_chord, ca, sa)
+        CL = _add_alpha_rate(
+            CL, E, C, F, K, T, W, lift_alpha, near, x, flow, (fx, fz), weight, mass, qS, half_chord, ca, sa
+        )  # fmt: skip
     W[_R_CL] = CL
-    CD, CY, Cl, Cm, Cn = _coefficients(alpha, V, thrust, qS, qbar, P, E, C, F, K, T, W)
+    CD, CY, Cl, Cm, Cn = _coefficients(alpha, V, thrust, qS, qbar, near, P, E, C, F, K, T, W)
     ax = (fx + qS * (-CD * ca + CL * sa)) / mass
     ay = qS * CY / mass
     az = (fz + qS * (-CD * sa - CL * ca)) / mass
+    if E[_CG] != 0.0:
+        my += shift_moment(E[_CG_X], mass, az)
+        nz -= shift_moment(E[_CG_X], mass, ay)
     _rigid_body_rates(x, R, P, E, (ax, ay, az), (ly + qS * b * Cl, my + qS * c * Cm, nz + qS * b * Cn), rate)
 
     W[_V], W[_ALPHA], W[_BETA], W[_AX], W[_AY], W[_AZ] = V, alpha, beta, ax, ay, az

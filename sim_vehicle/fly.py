@@ -125,6 +125,7 @@ class _Flight:
         )
         state.x[3:6] += to_body @ wind
         state.x[0:2] += ground
+        state.time_s = self._count * self.dt
         self.plant.evaluate(state, wind, _CALM, 0.0)
         self._air = (wind, _CALM)
         return state

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from sim_vehicle.dynamics import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.battery_sag import sagged_share
 from sim_vehicle.effects.elastic_tail import elastic_gain
+from sim_vehicle.effects.mass_drop import remaining_mass
 from sim_vehicle.effects.propwash_elevator import propwash_gain
 from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
+from sim_vehicle.effects.switched import switched
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.layout import CQ_PLACE, CT_PLACE, Aux, Par
 from sim_vehicle.propeller import rotor_speed, speed_slopes
@@ -26,7 +29,7 @@ IntArray = NDArray[np.int64]
 STATE_COLUMNS = 10  # u v w p q r q0 q1 q2 q3
 THRUST_COLUMN = STATE_COLUMNS + len(AXES)
 COLUMNS = THRUST_COLUMN + 1
-_V, _RHO, _T, _CL = int(Aux.V), int(Aux.rho), int(Aux.thrust), int(Aux.CL)
+_V, _RHO, _T, _CL, _TIME = int(Aux.V), int(Aux.rho), int(Aux.thrust), int(Aux.CL), int(Aux.time)
 _AX, _AY, _AZ, _VB, _UB = int(Aux.ax), int(Aux.ay), int(Aux.az), int(Aux.v_body), int(Aux.u_body)
 _R_ALPHA, _R_ADOT, _R_BETA, _R_P, _R_Q, _R_R, _R_CL = (
     REGRESSORS.index(name) for name in ("alpha", "alphadot", "beta", "p", "q", "r", "CL")
@@ -48,6 +51,11 @@ _PFAC, _PFAC_K = slot("p_factor"), slot("p_factor", "k_P")
 _GYRO, _GYRO_I = slot("propeller_gyroscopic"), slot("propeller_gyroscopic", "I_P")
 _NORM, _NORM_K = slot("propeller_normal_force"), slot("propeller_normal_force", "k")
 _MASS, _MASS_E = slot("mass_error"), slot("mass_error", "scale")
+_STEP, _STEP_T, _STEP_D = (slot("configuration_step", name) for name in ("on", "time", "duration"))
+_STEP_CL = slot("configuration_step", "dCL")
+_DROP, _DROP_M, _DROP_T, _DROP_D = (slot("mass_drop", name) for name in ("on", "fraction", "time", "duration"))
+_SAG, _SAG_RATE = slot("battery_sag"), slot("battery_sag", "rate")
+_CG, _CG_X = slot("cg_shift"), slot("cg_shift", "x")
 _INERTIA, _INERTIA_E = slot("inertia_error"), slot("inertia_error", "scale")
 
 
@@ -258,6 +266,10 @@ def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: floa
     R[2, THRUST_COLUMN] += by_T[1] / mass
     for j in range(3):
         R[3 + j, THRUST_COLUMN] += by_T[2 + j]
+    if E[_CG] != 0.0:
+        for z in range(COLUMNS):
+            R[4, z] += mass * E[_CG_X] * R[2, z]
+            R[5, z] -= mass * E[_CG_X] * R[1, z]
     R[3, 3] += Ixz * q
     R[3, 4] += Ixz * p - (Izz - Iyy) * r
     R[3, 5] -= (Izz - Iyy) * q
@@ -281,19 +293,24 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
     """Jacobian R (6, COLUMNS) of ax ay az [m/s2] and p' q' r' [rad/s2] where `derivatives` has just been evaluated.
 
     by_throttle: whether thrust followed from the throttle.
-    x, surfaces, gust, P, E, C, F, K, T: as `derivatives` had them, W as it left it; the wind is nil, and no lift lags.
+    x, surfaces, gust, P, E, C, F, K, T: as `derivatives` had them, W as it left it; the wind is nil, no lift lags
+    and no ground is near.
     products: (n,) result, what a term's coefficient is multiplied by, so that dR/dC_i is products[i] times the column
     of the term's axis. flow (3, 3): result of `flow_slopes`. D (6, regressors), J (6, COLUMNS),
     work (4, COLUMNS): work.
     """
     V, wa = W[_V], x[5] - gust[2]
     mass = P[_MASS_P] * (1.0 + E[_MASS_E]) if E[_MASS] != 0.0 else P[_MASS_P]
+    if E[_DROP] != 0.0:
+        mass = remaining_mass(mass, E[_DROP_M], switched(W[_TIME], E[_DROP_T], E[_DROP_D]))
     qS = 0.5 * W[_RHO] * V * V * P[_S]
     by_T, by_flow, sums, row = work[0], work[1], work[2], work[3]
     flow_slopes(W, wa, flow)
     tail, tail_V, tail_T, drag, drag_V = _factors(W, P, E, qS)
     _term_slopes(C, F, K, T, W, tail, drag, D, products, sums)
     if E[_STALL] != 0.0:
+        if E[_STEP] != 0.0:
+            sums[0] += E[_STEP_CL] * switched(W[_TIME], E[_STEP_T], E[_STEP_D])
         _separate(W[0], E[_STALL_A], E[_STALL_M], T, sums[0], D, products)
     _thrust_slopes(x, surfaces[3], W, P, E, by_T, by_flow)
     fx, fz = by_T[0] * W[_T], by_T[1] * W[_T]
@@ -315,7 +332,8 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
     gain = 1.0 + E[_TSC_K] if E[_TSC] != 0.0 else 1.0
     loss = gain * surfaces[3] * E[_LOSS_K] if E[_LOSS] != 0.0 else 0.0
     if by_throttle:
-        loss += gain * speed_slopes(surfaces[3], V, W[_RHO], P)[0]
+        left = sagged_share(W[_TIME], E[_SAG_RATE]) if E[_SAG] != 0.0 else 1.0
+        loss += gain * left * speed_slopes(surfaces[3], V, W[_RHO], P)[0]
     if loss != 0.0 or gain != 1.0:
         for j in range(6):
             for z in range(3):

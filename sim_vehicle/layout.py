@@ -83,6 +83,8 @@ class Aux(IntEnum):
     Cn = auto()
     v_body = auto()
     u_body = auto()
+    # Not a by-product: the time, s from the flight's first stamp. Whoever flies sets it.
+    time = auto()
 
 
 WORK_SIZE = len(REGRESSORS) + len(Aux)
@@ -95,18 +97,21 @@ CHANNELS = (
 
 
 class Lag(IntEnum):
-    """Channels that a sensor lag can delay; two values each in the sensor state: last input, last output."""
+    """Channels with a memory (lags, play); two values each in the sensor state: last input, last output."""
 
     alpha = 0
     beta = 1
     airspeed = 2
     phi = 3
     theta = 4
+    thrust = 5
 
 
 SENSOR_SIZE = 2 * len(Lag)
 
-# Per surface: position of the servo, output behind free play. Then the lagged throttle.
-ACTUATOR_SIZE = 7
+# Per surface: position of the servo, output behind free play. Then the lagged throttle, and the commands that the
+# servos have accepted.
+THROTTLE_PLACE, ACCEPTED_PLACE = 6, 7
+ACTUATOR_SIZE = 10
 # How many ticks a delayed command can reach back: 0.2 s at 300 Hz.
 HISTORY = 64

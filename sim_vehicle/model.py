@@ -42,7 +42,7 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class ModelEffect:
-    """An effect of the model with its parameters (SI)."""
+    """An effect of the model with its parameters (SI; a choice among names as the name's place)."""
 
     name: str
     parameters: Mapping[str, Coefficient]
@@ -54,6 +54,12 @@ class ModelEffect:
     def refused(self) -> list[str]:
         """Names of the parameters that have no value."""
         return [key for key, entry in self.parameters.items() if entry.value is None]
+
+    def to_json(self) -> dict[str, Any]:
+        entries = {key: entry.to_json() for key, entry in self.parameters.items()}
+        for key, value in self.values().items():
+            entries[key]["value"] = effect_called(self.name).parameter(key).shown(value)
+        return {"name": self.name, "parameters": entries}
 
 
 @dataclass(frozen=True)
@@ -120,13 +126,7 @@ class Model:
             "schema": SCHEMA,
             "name": self.name,
             "coefficients": {name: entry.to_json() for name, entry in self.coefficients.items()},
-            "effects": [
-                {
-                    "name": effect.name,
-                    "parameters": {key: entry.to_json() for key, entry in effect.parameters.items()},
-                }
-                for effect in self.effects
-            ],
+            "effects": [effect.to_json() for effect in self.effects],
             "validity": {name: list(limits) for name, limits in self.validity.items()},
             **correlation,
         }
@@ -169,6 +169,16 @@ def _object(where: str, data: Mapping[str, Any], key: str) -> dict[str, Any]:
     return found
 
 
+def _numbered(effect: Effect, key: str, entry: Any) -> Any:
+    """The entry of a parameter, its value a number where it was the name of a choice."""
+    choices = {parameter.name: parameter for parameter in effect.parameters if parameter.choices}
+    given = entry.get("value") if isinstance(entry, dict) else entry
+    if key not in choices or not isinstance(given, str):
+        return entry
+    number = effect.possible(choices[key], given)
+    return {**entry, "value": number} if isinstance(entry, dict) else number
+
+
 def _effect_from_json(item: Any, where: str) -> tuple[Effect, dict[str, Coefficient]]:
     """An effect of the file with its parameters, defaults filled in. What is refused stays without a value."""
     if not isinstance(item, dict) or "name" not in item:
@@ -179,7 +189,7 @@ def _effect_from_json(item: Any, where: str) -> tuple[Effect, dict[str, Coeffici
         if unknown:
             raise ModelFileError(f"effect {effect.name}: unknown key {sorted(unknown)[0]!r}")
         raw = _object(f"effect {effect.name}", item, "parameters")
-        entries = {key: _entry(f"{effect.name}.{key}", entry) for key, entry in raw.items()}
+        entries = {key: _entry(f"{effect.name}.{key}", _numbered(effect, key, entry)) for key, entry in raw.items()}
         # A refused parameter is a known name; any possible number stands for it in the check.
         stand_in = {parameter.name: max(parameter.low, 0.0) for parameter in effect.parameters}
         known = {k: stand_in.get(k, 0.0) if entry.value is None else entry.value for k, entry in entries.items()}

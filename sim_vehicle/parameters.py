@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.dynamics import ELEVATOR_MOMENT, PLAIN, ZERO_LIFT_DRAG
+from sim_vehicle.dynamics import ELEVATOR_MOMENT, INDUCED_DRAG, PLAIN, ZERO_LIFT_DRAG
 from sim_vehicle.effects import pack_effects
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, Par
 from sim_vehicle.model import Model
 from sim_vehicle.propulsion import pack_curve, rotor_scale
-from sim_vehicle.terms import AXES, MAX_FACTORS, REGRESSORS, Term, parse_term
+from sim_vehicle.terms import AXES, MAX_FACTORS, POLAR, REGRESSORS, Term, parse_term
 from sim_vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def flatten_vehicle(vehicle: Vehicle) -> Array:
 def _kind(term: Term) -> int:
     if term.axis == "Cm" and "de" in term.factors:
         return ELEVATOR_MOMENT
-    return ZERO_LIFT_DRAG if term.name == "CD_0" else PLAIN
+    return {"CD_0": ZERO_LIFT_DRAG, POLAR: INDUCED_DRAG}.get(term.name, PLAIN)
 
 
 def flatten(vehicle: Vehicle, model: Model) -> FlatModel:

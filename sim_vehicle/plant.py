@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sim_vehicle.actuation import start_actuators
 from sim_vehicle.atmosphere import density
 from sim_vehicle.dynamics import derivatives
+from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
 from sim_vehicle.errors import ModelFileError, VehicleFileError
 from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.model import Model
@@ -29,6 +30,10 @@ OUTPUTS = (
     "CL", "CD", "CY", "Cl", "Cm", "Cn",
 )  # fmt: skip
 _STILL = np.zeros(3)
+# Angles that turn all the way round.
+_TURNING = (CHANNELS.index("phi"), CHANNELS.index("psi"))
+# Rows of readings that the cubic of a late reading needs around it.
+_AROUND = 4
 _FREE = np.zeros(0)
 
 
@@ -51,6 +56,9 @@ class Plant:
                 f"{vehicle.path}: to fly this vehicle give [propulsion] max_thrust in newtons, "
                 "or CT, diameter and max_rpm"
             )
+        skew = model.effect("sensor_time_skew") or {"delay": 0.0, "group": 0.0}
+        self._skew = skew["delay"]
+        self._late = [j for j in range(len(CHANNELS)) if is_late(j, skew["group"])] if self._skew > 0.0 else []
         self._scratch = np.zeros((5, STATE_SIZE))
         self._rate = np.zeros(STATE_SIZE)
         self._mean = np.zeros(4)
@@ -98,6 +106,19 @@ class Plant:
         """Bring by-products and readings up to date with the state; `interval` since the last reading [s]."""
         self.rates(state, wind_ned, gust_body)
         read_sensors(state.x, state.work, self.flat.P, self.flat.E, interval, state.sensor, state.reading)
+        if self._late:
+            self._delay_readings(state, interval)
+
+    def _delay_readings(self, state: PlantState, interval: float) -> None:
+        """Keep the newest readings, and show of the sensors that come late those of before."""
+        if interval == 0.0:
+            state.past = np.tile(state.reading, (HISTORY, 1))
+            return
+        state.past[:-1] = state.past[1:]
+        state.past[-1] = state.reading
+        for j in self._late:
+            column = np.ascontiguousarray(state.past[:, j])
+            state.reading[j] = late_reading(column, HISTORY - 1, self._skew / interval, j in _TURNING)
 
     def step(
         self,
@@ -112,12 +133,16 @@ class Plant:
 
         wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it, its mean over the
         step; gust_at_end: what the sensors meet there, None for the same.
-        Raises ModelFileError for a delay of the actuators longer than the commands that are kept.
+        The time of the state goes on by `dt`.
+        Raises ModelFileError for a delay longer than what is kept of commands or readings.
         """
         flat = self.flat
-        if self._delay > (HISTORY - 1) * dt:
-            kept = (HISTORY - 1) * dt
-            raise ModelFileError(f"effect actuator_delay: delay must be at most {kept:g} s here, got {self._delay:g}")
+        for name, delay, kept in (
+            ("actuator_delay", self._delay, (HISTORY - 1) * dt),
+            ("sensor_time_skew", self._skew, (HISTORY - _AROUND) * dt),
+        ):
+            if delay > kept:
+                raise ModelFileError(f"effect {name}: delay must be at most {kept:g} s here, got {delay:g}")
         state.commands[:-1] = state.commands[1:]
         state.commands[-1] = command
         sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim_vehicle.layout import CHANNELS, Aux
 
 Array = NDArray[np.float64]
 
@@ -15,8 +17,9 @@ Array = NDArray[np.float64]
 class PlantState:
     """Everything that moves: rigid body, actuators, sensor lags, the commands still under way.
 
-    x: (14,) rigid-body state (sim_vehicle.layout). actuators: (7,). sensor: (10,). commands: (64, 4) last commands, the
-    newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x. reading: (19,).
+    x: (14,) rigid-body state (sim_vehicle.layout). actuators: (10,). sensor: (12,). commands: (64, 4) last commands,
+    the newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x. reading:
+    (19,). past: (64, 19) last readings before any comes late, the newest last; (0, 19) where none does.
     """
 
     x: Array
@@ -26,6 +29,16 @@ class PlantState:
     surfaces: Array
     work: Array
     reading: Array
+    past: Array = field(default_factory=lambda: np.zeros((0, len(CHANNELS))))
+
+    @property
+    def time_s(self) -> float:
+        """Time, s from the flight's first stamp."""
+        return float(self.work[Aux.time])
+
+    @time_s.setter
+    def time_s(self, time_s: float) -> None:
+        self.work[Aux.time] = time_s
 
     def copy(self) -> PlantState:
         """An independent copy."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.dynamics import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.actuator import after_backlash
 from sim_vehicle.effects.sensor import ramp_lag
 from sim_vehicle.jit import jit
 from sim_vehicle.layout import Aux, Par
@@ -23,6 +24,7 @@ _MIS_P, _MIS_R = slot("accelerometer_misalignment", "pitch"), slot("acceleromete
 _OFF, _OFF_X = slot("accelerometer_offset"), slot("accelerometer_offset", "x")
 _GYRO, _GYRO_K, _GYRO_B = slot("imu_scale"), slot("imu_scale", "scale"), slot("imu_scale", "bias")
 _ATT, _ATT_TAU = slot("attitude_lag"), slot("attitude_lag", "tau")
+_HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
 _TSC, _TSC_K = slot("thrust_scale"), slot("thrust_scale", "scale")
 _V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
 _PD, _QD, _RD, _T, _RHO = (int(i) for i in (Aux.p_dot, Aux.q_dot, Aux.r_dot, Aux.thrust, Aux.rho))
@@ -45,11 +47,20 @@ def _lagged(sensor: Array, index: int, value: float, interval: float, tau: float
 
 
 @jit
+def _played(sensor: Array, index: int, value: float, interval: float, width: float) -> float:
+    """Pass `value` through the play at `index`; an interval of 0 starts it in the middle of its width."""
+    output = after_backlash(sensor[2 * index + 1], value, width) if interval > 0.0 else value
+    sensor[2 * index] = value
+    sensor[2 * index + 1] = output
+    return output
+
+
+@jit
 def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor: Array, y: Array) -> None:
     """Readings from the state and the by-products of the equations of motion.
 
     x: (14,) state; W: work array that `derivatives` left there; interval: s since the last reading, 0 at the start.
-    sensor: (10,) memory of the lags, changed in place. y: (19,) readings in the order of CHANNELS.
+    sensor: (12,) memory of lags and of the thrust sensor, changed in place. y: (19,) readings in the order of CHANNELS.
     """
     p, q, r = x[10], x[11], x[12]
     V, alpha = W[_V], W[_ALPHA]
@@ -105,6 +116,8 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     # The cell carries the propeller's pull less what accelerates the motor that hangs on it.
     thrust = W[_T] / (1.0 + E[_TSC_K]) if E[_TSC] != 0.0 else W[_T]
     y[12] = thrust - P[_MOVING] * W[_AX]
+    if E[_HYST] != 0.0:
+        y[12] = _played(sensor, 5, y[12], interval, E[_HYST_W])
     y[13] = -x[2]
     y[14] = (q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3) * u + 2.0 * (q1 * q2 - q0 * q3) * v + 2.0 * (q1 * q3 + q0 * q2) * w
     y[15] = 2.0 * (q1 * q2 + q0 * q3) * u + (q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3) * v + 2.0 * (q2 * q3 - q0 * q1) * w

@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives, runge_kutta_step
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.sensor_time_skew import delay_channels
+from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
 from sim_vehicle.jit import jit
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.sensing import read_sensors
@@ -16,8 +18,12 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
-_CL, _AX = int(Aux.CL), int(Aux.ax)
+_CL, _AX, _TIME = int(Aux.CL), int(Aux.ax), int(Aux.time)
 _LOSS = slot("thrust_speed_loss")
+_SKEW, _SKEW_S, _SKEW_GROUP = (slot("sensor_time_skew", name) for name in ("on", "delay", "group"))
+_HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
+# Columns of the commands in which a height above the ground, and the way in which thrust's reading moves, may stand.
+HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 
 @jit
@@ -31,6 +37,27 @@ def effects_flown(E: Array, thrust: float) -> Array:
 
 
 @jit
+def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
+    """Thrust [N] (N,) of the propeller behind what its sensor tells; NaN, where the throttle tells it, stays.
+
+    commands: as of `simulate`.
+    """
+    if E[_HYST] == 0.0 or commands.shape[1] <= WAY_COLUMN:
+        return thrust
+    pull = np.empty(thrust.size)
+    for k in range(thrust.size):
+        pull[k] = load_behind(thrust[k], commands[k, WAY_COLUMN], E[_HYST_W])
+    return pull
+
+
+@jit
+def delay_readings(y: Array, E: Array, dt: float) -> None:
+    """Let the sensors of the group that comes late show in y (N, 19) what was so much earlier."""
+    if E[_SKEW] != 0.0 and E[_SKEW_S] > 0.0:
+        delay_channels(y, E[_SKEW_GROUP], E[_SKEW_S] / dt)
+
+
+@jit
 def tick(
     x: Array, actuators: Array, commands: Array, row: int, dt: float, sub_steps: int, wind: Array, gust: Array,
     rho: float, measured_thrust: float, slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
@@ -38,13 +65,16 @@ def tick(
 ) -> None:  # fmt: skip
     """Fly from `row` of `commands` to the next, in place; `end` then holds the surfaces a sensor sees there.
 
+    The time in W goes on by `dt`; what changes with it is taken in the middle of each step.
     measured_thrust: N, or NaN where thrust follows from the throttle. slopes: imposed rates of u v w p q r, (6,) with
     NaN where free, or (0,).
     """
-    step = dt / sub_steps
+    step, begin = dt / sub_steps, W[_TIME]
     for i in range(sub_steps):
         advance_actuators(commands, row, i * step, step, dt, P, E, actuators, mean, end)
+        W[_TIME] = begin + (i + 0.5) * step
         runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
+    W[_TIME] = begin + dt
 
 
 @jit
@@ -100,9 +130,11 @@ def simulate(
 
     x0: (14,) state at sample `start`, its last entry NaN where it is to be found. first: sample at which the actuators
     are at rest; they run from there to `start`.
-    commands: (N, 4) de, da, dr, throttle held from each sample on. thrust: (N,) measured thrust [N], NaN where it
-    follows from the throttle. rho: (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of
-    that sample (as many simulations do), or that of the sample before (as a vehicle does that reads, then commands).
+    commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
+    height above the ground [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1,
+    in which the thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the
+    throttle. rho: (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of that sample (as
+    many simulations do), or that of the sample before (as a vehicle does that reads, then commands).
     held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
     where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
     model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples
@@ -113,21 +145,29 @@ def simulate(
     W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
+    thrust = pull_of(thrust, commands, E)
     E = effects_flown(E, thrust[first])
+    heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
     start_actuators(commands[first], actuators)
     step = dt / sub_steps
+    W[_TIME] = E[START_TIME]
     surfaces_at_rest(commands[first], E, end)
     for k in range(first, start):
         for i in range(sub_steps):
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+    if heights:
+        x[2] = -commands[start, HEIGHT_COLUMN]
     settle_lift(x, end, thrust[start], rho[start], P, E, C, F, K, T, W, rate)
     for k in range(start, stop):
         if held.shape[0] > 0:
             impose(x, held[k])
+        if heights:
+            x[2] = -commands[k, HEIGHT_COLUMN]
         for i in range(4):
             now[i] = end[i]
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
+        W[_TIME] = E[START_TIME] + (k - start) * dt
         gust = gusts[k] if gusts.shape[0] > 0 else still
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
         read_sensors(x, W, P, E, 0.0 if k == start else dt, sensor, y[k - start])
@@ -140,7 +180,8 @@ def simulate(
                  scratch, mean, end)  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
                 y[k + 1 - start :] = np.nan
-                return
+                break
+    delay_readings(y, E, dt)
 
 
 @jit
@@ -165,12 +206,14 @@ def evaluate_path(
 ) -> None:  # fmt: skip
     """Coefficients and accelerations that a model gives along a known motion, no integration.
 
-    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4), thrust (M,), rho (M,) on.
+    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4 or 6: see `simulate`), thrust
+    (M,), rho (M,) on.
     Elements with memory of the motion itself (a lift that lags) start settled. coefficients: (N, 12) result: the six of
     AXES, ax ay az [m/s2], p' q' r' [rad/s2], at the centre of gravity.
     """
     actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
     W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
+    thrust = pull_of(thrust, commands, E)
     E = effects_flown(E, thrust[0])
     start_actuators(commands[0], actuators)
     surfaces_at_rest(commands[0], E, end)
@@ -185,6 +228,9 @@ def evaluate_path(
                 now[i] = end[i]
             if command_first:
                 surfaces_after_command(commands, k, dt, E, now)
+            if commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[k, HEIGHT_COLUMN]):
+                x[2] = -commands[k, HEIGHT_COLUMN]
+            W[_TIME] = E[START_TIME] + row * dt
             derivatives(x, now, thrust[k], still, still, rho[k], P, E, C, F, K, T, W, rate)
             x[13] += rate[13] * dt
             for axis in range(6):

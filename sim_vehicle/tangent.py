@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives
+from sim_vehicle.effects import START_TIME
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.lanes import (
@@ -24,9 +25,9 @@ from sim_vehicle.lanes import (
     read_lanes,
     turn_quaternions,
 )
-from sim_vehicle.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Par
+from sim_vehicle.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.reading_jacobian import READINGS, euler_slopes, reading_jacobian
-from sim_vehicle.simulation import effects_flown, impose
+from sim_vehicle.simulation import effects_flown, impose, pull_of
 from sim_vehicle.terms import REGRESSORS
 
 Array = NDArray[np.float64]
@@ -34,7 +35,7 @@ IntArray = NDArray[np.int64]
 
 # Place in the state vector of each row of a tangent.
 TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
-_GRAVITY = int(Par.gravity)
+_GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 
 
@@ -168,8 +169,8 @@ def simulate_tangents(
     acts through, and its place in the last axis of S. A term of -1 acts through the column by itself (the thrust), a
     column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m unknowns
     are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows, unknowns)
-    result; places that are not named stay as they are. Lags of sensors and a lift that lags are left out. A diverging
-    motion leaves NaN.
+    result; places that are not named stay as they are. Lags and delays of sensors, a lift that lags and the
+    ground are left out. A diverging motion leaves NaN.
     """
     x = x0.copy()
     n = columns.size
@@ -182,6 +183,7 @@ def simulate_tangents(
     products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
     A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
+    thrust = pull_of(thrust, commands, E)
     E = effects_flown(E, thrust[first])
     x[13] = 0.0
     initial_tangents(x, states, np.arange(n - states.size, n), X)
@@ -199,6 +201,7 @@ def simulate_tangents(
         if command_first:
             surfaces_after_command(commands, k, dt, E, now)
         gust = gusts[k] if gusts.shape[0] > 0 else still
+        W[_TIME] = E[START_TIME] + (k - start) * dt
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
         force_jacobian(x, now, np.isnan(thrust[k]), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
         reading_jacobian(x, W, x[5] - gust[2], P, E, flow, R, angles, H)
@@ -210,6 +213,7 @@ def simulate_tangents(
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
             for i in range(sub_steps):
                 advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+                W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
                 _tangent_step(
                     x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
                     scratch, flow, D, J, part, products, R, A, force, work,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.linkage import cubic_linkage
 from sim_vehicle.errors import TrimError
 from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
 from sim_vehicle.model import Model
@@ -34,6 +35,7 @@ class Plant(Protocol):
 
 
 TOLERANCE = 1e-9
+_NEWTON_STEPS = 20
 _STILL = np.zeros(3)
 # Unknowns: alpha, theta, phi, de, da, dr, throttle. Sideslip is zero; what is left over is found as the least change.
 _SCALE = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.2])
@@ -65,6 +67,19 @@ def _residual(plant: Plant, unknowns: Array, airspeed: float, altitude: float, c
     state = _state(plant, unknowns, airspeed, altitude)
     rate = plant.rates(state, _STILL, _STILL)
     return np.concatenate((rate[3:6], rate[10:13], [rate[2] + airspeed * math.sin(climb_angle)]))
+
+
+def _straighten(command: Array, E: Array) -> None:
+    """Turn surfaces into the commands (4,) that hold them through the linkage, in place."""
+    if E[slot("elevator_gain")] != 0.0:
+        command[0] /= 1.0 + E[slot("elevator_gain", "scale")]
+    if E[slot("linkage_nonlinearity")] != 0.0:
+        cubic = E[slot("linkage_nonlinearity", "cubic")]
+        for channel in range(3):
+            deflection = command[channel]
+            for _ in range(_NEWTON_STEPS):
+                slope = 1.0 + 3.0 * cubic * command[channel] ** 2
+                command[channel] -= (cubic_linkage(command[channel], cubic) - deflection) / slope
 
 
 def solve_trim(
@@ -115,9 +130,7 @@ def solve_trim(
             )
     surfaces = unknowns[3:].copy()
     command = surfaces.copy()
-    E = plant.flat.E
-    if E[slot("elevator_gain")] != 0.0:
-        command[0] /= 1.0 + E[slot("elevator_gain", "scale")]
+    _straighten(command, plant.flat.E)
     x = _state(plant, unknowns, airspeed, altitude).x
     state = plant.state_at(x, command, surfaces)
     rate = plant.rates(state, _STILL, _STILL)

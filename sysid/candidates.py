@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Effect, Stage
 from sim_vehicle.model import Model
 from sysid.estimate import Problem
+from sysid.moments import likely_moments
+
+# Moments tried for something that happens once.
+_MOMENTS = 3
+# Above this height nothing is left of the ground's effect.
+_LOW_SPANS = 2.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,12 @@ def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
     measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
     if effect.needs_throttle_thrust and measured_thrust:
         return False
-    if effect.name == "motor_lag" and any(record.thrust_source.signal == "rpm" for record in problem.records):
+    of_throttle = effect.name in ("motor_lag", "battery_sag")
+    if of_throttle and any(record.thrust_source.signal == "rpm" for record in problem.records):
+        return False
+    if effect.name == "thrust_sensor_hysteresis" and not measured_thrust:
+        return False
+    if effect.name == "ground_effect" and not _near_the_ground(problem):
         return False
     propulsion = problem.vehicle.propulsion
     diameter = propulsion.diameter if propulsion is not None else None
@@ -54,10 +66,21 @@ def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
     return effect.name != "propeller_gyroscopic" or bool(turns)
 
 
+def _near_the_ground(problem: Problem) -> bool:
+    """Whether every record's height is known, and one comes within two spans of the ground."""
+    heights = [record.heights for record in problem.records]
+    limit = _LOW_SPANS * problem.vehicle.geometry.b
+    return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
+
+
 def candidates(problem: Problem, model: Model) -> list[Candidate]:
-    """Every effect of the catalogue that the model lacks and the flights could show."""
+    """Every effect of the catalogue that the model lacks and the flights could show, once for each thing it may choose.
+
+    A choice is the default of the candidate's own effect.
+    """
+    moments = likely_moments(problem.records, _MOMENTS)
     found = []
-    for effect in EFFECTS.values():
+    for effect in chain.from_iterable(entry.variants() for entry in EFFECTS.values()):
         if not _plausible(effect, problem, model):
             continue
         if effect.is_coefficient:
@@ -66,10 +89,10 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
             )
             starts: tuple[dict[str, float], ...] = (dict.fromkeys(free, 0.0),)
         else:
-            fitted = [p for p in effect.parameters if p.fitted]
-            free = tuple(p.name for p in fitted)
-            count = max((len(p.starts) for p in fitted), default=0)
-            starts = tuple({p.name: p.starts[min(i, len(p.starts) - 1)] for p in fitted} for i in range(count))
+            free = tuple(p.name for p in effect.parameters if p.fitted)
+            if not moments and any(p.moment for p in effect.parameters):
+                continue
+            starts = effect.starts(moments)
         if free and starts:
             found.append(Candidate(effect, free, starts))
     return found

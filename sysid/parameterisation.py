@@ -23,7 +23,7 @@ from sysid.late import (
     delay_derivative,
     late_readings,
 )
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, with_other_inputs
 from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
@@ -62,7 +62,8 @@ class Parameter:
     """One estimated number.
 
     kind: "coefficient", "effect", "sensor", "delay". low, high: bounds. prior_std: standard deviation of a
-    Gaussian prior about `prior_mean`, infinite for none.
+    Gaussian prior about `prior_mean`, infinite for none. difference: step for difference quotients, where the kind's
+    usual one does not do.
     """
 
     name: str
@@ -71,10 +72,13 @@ class Parameter:
     high: float = math.inf
     prior_mean: float = 0.0
     prior_std: float = math.inf
+    difference: float | None = None
 
     @property
     def step(self) -> float:
         """Step for difference quotients, absolute."""
+        if self.difference is not None:
+            return self.difference
         return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6, "delay": DELAY_STEP_S}[self.kind]
 
 
@@ -97,7 +101,7 @@ def effect_parameter(effect: str, parameter: str) -> Parameter:
     """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
     for entry in EFFECTS[effect].parameters:
         if entry.name == parameter:
-            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high)
+            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
     raise KeyError(parameter)
 
 
@@ -145,11 +149,14 @@ def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], 
 
 
 def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tuple[Array, Array]:
-    """Effects (as in `flat.E`) and commands (M, 4) of a record with the commands' delay that is estimated."""
+    """Effects (as in `flat.E`) at the record's own time, and its commands with their delay that is estimated.
+
+    commands: (M, 4), or (M, 6) with the other inputs that an effect needs.
+    """
     commands, late = commands_of(record, errors)
-    effects = flat.E
+    effects = effects_at(flat, record)
+    commands = with_other_inputs(commands, record, effects)
     if late > 0.0:
-        effects = effects.copy()
         effects[slot("actuator_delay")] = 1.0
         effects[slot("actuator_delay", "delay")] = late
     return effects, commands

@@ -6,10 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.layout import CHANNELS
+from sim_vehicle.parameters import FlatModel
 from sim_vehicle.vehicle import Vehicle
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
+from sysid.heights import height_above_ground
+from sysid.hysteresis import way_of
 from sysid.inputs import denoised_thrust
 from sysid.smoothing import fourier_smooth
 from sysid.thrust import (
@@ -58,7 +62,8 @@ class Record:
     measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
     thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
-    part of it; else (0,).
+    part of it; else (0,). heights: (M,) m above the ground, (0,) where nothing tells it.
+    way: (M,) the way in which the thrust sensor's reading moves (`sysid.hysteresis`); (0,) without one.
     """
 
     flight: str
@@ -75,6 +80,8 @@ class Record:
     stretch: int = 0
     thrust_source: ThrustSource = MEASURED
     thrust_read: Array = field(default_factory=lambda: np.zeros(0))
+    heights: Array = field(default_factory=lambda: np.zeros(0))
+    way: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def length(self) -> int:
@@ -89,8 +96,36 @@ class Record:
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
-            thrust_read=self.thrust_read[kept],
+            thrust_read=self.thrust_read[kept], heights=self.heights[kept], way=self.way[kept],
         )  # fmt: skip
+
+
+def effects_at(flat: FlatModel, record: Record) -> Array:
+    """The effect vector for a record: at its own time, and without what its way of telling thrust holds already."""
+    effects = flat.E.copy()
+    effects[START_TIME] = record.time_s[0]
+    if record.thrust_source.signal == "rpm":
+        effects[slot("battery_sag")] = 0.0
+    return effects
+
+
+def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
+    """Commands (M, 4) of a record with its height and its thrust's way behind them, (M, 6), if an effect needs one.
+
+    Raises SignalError where the ground acts and nothing tells the height.
+    """
+    near_ground = effects[slot("ground_effect")] != 0.0
+    if not near_ground and effects[slot("thrust_sensor_hysteresis")] == 0.0:
+        return commands
+    if near_ground and not record.heights.size:
+        raise SignalError(
+            f"{record.flight}: the model has ground_effect, but nothing tells the height above the ground: record a "
+            "rangefinder's height (DISTANCE_SENSOR), or altitude from before take-off on"
+        )
+    missing = np.full(commands.shape[0], np.nan)
+    heights = record.heights if record.heights.size else missing
+    way = record.way if record.way.size else np.zeros(commands.shape[0])
+    return np.ascontiguousarray(np.column_stack((commands, heights, way)))
 
 
 def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
@@ -110,11 +145,12 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
     commands = np.ascontiguousarray(np.stack(columns, axis=1)[first:stop])
     # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
-    moving_mass = 0.0
+    moving_mass, way = 0.0, np.zeros(0)
     source = thrust_source(data, vehicle)
     commands = with_rotor_speed(commands, data, vehicle, first)
     if source.signal == "thrust":
         thrust = filled(data["thrust"])
+        way = way_of(thrust[first:stop], data.interval_s)
         if vehicle.propulsion is not None and vehicle.propulsion.moving_mass > 0.0 and "ax" in data:
             # The motor hangs on the cell: add what accelerates it, so that thrust is the propeller's.
             moving_mass = vehicle.propulsion.moving_mass
@@ -131,10 +167,11 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     for j, name in enumerate(OUTPUTS):
         if name in data:
             z[:, j] = data[name][start:stop]
+    heights = height_above_ground(data)[first:stop]
     airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
     denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s, airspeed)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0),
+        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights, way,
     )  # fmt: skip

@@ -18,7 +18,7 @@ from sysid.gap import Fixed
 from sysid.kinematics import to_centre_of_gravity
 from sysid.parameterisation import STATES
 from sysid.prepare import smoothed_states
-from sysid.records import OUTPUTS, Record
+from sysid.records import OUTPUTS, Record, effects_at, with_other_inputs
 from sysid.smoothing import fourier_smooth, noise_sigma
 from sysid.thrust import lagged_throttle
 
@@ -75,9 +75,11 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
     thrust = record.thrust
     if record.moving_mass > 0.0:
         thrust = thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0)
+    effects = effects_at(flat, record)
+    commands = with_other_inputs(record.commands, record, effects)
     evaluate_path(
-        np.ascontiguousarray(path), record.commands, record.start, thrust, record.rho, record.interval_s,
-        model.command_first, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, predicted,
+        np.ascontiguousarray(path), commands, record.start, thrust, record.rho, record.interval_s,
+        model.command_first, flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,
     )  # fmt: skip
     return predicted
 

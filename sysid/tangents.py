@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
 from sim_vehicle.jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.reading_jacobian import READINGS
@@ -48,8 +49,8 @@ class Inputs:
 
 
 def has_tangents(flat: FlatModel) -> bool:
-    """Whether `tangents` knows all that the model has: it leaves out a lift that lags."""
-    return bool(flat.E[slot("unsteady_lift")] == 0.0)
+    """Whether `tangents` knows all that the model has: it leaves out a lift that lags, and the ground."""
+    return bool(flat.E[slot("unsteady_lift")] == 0.0 and flat.E[slot("ground_effect")] == 0.0)
 
 
 def tangents(
@@ -92,6 +93,11 @@ def tangents(
             for name in names:
                 if name in outputs:
                     _lag(out[:, list(outputs).index(name), :], inputs.interval_s, float(flat.E[slot(effect, "tau")]))
+    late = float(flat.E[slot("sensor_time_skew", "delay")]) / inputs.interval_s
+    if flat.E[slot("sensor_time_skew")] != 0.0 and late > 0.0:
+        for i, row in enumerate(rows):
+            if is_late(int(row), float(flat.E[slot("sensor_time_skew", "group")])):
+                out[:, i, :] = delay_rows(np.ascontiguousarray(out[:, i, :]), late)
 
 
 def _lag(series: Array, interval_s: float, tau: float) -> None:

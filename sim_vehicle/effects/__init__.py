@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from sim_vehicle.effects import (
     actuator,
+    battery_sag,
+    cg_shift,
+    configuration_step,
     elastic_tail,
     environment,
+    ground_effect,
     inertia,
+    linkage,
+    mass_drop,
     motor_lag,
     propeller,
     propwash_elevator,
     reynolds_drag,
     sensor,
+    sensor_time_skew,
     stall,
     thrust_line_offset,
     thrust_scale,
+    thrust_sensor_hysteresis,
     thrust_speed_loss,
     unsteady_lift,
 )
 from sim_vehicle.effects.base import CoefficientEffect, Effect, Parameter, Stage
 from sim_vehicle.effects.coefficient import COEFFICIENT_EFFECTS
+from sim_vehicle.effects.confusions import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
 
 EFFECTS: dict[str, Effect] = {
-    effect.name: effect
+    effect.name: replace(effect, separations=tuple(CONFUSIONS.get(effect.name, {}).items()))
     for effect in (
         *COEFFICIENT_EFFECTS,
         stall.STALL,
@@ -33,10 +43,13 @@ EFFECTS: dict[str, Effect] = {
         elastic_tail.ELASTIC_TAIL,
         reynolds_drag.REYNOLDS_DRAG,
         unsteady_lift.UNSTEADY_LIFT,
+        configuration_step.CONFIGURATION_STEP,
+        ground_effect.GROUND_EFFECT,
         thrust_line_offset.THRUST_LINE_OFFSET,
         thrust_speed_loss.THRUST_SPEED_LOSS,
         thrust_scale.THRUST_SCALE,
         motor_lag.MOTOR_LAG,
+        battery_sag.BATTERY_SAG,
         propeller.PROPELLER_TORQUE,
         propeller.P_FACTOR,
         propeller.PROPELLER_GYROSCOPIC,
@@ -46,6 +59,8 @@ EFFECTS: dict[str, Effect] = {
         actuator.ACTUATOR_DELAY,
         actuator.ACTUATOR_BACKLASH,
         actuator.ELEVATOR_GAIN,
+        linkage.LINKAGE_NONLINEARITY,
+        linkage.SERVO_DEADBAND,
         sensor.VANE_LAG,
         sensor.VANE_UPWASH,
         sensor.VANE_RATE_ERROR,
@@ -55,12 +70,16 @@ EFFECTS: dict[str, Effect] = {
         sensor.ACCELEROMETER_OFFSET,
         sensor.IMU_SCALE,
         sensor.ATTITUDE_LAG,
+        sensor_time_skew.SENSOR_TIME_SKEW,
+        thrust_sensor_hysteresis.THRUST_SENSOR_HYSTERESIS,
         environment.STEADY_WIND,
         environment.TURBULENCE,
         environment.WIND_SHEAR,
         environment.DENSITY_ERROR,
         inertia.MASS_ERROR,
+        mass_drop.MASS_DROP,
         inertia.INERTIA_ERROR,
+        cg_shift.CG_SHIFT,
     )
 }
 
@@ -75,7 +94,10 @@ def _lay_out() -> tuple[dict[tuple[str, str], int], int]:
     return slots, len(slots)
 
 
-_SLOTS, SLOT_COUNT = _lay_out()
+_SLOTS, _OWN = _lay_out()
+# Behind the effects' own: the time at the first sample that is flown, s from the flight's first stamp.
+START_TIME = _OWN
+SLOT_COUNT = _OWN + 1
 
 
 def slot(effect: str, parameter: str = "on") -> int:
@@ -91,17 +113,21 @@ def effect_called(name: str) -> Effect:
 
 
 def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
-    """Read `NAME` or `NAME:KEY=VALUE[,KEY=VALUE]` (commas or colons between pairs).
+    """Read `NAME` or `NAME:KEY=VALUE[,KEY=VALUE]` (commas or colons between pairs; some values are names).
 
     Returns the effect and its complete parameter values. Raises ModelFileError in one line otherwise.
     """
     name, _, rest = text.partition(":")
     effect = effect_called(name.strip())
-    values: dict[str, float] = {}
+    choices = {parameter.name for parameter in effect.parameters if parameter.choices}
+    values: dict[str, float | str] = {}
     for pair in filter(None, rest.replace(":", ",").split(",")):
-        key, equals, number = pair.partition("=")
+        key, equals, given = (part.strip() for part in pair.partition("="))
+        if equals and key in choices:
+            values[key] = given
+            continue
         try:
-            values[key.strip()] = float(number)
+            values[key] = float(given)
         except ValueError:
             equals = ""
         if not equals:
@@ -124,6 +150,7 @@ def pack_effects(effects: Mapping[str, Mapping[str, float]]) -> list[float]:
 __all__ = [
     "EFFECTS",
     "SLOT_COUNT",
+    "START_TIME",
     "CoefficientEffect",
     "Effect",
     "Parameter",

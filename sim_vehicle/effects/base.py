@@ -8,8 +8,8 @@ Effects that are plain coefficients (pitch damping is Cm_q) need no code of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from sim_vehicle.errors import ModelFileError
@@ -28,13 +28,15 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One number of an effect, or one choice among names, which counts as the place of the name among `choices`.
 
     low, high: the plausible range in `unit`, used as bounds when the parameter is estimated. A positive `low` (of a
     time constant, a rate) is also the least that is simulated, and 0 means that the parameter cannot be negative.
     starts: values an estimator starts from; several where the likelihood has several hills.
     default: value taken when none is given; None means it must be given.
-    fitted: False for shape constants that flights cannot tell (the sharpness of a stall).
+    fitted: False for shape constants that flights cannot tell (the sharpness of a stall), and for choices.
+    choices: the names, empty for a number. moment: whether it is a moment of the flight, sought all over it.
+    step: for difference quotients; wider than usual where outputs are smooth only on the average.
     """
 
     name: str
@@ -44,6 +46,19 @@ class Parameter:
     starts: tuple[float, ...] = ()
     default: float | None = None
     fitted: bool = True
+    choices: tuple[str, ...] = ()
+    moment: bool = False
+    step: float = 1e-5
+
+    def number(self, value: float | str) -> float:
+        """`value` as a number: a name of `choices` as its place among them. Raises ValueError for no such name."""
+        if self.choices and isinstance(value, str):
+            return float(self.choices.index(value))
+        return float(value)
+
+    def shown(self, value: float) -> float | str:
+        """A value as files and people have it: the name, where it is a choice."""
+        return self.choices[int(value)] if self.choices else value
 
 
 @dataclass(frozen=True)
@@ -54,6 +69,7 @@ class Effect:
     separated_by: the manoeuvre that tells it from what it is easily confused with.
     needs_throttle_thrust: visible only where thrust is computed from throttle or rpm, not measured.
     alias: what it cannot be told from in any flight, or "" if nothing.
+    separations: (other effect, manoeuvre) for those it is easily confused with; "" where `separated_by` does it.
     """
 
     name: str
@@ -63,13 +79,56 @@ class Effect:
     separated_by: str
     needs_throttle_thrust: bool = False
     alias: str = ""
+    separations: tuple[tuple[str, str], ...] = ()
 
     @property
     def is_coefficient(self) -> bool:
         """Whether the parameters are coefficients of the aerodynamic model."""
         return False
 
-    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+    @property
+    def confusable_with(self) -> tuple[str, ...]:
+        """Names of the effects that a flight easily takes it for."""
+        return tuple(other for other, _ in self.separations)
+
+    def manoeuvre_against(self, other: Effect) -> str:
+        """The manoeuvre that tells this effect from `other`."""
+        own, theirs = dict(self.separations), dict(other.separations)
+        return own.get(other.name) or theirs.get(self.name) or self.separated_by
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name. Raises KeyError."""
+        return {parameter.name: parameter for parameter in self.parameters}[name]
+
+    def starts(self, moments: Sequence[float] = ()) -> tuple[dict[str, float], ...]:
+        """Sets of start values of the fitted parameters, one for every hill of the likelihood.
+
+        moments: s from the flight's first stamp, tried for a parameter that is one instead of its own starts.
+        """
+        fitted = [parameter for parameter in self.parameters if parameter.fitted]
+        count = max((len(parameter.starts) for parameter in fitted), default=0)
+        sets = [{p.name: p.starts[min(i, len(p.starts) - 1)] for p in fitted} for i in range(count)]
+        for parameter in fitted:
+            if parameter.moment and moments:
+                sets = [{**one, parameter.name: moment} for one in sets for moment in moments]
+        return tuple(sets)
+
+    def variants(self) -> tuple[Effect, ...]:
+        """The effect once for every name that it may choose, which is then its default; itself where it has none."""
+        for place, parameter in enumerate(self.parameters):
+            if parameter.choices and parameter.default is None:
+                before, after = self.parameters[:place], self.parameters[place + 1 :]
+                return tuple(
+                    replace(
+                        self,
+                        title=f"{self.title} ({name.replace('_', ' ')})",
+                        parameters=(*before, replace(parameter, default=float(i)), *after),
+                    )
+                    for i, name in enumerate(parameter.choices)
+                )
+        return (self,)
+
+    def complete(self, values: Mapping[str, float | str]) -> dict[str, float]:
         """`values` with defaults filled in, in the order of the parameters.
 
         Raises ModelFileError for an unknown, missing or impossible parameter.
@@ -82,12 +141,22 @@ class Effect:
         for parameter in self.parameters:
             value = values.get(parameter.name, parameter.default)
             if value is None:
-                raise ModelFileError(f"effect {self.name} needs {parameter.name} [{parameter.unit}]")
-            complete[parameter.name] = self._possible(parameter, float(value))
+                wanted = f"one of {', '.join(parameter.choices)}" if parameter.choices else parameter.unit
+                raise ModelFileError(f"effect {self.name} needs {parameter.name} [{wanted}]")
+            complete[parameter.name] = self.possible(parameter, value)
         return complete
 
-    def _possible(self, parameter: Parameter, value: float) -> float:
-        """`value`, or ModelFileError where no aircraft can have it."""
+    def possible(self, parameter: Parameter, given: float | str) -> float:
+        """`given` as a number, or ModelFileError where no aircraft can have it."""
+        try:
+            value = parameter.number(given)
+        except ValueError:
+            wanted = f"one of {', '.join(parameter.choices)}" if parameter.choices else "a number"
+            raise ModelFileError(f"effect {self.name}: {parameter.name} must be {wanted}, got {given!r}") from None
+        if parameter.choices and value not in range(len(parameter.choices)):
+            raise ModelFileError(
+                f"effect {self.name}: {parameter.name} must be one of {', '.join(parameter.choices)}, got {given!r}"
+            )
         if not math.isfinite(value):
             raise ModelFileError(f"effect {self.name}: {parameter.name} must be a finite number, got {value}")
         if parameter.low >= 0.0 and value < parameter.low:
@@ -109,7 +178,7 @@ class CoefficientEffect(Effect):
     def is_coefficient(self) -> bool:
         return True
 
-    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+    def complete(self, values: Mapping[str, float | str]) -> dict[str, float]:
         """As for any effect, but a term that is not given stays out of the model."""
         known = {parameter.name for parameter in self.parameters}
         unknown = [key for key in values if key not in known]
@@ -117,4 +186,4 @@ class CoefficientEffect(Effect):
             raise ModelFileError(f"effect {self.name} has no parameter {unknown[0]}; it has {', '.join(sorted(known))}")
         if not values:
             raise ModelFileError(f"effect {self.name} needs a value for {' or '.join(sorted(known))}")
-        return {p.name: self._possible(p, float(values[p.name])) for p in self.parameters if p.name in values}
+        return {p.name: self.possible(p, values[p.name]) for p in self.parameters if p.name in values}

@@ -239,3 +239,35 @@ def test_free_play_is_the_play_operator(commands: list[float], width: float) -> 
     surface, _ = flown({"actuator_backlash": {"width": width}}, np.array(commands))
     wanted = play(np.array(commands), width, lambda gap, full: math.copysign(max(abs(gap) - full / 2.0, 0.0), gap))
     np.testing.assert_allclose(surface, wanted, atol=1e-14)
+
+
+def test_a_dead_band_ignores_changes_of_up_to_half_its_width_and_then_obeys() -> None:
+    commands = np.array([0.004, 0.005, 0.0051, 0.0, 0.0101, 0.0151, 0.0152, -0.01])
+    wanted = np.array([0.0, 0.0, 0.0051, 0.0, 0.0101, 0.0101, 0.0152, -0.01])
+    surface, integral = flown({"servo_deadband": {"width": 0.01}}, commands)
+    np.testing.assert_allclose(surface, wanted, atol=1e-15)
+    np.testing.assert_allclose(integral, DT * np.cumsum(wanted), atol=1e-14)
+
+
+def test_a_servo_with_a_dead_band_lags_behind_what_it_has_accepted() -> None:
+    tau = 0.04
+    effects = {"servo_deadband": {"width": 0.02}, "actuator_lag": {"tau": tau}}
+    surface, _ = flown(effects, np.concatenate((np.full(10, 0.1), np.full(20, 0.105))))
+    np.testing.assert_allclose(surface, 0.1 * (1.0 - np.exp(-times(30) / tau)), atol=1e-14)
+
+
+@pytest.mark.parametrize("cubic", [-2.0, 3.0])
+def test_a_crooked_linkage_adds_the_cube_of_the_servos_position(cubic: float) -> None:
+    commands = np.random.default_rng(4).normal(0.0, 0.1, 40)
+    surface, integral = flown({"linkage_nonlinearity": {"cubic": cubic}}, commands)
+    wanted = commands + cubic * commands**3
+    np.testing.assert_allclose(surface, wanted, atol=1e-15)
+    np.testing.assert_allclose(integral, DT * np.cumsum(wanted), atol=1e-14)
+
+
+def test_the_aircraft_is_trimmed_through_a_crooked_linkage_with_a_wrong_gain() -> None:
+    effects = {"linkage_nonlinearity": {"cubic": 4.0}, "elevator_gain": {"scale": 0.1}}
+    straight, crooked = (Plant(hf.vehicle(), hf.model_with(one)).trim() for one in ({}, effects))
+    np.testing.assert_allclose(crooked.state.surfaces, straight.state.surfaces, atol=1e-12)
+    held = crooked.command[:3] + 4.0 * crooked.command[:3] ** 3
+    np.testing.assert_allclose(held * [1.1, 1.0, 1.0], straight.command[:3], atol=1e-12)

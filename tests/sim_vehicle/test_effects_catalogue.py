@@ -6,14 +6,16 @@ import json
 import math
 import random
 from dataclasses import replace
+from functools import cache
 
 import hand_flight as hf
 import numpy as np
 import pytest
-from effect_values import NEUTRAL, VALUES, WITHOUT_NEUTRAL
+from effect_values import HEIGHTS, NEUTRAL, VALUES, WITHOUT_NEUTRAL
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS, Stage, parse_effect
+from sim_vehicle.effects.confusions import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.fly import wind_of
 from sim_vehicle.layout import CHANNELS
@@ -32,18 +34,21 @@ AIR = {"steady_wind", "turbulence", "wind_shear"}
 
 
 def commands(ticks: int = TICKS) -> Array:
-    """Steps on all four controls, large enough for rate limits and free play."""
+    """Steps on all four controls, large enough for rate limits and free play, and one too small for a dead band."""
     wanted = np.tile(hf.SURFACES, (ticks, 1))
     wanted[5:20, 0] += 0.08
     wanted[15:35, 1] -= 0.06
     wanted[25:45, 2] += 0.07
     wanted[10:, 3] += 0.2
+    wanted[45:, 0] += 0.003
     return wanted
 
 
-def motion(plant: Plant, ticks: int = TICKS) -> tuple[Array, Array]:
+def motion(plant: Plant, height: float, ticks: int = TICKS) -> tuple[Array, Array]:
     """Readings (N, 19) and rigid-body states (N, 13) of a flight from the general state in the model's own air."""
-    state = hf.state_of(plant)
+    x = hf.body_state()
+    x[2] = -height
+    state = hf.state_of(plant, x)
     air = wind_of(plant)
     gusts = air.gusts(ticks, DT, hf.V, np.random.default_rng(7))
     read, states = np.empty((ticks, len(CHANNELS))), np.empty((ticks, 13))
@@ -58,13 +63,13 @@ def plain_vehicle() -> Vehicle:
     return hf.vehicle(tau=0.1)
 
 
-def flown(effects: dict[str, dict[str, float]]) -> tuple[Array, Array]:
-    return motion(Plant(plain_vehicle(), hf.model_with(effects)))
+def flown(effects: dict[str, dict[str, float]], height: float = 100.0) -> tuple[Array, Array]:
+    return motion(Plant(plain_vehicle(), hf.model_with(effects)), height)
 
 
-@pytest.fixture(scope="module")
-def baseline() -> tuple[Array, Array]:
-    return flown({})
+@cache
+def baseline(height: float) -> tuple[Array, Array]:
+    return flown({}, height)
 
 
 def test_the_tables_of_these_tests_cover_the_catalogue() -> None:
@@ -137,6 +142,10 @@ def test_a_wrong_parameter_is_named_in_one_line(name: str) -> None:
         ("stall:alpha_stall=-0.2", "at least 0.08 rad"),
         ("actuator_rate_limit:rate=0", "at least 0.05 rad/s"),
         ("unsteady_lift:tau=0", "at least 0.005 s"),
+        ("mass_drop:fraction=-0.1,time=2", "at least 0 1"),
+        ("mass_drop:fraction=0.1,time=2,duration=0", "at least 0.01 s"),
+        ("sensor_time_skew:delay=-0.01,group=imu", "at least 0 s"),
+        ("servo_deadband:width=-0.01", "at least 0 rad"),
     ],
 )
 def test_what_cannot_be_negative_or_nil_is_refused(text: str, told: str) -> None:
@@ -148,7 +157,8 @@ def test_what_cannot_be_negative_or_nil_is_refused(text: str, told: str) -> None
 @pytest.mark.parametrize("name", NAMES)
 def test_the_command_line_gives_the_same_effect(name: str) -> None:
     for separator in (",", ":"):
-        text = f"{name}:" + separator.join(f"{key}={value!r}" for key, value in VALUES[name].items())
+        shown = {key: EFFECTS[name].parameter(key).shown(value) for key, value in VALUES[name].items()}
+        text = f"{name}:" + separator.join(f"{key}={value}" for key, value in shown.items())
         assert parse_effect(text) == (EFFECTS[name], VALUES[name])
 
 
@@ -164,11 +174,16 @@ def test_the_command_line_gives_the_same_effect(name: str) -> None:
         ("stall:alpha=0.2", "no parameter alpha"),
         ("pitch_damping:Cm_r=1", "no parameter Cm_r"),
         ("vane_lag:tau=nan", "finite"),
+        ("sensor_time_skew:delay=0.02", "needs group [one of vanes, air_data, imu, attitude]"),
+        ("sensor_time_skew:delay=0.02,group=gps", "group must be one of vanes, air_data, imu, attitude, got 'gps'"),
+        ("sensor_time_skew:delay=late,group=imu", "KEY=NUMBER"),
+        ("configuration_step:dCL=0.2", "needs time"),
     ],
 )
 def test_a_wrong_effect_on_the_command_line_is_named_in_one_line(text: str, told: str) -> None:
-    with pytest.raises(ModelFileError, match=told) as caught:
+    with pytest.raises(ModelFileError) as caught:
         parse_effect(text)
+    assert told in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -191,10 +206,11 @@ def test_a_model_file_carries_the_effect_there_and_back(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(NEUTRAL))
-def test_an_effect_of_nothing_changes_nothing(name: str, baseline: tuple[Array, Array]) -> None:
-    read, states = flown({name: NEUTRAL[name]})
-    np.testing.assert_allclose(states, baseline[1], atol=1e-9, rtol=1e-9)
-    np.testing.assert_allclose(read, baseline[0], atol=1e-8, rtol=1e-9)
+def test_an_effect_of_nothing_changes_nothing(name: str) -> None:
+    height = HEIGHTS.get(name, 100.0)
+    read, states = flown({name: NEUTRAL[name]}, height)
+    np.testing.assert_allclose(states, baseline(height)[1], atol=1e-9, rtol=1e-9)
+    np.testing.assert_allclose(read, baseline(height)[0], atol=1e-8, rtol=1e-9)
 
 
 SENSED = {
@@ -207,19 +223,23 @@ SENSED = {
     "accelerometer_offset": {"ax", "ay", "az"},
     "imu_scale": {"p", "q", "r"},
     "attitude_lag": {"phi", "theta"},
+    "sensor_time_skew": {"ax", "ay", "az", "p", "q", "r"},
+    "thrust_sensor_hysteresis": {"thrust"},
 }
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_effect_acts_where_the_catalogue_says(name: str, baseline: tuple[Array, Array]) -> None:
+def test_an_effect_acts_where_the_catalogue_says(name: str) -> None:
     """A sensor effect changes its own readings and never the motion; every other one changes the motion."""
-    read, states = flown({name: VALUES[name]})
-    changed = {channel for j, channel in enumerate(CHANNELS) if np.abs(read - baseline[0])[:, j].max() > 1e-6}
+    height = HEIGHTS.get(name, 100.0)
+    read, states = flown({name: VALUES[name]}, height)
+    plain_read, plain_states = baseline(height)
+    changed = {channel for j, channel in enumerate(CHANNELS) if np.abs(read - plain_read)[:, j].max() > 1e-6}
     if EFFECTS[name].stage is Stage.SENSOR:
-        np.testing.assert_array_equal(states, baseline[1])
+        np.testing.assert_array_equal(states, plain_states)
         assert changed == SENSED[name]
     else:
-        assert np.abs(states - baseline[1]).max() > 1e-4
+        assert np.abs(states - plain_states).max() > 1e-4
         assert changed
 
 
@@ -240,7 +260,7 @@ LENGTH, TIME = 1.7, 0.6
 MASS = LENGTH**3
 FACTORS = {
     "1": 1.0, "1/rad": 1.0, "rad": 1.0, "s": TIME, "1/s": 1.0 / TIME, "rad/s": 1.0 / TIME, "m": LENGTH,
-    "m/s": LENGTH / TIME, "kg m2": MASS * LENGTH**2, "N s/m": MASS / TIME,
+    "m/s": LENGTH / TIME, "1/rad2": 1.0, "N": MASS * LENGTH / TIME**2, "kg m2": MASS * LENGTH**2, "N s/m": MASS / TIME,
 }  # fmt: skip
 CHANNEL_FACTORS = np.array(
     [
@@ -288,11 +308,12 @@ def test_an_effect_has_the_units_it_declares(name: str) -> None:
     scaled = {key: value * units[key] for key, value in values.items()}
     usual = Plant(plain_vehicle(), hf.model_with({name: values}))
     other = Plant(in_other_units(plain_vehicle()), hf.model_with({name: scaled}), max_step=0.005 * TIME)
-    x = hf.body_state()
+    x, low = hf.body_state(), hf.body_state()
+    x[2] = low[2] = -HEIGHTS.get(name, 100.0)
     x[:3] *= LENGTH
     x[3:6] *= LENGTH / TIME
     x[10:13] /= TIME
-    states = [hf.state_of(usual), hf.state_of(other, x)]
+    states = [hf.state_of(usual, low), hf.state_of(other, x)]
     airs = [wind_of(plant) for plant in (usual, other)]
     gusts = [
         air.gusts(TICKS, step, speed, np.random.default_rng(7))
@@ -310,3 +331,36 @@ def test_an_effect_of_the_air_is_left_to_the_air() -> None:
         plant = Plant(plain_vehicle(), hf.model_with({name: VALUES[name]}))
         still = Plant(plain_vehicle(), Model("still", hf.model_with({}).coefficients))
         np.testing.assert_array_equal(plant.read(hf.state_of(plant)), still.read(hf.state_of(still)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_an_effect_is_confused_with_is_in_the_catalogue_and_a_manoeuvre_tells_them_apart(name: str) -> None:
+    effect = EFFECTS[name]
+    assert name in CONFUSIONS
+    assert set(effect.confusable_with) == set(CONFUSIONS[name]) <= set(NAMES) - {name}
+    for other in NAMES:
+        assert effect.manoeuvre_against(EFFECTS[other])
+
+
+def test_the_manoeuvre_against_an_effect_is_the_pairs_own_seen_from_either_side() -> None:
+    wash, tail, stall = EFFECTS["propwash_elevator"], EFFECTS["elastic_tail"], EFFECTS["stall"]
+    assert wash.manoeuvre_against(tail) == tail.manoeuvre_against(wash) == dict(wash.separations)["elastic_tail"]
+    lag, roll = EFFECTS["actuator_lag"], EFFECTS["roll_damping"]
+    assert "roll_damping" not in lag.confusable_with
+    assert lag.manoeuvre_against(roll) == dict(roll.separations)["actuator_lag"]
+    assert stall.manoeuvre_against(wash) == stall.separated_by
+
+
+def test_a_model_file_holds_a_choice_by_its_name() -> None:
+    """Written as a name; read as one with or without the braces of a value."""
+    model = read_model("iitb-mav").with_effect(*parse_effect("sensor_time_skew:delay=0.02,group=attitude"))
+    written = model.to_json()
+    (effect,) = written["effects"]
+    assert effect["parameters"] == {"delay": {"value": 0.02}, "group": {"value": "attitude"}}
+    effect["parameters"]["group"] = "attitude"
+    assert model_from_json(written) == model
+    for wrong in ("gps", {"value": "gps"}, {"value": 7}, {"value": 1.5}):
+        effect["parameters"]["group"] = wrong
+        with pytest.raises(ModelFileError, match="group must be one of vanes, air_data, imu, attitude") as caught:
+            model_from_json(written, "m.json")
+        assert str(caught.value).startswith("m.json: ")

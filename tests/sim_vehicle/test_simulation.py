@@ -21,6 +21,8 @@ from sim_vehicle.simulation import evaluate_path, impose, simulate
 Array = NDArray[np.float64]
 
 DT, N, SUB_STEPS = 0.02, 120, 4
+# Samples until sensors that come late show nothing of the time before the flight, which each takes as it likes.
+KNOWN = 3
 FREE = np.zeros((0, 9))
 STILL_AIR = np.zeros((0, 3))
 COLUMN = {name: j for j, name in enumerate(CHANNELS)}
@@ -43,8 +45,8 @@ def flown(effects: dict[str, dict[str, float]], gust: Array = hf.STILL, tau: flo
     commands = np.repeat(hf.SURFACES + generator.normal(0.0, 0.05, (N // 6, 4)), 6, axis=0)
     commands[:1] = hf.SURFACES
     state = plant.state_at(hf.body_state(), hf.SURFACES, hf.SURFACES)
-    gain = effects.get("elevator_gain", {}).get("scale", 0.0)
-    state.surfaces[0] *= 1.0 + gain
+    state.surfaces[:3] += effects.get("linkage_nonlinearity", {}).get("cubic", 0.0) * state.surfaces[:3] ** 3
+    state.surfaces[0] *= 1.0 + effects.get("elevator_gain", {}).get("scale", 0.0)
     plant.evaluate(state, hf.STILL, gust, 0.0)
     states, readings, outputs = np.empty((N, STATE_SIZE)), np.empty((N, len(CHANNELS))), np.empty((N, len(OUTPUTS)))
     for k in range(N):
@@ -81,12 +83,13 @@ def simulated(
 @pytest.mark.parametrize("name", ["", *sorted(EFFECTS)])
 def test_a_simulation_reads_what_the_plant_reads(name: str) -> None:
     flight = flown({name: VALUES[name]} if name else {})
-    np.testing.assert_allclose(simulated(flight), flight.readings, rtol=1e-11, atol=1e-12)
+    told = slice(KNOWN if name == "sensor_time_skew" else 0, None)
+    np.testing.assert_allclose(simulated(flight)[told], flight.readings[told], rtol=1e-11, atol=1e-12)
 
 
 def test_all_effects_at_once_read_what_the_plant_reads() -> None:
     flight = flown(VALUES)
-    np.testing.assert_allclose(simulated(flight), flight.readings, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(simulated(flight)[KNOWN:], flight.readings[KNOWN:], rtol=1e-10, atol=1e-11)
 
 
 def test_a_steady_gust_reads_what_the_plant_reads() -> None:

@@ -54,7 +54,19 @@ VALUES: dict[str, dict[str, float]] = {
     "density_error": {"scale": 0.08},
     "mass_error": {"scale": 0.05},
     "inertia_error": {"scale": 0.1},
+    "configuration_step": {"dCL": 0.2, "dCD": 0.02, "dCm": -0.03, "time": 0.513, "duration": 0.1},
+    "ground_effect": {"lift_gain": 0.15, "drag_reduction": 0.3},
+    "battery_sag": {"rate": 0.02},
+    "linkage_nonlinearity": {"cubic": 2.0},
+    "servo_deadband": {"width": 0.01},
+    # Of the inertial unit, by the place of its name among the groups.
+    "sensor_time_skew": {"delay": 0.033, "group": 2.0},
+    "thrust_sensor_hysteresis": {"width": 0.1},
+    "mass_drop": {"fraction": 0.1, "time": 0.507, "duration": 0.1},
+    "cg_shift": {"x": 0.005},
 }
+# Height above the ground at which an effect shows, m.
+HEIGHTS = {"ground_effect": 0.1}
 
 # Values at which a term is what the packaged aircraft has already, or the effect is nothing.
 NEUTRAL: dict[str, dict[str, float]] = {
@@ -79,6 +91,8 @@ NEUTRAL: dict[str, dict[str, float]] = {
     "motor_lag": {"tau": 0.1},
     "actuator_rate_limit": {"rate": 1e9},
     "turbulence": {"sigma": 0.0, "length": 20.0},
+    "configuration_step": {"dCL": 0.0, "dCD": 0.0, "dCm": 0.0, "time": 0.5, "duration": 0.1},
+    "mass_drop": {"fraction": 0.0, "time": 0.5, "duration": 0.1},
 }  # fmt: skip
 # A lag of no time at all is not written down; it is left out.
 WITHOUT_NEUTRAL = {"unsteady_lift", "actuator_lag", "vane_lag", "pitot_lag", "attitude_lag"}

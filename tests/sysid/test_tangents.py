@@ -34,7 +34,7 @@ RICH = {
     "CL_alphadot": 1.5, "CL_q": 3.0, "CD_CL": 0.03, "CD_alphadot": 0.02, "CD_beta2": 1.0, "CY_p": 0.1,
     "Cl_alpha_beta": 0.1, "Cm_alphadot": -2.0, "Cm_CL": 0.02, "Cm_alpha2_de": 0.7, "Cm_q": -4.0, "Cn_throttle": 0.001,
 }  # fmt: skip
-NOT_FLOWN = {"steady_wind", "turbulence", "wind_shear", "unsteady_lift"}
+NOT_FLOWN = {"steady_wind", "turbulence", "wind_shear", "unsteady_lift", "ground_effect"}
 EFFECT_NAMES = sorted(name for name, effect in EFFECTS.items() if not effect.is_coefficient and name not in NOT_FLOWN)
 
 

@@ -1,0 +1,99 @@
+"""Sensors of one group that show the motion late: z(t) = y(t - delay).
+
+Groups: the vanes; air data (airspeed); the inertial unit (ax ay az p q r); the attitude (phi theta psi). Between
+samples the motion is the cubic through the four nearest that have been read, and before the first one a straight line.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.jit import jit
+
+Array = NDArray[np.float64]
+
+GROUPS = ("vanes", "air_data", "imu", "attitude")
+SENSOR_TIME_SKEW = Effect(
+    "sensor_time_skew",
+    "sensors that come late",
+    Stage.SENSOR,
+    (
+        Parameter("delay", "s", 0.0, 0.3, starts=(0.02,)),
+        Parameter("group", "1", 0.0, len(GROUPS) - 1.0, fitted=False, choices=GROUPS),
+    ),
+    "hardware that stamps all sensors on one clock; a tap on the airframe",
+)
+# Places among CHANNELS and READINGS: airspeed, alpha beta, p q r, phi theta psi, ax ay az.
+_FIRST_OF_GROUP = ((1, 3), (0, 1), (3, 6), (6, 9))
+_ACCELEROMETERS = (9, 12)
+
+
+@jit
+def is_late(channel: int, group: float) -> bool:
+    """Whether a channel (its place among CHANNELS) belongs to a group (its place among GROUPS)."""
+    place = int(group)
+    first, end = _FIRST_OF_GROUP[place]
+    if first <= channel < end:
+        return True
+    return place == 2 and _ACCELEROMETERS[0] <= channel < _ACCELEROMETERS[1]
+
+
+@jit
+def late_nodes(last: int, count: int, late: float) -> tuple[int, float, float, float, float]:
+    """First of up to four rows of `count` and their weights, for the reading `late` samples before row `last`."""
+    place = last - late
+    if place <= 0.0 or last < 3:
+        row = max(min(math.floor(place), min(max(last, 1), count - 1) - 1), 0)
+        share = place - row if count > 1 else 0.0
+        return row, 1.0 - share, share, 0.0, 0.0
+    row = min(max(math.floor(place) - 1, 0), last - 3)
+    s = place - row
+    return (
+        row,
+        -(s - 1.0) * (s - 2.0) * (s - 3.0) / 6.0,
+        s * (s - 2.0) * (s - 3.0) / 2.0,
+        -s * (s - 1.0) * (s - 3.0) / 2.0,
+        s * (s - 1.0) * (s - 2.0) / 6.0,
+    )
+
+
+@jit
+def late_reading(values: Array, last: int, late: float, turns: bool) -> float:
+    """What (N,) readings show that come `late` samples late, at row `last`; an angle that turns stays within +-pi."""
+    row, a, b, c, d = late_nodes(last, values.size, late)
+    origin: float = values[row]
+    total = 0.0
+    for offset, weight in ((0, a), (1, b), (2, c), (3, d)):
+        if weight != 0.0:
+            apart = values[row + offset] - origin
+            if turns:
+                apart -= 2.0 * math.pi * math.floor(apart / (2.0 * math.pi) + 0.5)
+            total += weight * apart
+    total += origin
+    if turns:
+        total -= 2.0 * math.pi * math.floor(total / (2.0 * math.pi) + 0.5)
+    return total
+
+
+@jit
+def delay_channels(y: Array, group: float, late: float) -> None:
+    """Let the channels of a group in readings y (N, CHANNELS) come `late` samples late, in place."""
+    for channel in range(12):
+        if is_late(channel, group):
+            values = y[:, channel].copy()
+            for k in range(y.shape[0]):
+                y[k, channel] = late_reading(values, k, late, channel == 6 or channel == 8)
+
+
+@jit
+def delay_rows(values: Array, late: float) -> Array:
+    """(N, K) derivatives of readings, as those of readings that come `late` samples late."""
+    delayed = np.zeros(values.shape)
+    for k in range(values.shape[0]):
+        row, a, b, c, d = late_nodes(k, values.shape[0], late)
+        for offset, weight in ((0, a), (1, b), (2, c), (3, d)):
+            if weight != 0.0:
+                delayed[k] += weight * values[row + offset]
+    return delayed
