@@ -10,10 +10,10 @@ import numpy as np
 from sim_vehicle.effects import EFFECTS, Effect, Stage
 from sim_vehicle.model import Model
 from sysid.estimate import Problem
-from sysid.moments import likely_moments
+from sysid.moments import likely_events
 
 # Moments tried for something that happens once.
-_MOMENTS = 3
+_EVENTS = 3
 # Above this height nothing is left of the ground's effect.
 _LOW_SPANS = 2.0
 
@@ -78,7 +78,7 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
 
     A choice is the default of the candidate's own effect.
     """
-    moments = likely_moments(problem.records, _MOMENTS)
+    events = likely_events(problem.records, problem.vehicle, _EVENTS)
     found = []
     for effect in chain.from_iterable(entry.variants() for entry in EFFECTS.values()):
         if not _plausible(effect, problem, model):
@@ -90,9 +90,9 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
             starts: tuple[dict[str, float], ...] = (dict.fromkeys(free, 0.0),)
         else:
             free = tuple(p.name for p in effect.parameters if p.fitted)
-            if not moments and any(p.moment for p in effect.parameters):
+            if not events and any(p.moment for p in effect.parameters):
                 continue
-            starts = effect.starts(moments)
+            starts = effect.starts(events)
         if free and starts:
             found.append(Candidate(effect, free, starts))
     return found

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sim_vehicle.vehicle import Vehicle
 from sysid.flight import Array
 from sysid.records import OUTPUTS, Record
 from sysid.smoothing import fourier_smooth
@@ -19,11 +20,12 @@ _BAND_HZ = 8.0
 _OWN_SHARE = 1e-6
 
 
-def likely_moments(records: Sequence[Record], count: int) -> list[float]:
-    """Up to `count` moments [s], likeliest first; [] where the flights lack alpha, q, airspeed or accelerations.
+def likely_events(records: Sequence[Record], vehicle: Vehicle, count: int) -> list[dict[str, float]]:
+    """Up to `count` steps, likeliest first: moment `time` [s] and about how large: `dCL`, `dCD`, `dCm`.
 
     Forces and pitching over the dynamic pressure are explained by angle of attack, elevator, pitch rate and thrust, all
-    flights together; a step from a moment on joins the regressors, and the gain in the log likelihood counts.
+    flights together; a step from a moment on joins the regressors, and the gain in the log likelihood counts. None
+    where the flights lack alpha, q, airspeed or accelerations.
     """
     used = [record for record in records if _complete(record)]
     if not used:
@@ -36,21 +38,35 @@ def likely_moments(records: Sequence[Record], count: int) -> list[float]:
     residual = Y - basis @ (basis.T @ Y)
     power = np.maximum(np.sum(residual**2, axis=0), 1e-300)
     looks = np.linspace(time.min(), time.max(), _LOOKS + 2)[1:-1]
-    gains = np.zeros(looks.size)
+    gains, sizes = np.zeros(looks.size), np.zeros((looks.size, 3))
     for i, look in enumerate(looks):
         step = (time > look).astype(np.float64)
         own = step - basis @ (basis.T @ step)
         size = float(own @ own)
         if size > _OWN_SHARE * step.size:
             share = np.minimum((own @ residual) ** 2 / size / power, 1.0 - 1e-12)
+            sizes[i] = own @ residual / size
             gains[i] = -0.5 * step.size * float(np.sum(np.log1p(-share)))
-    found: list[float] = []
+    rho = float(np.mean(np.concatenate([record.rho for record in used])))
+    alpha = float(np.mean(X[:, 1]))
+    found: list[dict[str, float]] = []
     for i in np.argsort(-gains):
         if len(found) == count or gains[i] <= 0.0:
             break
-        if all(abs(looks[i] - other) >= _APART_S for other in found):
-            found.append(float(looks[i]))
+        if all(abs(looks[i] - other["time"]) >= _APART_S for other in found):
+            found.append({"time": float(looks[i]), **_coefficients(sizes[i], vehicle, rho, alpha)})
     return found
+
+
+def _coefficients(size: Array, vehicle: Vehicle, rho: float, alpha: float) -> dict[str, float]:
+    """Steps of CL, CD and Cm that give steps (3,) of what `_forces` gives, at a mean angle of attack."""
+    pressure_area = 0.5 * rho * vehicle.geometry.S
+    ahead, down = vehicle.mass.mass / pressure_area * size[:2]
+    return {
+        "dCL": float(ahead * np.sin(alpha) - down * np.cos(alpha)),
+        "dCD": float(-ahead * np.cos(alpha) - down * np.sin(alpha)),
+        "dCm": float(size[2] * vehicle.mass.Iyy / (pressure_area * vehicle.geometry.c)),
+    }
 
 
 def _complete(record: Record) -> bool:

@@ -100,17 +100,20 @@ class Effect:
         """The parameter of that name. Raises KeyError."""
         return {parameter.name: parameter for parameter in self.parameters}[name]
 
-    def starts(self, moments: Sequence[float] = ()) -> tuple[dict[str, float], ...]:
+    def starts(self, events: Sequence[Mapping[str, float]] = ()) -> tuple[dict[str, float], ...]:
         """Sets of start values of the fitted parameters, one for every hill of the likelihood.
 
-        moments: s from the flight's first stamp, tried for a parameter that is one instead of its own starts.
+        events: what may have happened in the flight, values by names of parameters; they go before the own starts of an
+        effect of which one parameter is a moment, as far as it has them.
         """
         fitted = [parameter for parameter in self.parameters if parameter.fitted]
         count = max((len(parameter.starts) for parameter in fitted), default=0)
         sets = [{p.name: p.starts[min(i, len(p.starts) - 1)] for p in fitted} for i in range(count)]
-        for parameter in fitted:
-            if parameter.moment and moments:
-                sets = [{**one, parameter.name: moment} for one in sets for moment in moments]
+        if events and any(parameter.moment for parameter in fitted):
+            happened = [
+                {p.name: min(max(event[p.name], p.low), p.high) for p in fitted if p.name in event} for event in events
+            ]
+            sets = [{**one, **event} for one in sets for event in happened]
         return tuple(sets)
 
     def variants(self) -> tuple[Effect, ...]:

@@ -242,7 +242,7 @@ def test_free_play_is_the_play_operator(commands: list[float], width: float) -> 
 
 
 def test_a_dead_band_ignores_changes_of_up_to_half_its_width_and_then_obeys() -> None:
-    commands = np.array([0.004, 0.005, 0.0051, 0.0, 0.0101, 0.0151, 0.0152, -0.01])
+    commands = np.array([0.004, 0.005, 0.0051, 0.0, 0.0101, 0.0150, 0.0152, -0.01])
     wanted = np.array([0.0, 0.0, 0.0051, 0.0, 0.0101, 0.0101, 0.0152, -0.01])
     surface, integral = flown({"servo_deadband": {"width": 0.01}}, commands)
     np.testing.assert_allclose(surface, wanted, atol=1e-15)

@@ -16,7 +16,7 @@ from sysid.errors import SignalError
 from sysid.flight import FlightData
 from sysid.heights import height_above_ground
 from sysid.hysteresis import way_of
-from sysid.moments import likely_moments
+from sysid.moments import likely_events
 from sysid.parameterisation import Predictor
 from sysid.records import OUTPUTS, Record, effects_at, with_other_inputs
 from sysid.thrust import ThrustSource
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 DT, N = 0.02, 1500
 TIME = 5.0 + DT * np.arange(N)
+VEHICLE = load_vehicle("iitb-mav")
 
 
 def record(step_at: float = np.inf, size: float = 1.0, seed: int = 3) -> Record:
@@ -47,28 +48,35 @@ def record(step_at: float = np.inf, size: float = 1.0, seed: int = 3) -> Record:
 
 @pytest.mark.parametrize("moment", [9.1, 17.77, 30.2])
 def test_the_moment_of_a_step_is_found_to_a_tenth_of_a_second(moment: float) -> None:
-    found = likely_moments([record(moment)], 3)
-    assert found[0] == pytest.approx(moment, abs=0.1)
+    found = likely_events([record(moment)], VEHICLE, 3)
+    assert found[0]["time"] == pytest.approx(moment, abs=0.1)
+    # 1 kg and 0.2 m2 in air of 1.2 kg/m3: a force of 0.002 V^2 is 0.0167 of a coefficient.
+    assert found[0]["dCL"] == pytest.approx(0.002 / 0.12, rel=0.1)
+    assert found[0]["dCD"] == pytest.approx(0.0001 / 0.12 + 0.07 * 0.002 / 0.12, rel=0.3)
+    assert abs(found[0]["dCm"]) < 0.002
     assert len(found) == 3
-    assert min(abs(a - b) for i, a in enumerate(found) for b in found[:i]) >= 1.0
+    assert min(abs(a["time"] - b["time"]) for i, a in enumerate(found) for b in found[:i]) >= 1.0
 
 
 def test_of_two_records_of_one_flight_the_one_that_holds_the_moment_gives_it() -> None:
     whole = record(22.2, 0.3)
-    found = likely_moments([whole.window(0, 800), whole.window(800, N)], 2)
-    assert found[0] == pytest.approx(22.2, abs=0.2)
+    found = likely_events([whole.window(0, 800), whole.window(800, N)], VEHICLE, 2)
+    assert found[0]["time"] == pytest.approx(22.2, abs=0.2)
 
 
 def test_without_an_angle_of_attack_no_moment_is_proposed() -> None:
     blind = record(20.0)
     blind.z[:, OUTPUTS.index("alpha")] = np.nan
-    assert likely_moments([blind], 3) == []
+    assert likely_events([blind], VEHICLE, 3) == []
 
 
 def test_starts_for_a_moment_are_the_moments_proposed() -> None:
-    starts = EFFECTS["mass_drop"].starts([3.0, 7.5])
+    events = [{"time": 3.0, "dCL": 0.1, "dCD": 0.5}, {"time": 7.5, "dCL": -0.1, "dCD": 0.0}]
+    assert [one["dCD"] for one in EFFECTS["configuration_step"].starts(events)] == [0.2, 0.0]
+    assert EFFECTS["configuration_step"].starts(events)[1] == {"dCL": -0.1, "dCD": 0.0, "dCm": 0.0, "time": 7.5}
+    starts = EFFECTS["mass_drop"].starts(events)
     assert starts == ({"fraction": 0.02, "time": 3.0}, {"fraction": 0.02, "time": 7.5})
-    assert EFFECTS["stall"].starts([3.0]) == ({"alpha_stall": 0.17}, {"alpha_stall": 0.24})
+    assert EFFECTS["stall"].starts(events) == ({"alpha_stall": 0.17}, {"alpha_stall": 0.24})
 
 
 def test_a_choice_gives_one_variant_for_each_name_and_the_variant_needs_no_more_choice() -> None:
@@ -167,7 +175,8 @@ def test_the_way_of_a_reading_is_up_where_the_load_rises_and_down_where_it_falls
     way = way_of(played(load, width) + noise, DT)
     for begin, end, wanted in ((1.0, 7.8, 1.0), (9.0, 15.8, -1.0), (17.0, 23.8, 1.0), (25.5, 29.5, -1.0)):
         part = slice(round(begin / DT), round(end / DT))
-        np.testing.assert_allclose(way[part], wanted, atol=1e-9)
+        assert np.min(wanted * way[part]) > 0.9
+        assert np.mean(wanted * way[part]) > 0.99
 
 
 def test_the_load_behind_a_reading_is_right_wherever_it_moves() -> None:

@@ -1,0 +1,54 @@
+"""Effects hidden in a simulated flight, estimated together with the coefficients: other step size, noise, start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from simulated import fly_mav
+
+from sim_vehicle.effects import parse_effect
+from sim_vehicle.model import read_model
+from sim_vehicle.vehicle import load_vehicle
+from sysid.candidates import candidates, extended
+from sysid.estimate import fit, free_coefficients
+from sysid.posing import make_problem
+from sysid.prepare import check_compatibility, prepare
+
+# Effect with its values, whether thrust is measured, and the largest standard errors that the flight may leave.
+HIDDEN = [
+    (
+        "configuration_step:dCL=0.1,dCD=0.01,dCm=-0.01,time=7.31",
+        True,
+        {"dCL": 2e-3, "dCD": 2e-3, "dCm": 1e-3, "time": 0.01},
+    ),
+    ("mass_drop:fraction=0.08,time=11.4", True, {"fraction": 2e-3, "time": 0.01}),
+    ("sensor_time_skew:delay=0.015,group=imu", True, {"delay": 2e-4}),
+    ("linkage_nonlinearity:cubic=6", True, {"cubic": 2.0}),
+    ("battery_sag:rate=0.004", False, {"rate": 2e-4}),
+]
+
+
+@pytest.mark.parametrize(("text", "measured", "largest"), HIDDEN, ids=[text.partition(":")[0] for text, _, _ in HIDDEN])
+def test_a_hidden_effect_is_estimated_within_its_error_bars(
+    text: str, measured: bool, largest: dict[str, float]
+) -> None:
+    effect, truth = parse_effect(text)
+    vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    signals, _ = fly_mav("multisine", 11, effects=(text,))
+    if not measured:
+        kept = {name: signal for name, signal in signals.signals.items() if name not in ("thrust", "rpm")}
+        signals = replace(signals, signals=kept)
+    prepared = [prepare(signals, vehicle)]
+    problem = make_problem(prepared, vehicle, check_compatibility(prepared))
+    names = free_coefficients(list(model.coefficients), problem.motion)
+    found = [one for one in candidates(problem, model) if one.effect.name == effect.name]
+    assert len(found) == (4 if effect.name == "sensor_time_skew" else 1)
+    (candidate,) = (one for one in found if one.effect.complete({name: truth[name] for name in one.free}) == truth)
+    results = [fit(problem, extended(model, candidate, start), names, candidate.names) for start in candidate.starts]
+    result = min(results, key=lambda one: one.cost)
+    assert result.converged
+    for name in candidate.free:
+        parameter = candidate.parameter(name)
+        assert result.std(parameter) < largest[name], name
+        assert abs(result.value(parameter) - truth[name]) < 4.0 * result.std(parameter), name
