@@ -13,6 +13,7 @@ _LARGE = replace(manoeuvre("elevator-doublet"), amplitude=0.06)
 # The first words that are found in what the job says decide; a test on the ground is in none of them.
 PLANS: dict[str, Plan] = {
     "throttle step": plan_of(["throttle-step", "throttle-multisine"]),
+    "whole throttle": plan_of(["throttle-step", "throttle-multisine"]),
     "power-off glide": plan_of(["throttle-step", "throttle-multisine"]),
     "level acceleration": plan_of(["throttle-step", "throttle-step"]),
     "idle and at full power": plan_of(["throttle-step", "elevator-multisine"]),
