@@ -27,6 +27,7 @@ from discrepancy_cases import (
     true_model,
 )
 from effect_responses import (
+    OUTER,
     impostor_columns,
     impostors,
     neutral,
@@ -220,9 +221,8 @@ def tell(case: Case) -> dict[str, Told]:
     """
     hidden = [name for name, _ in case.effects]
     true, plain = true_model(case, air=False), structure(case)
-    if "wind_shear" in hidden:
-        # The air is part of the path, not of the model: its answers are taken in still air.
-        true = _still(true)
+    # These act on what is put into the model, not in it: their answers are taken from outside, at the plain model.
+    true = _without_outer(true)
     flies = true if any(EFFECTS[name].is_coefficient for name in hidden) else plain
     own = {p.name for name in hidden if EFFECTS[name].is_coefficient for p in EFFECTS[name].parameters}
     here = point_at(case, flies, own)
@@ -239,8 +239,8 @@ def tell(case: Case) -> dict[str, Told]:
     return found
 
 
-def _still(model: Model) -> Model:
-    return replace(model, effects=tuple(effect for effect in model.effects if effect.name != "wind_shear"))
+def _without_outer(model: Model) -> Model:
+    return replace(model, effects=tuple(effect for effect in model.effects if effect.name not in OUTER))
 
 
 def _answers(point: Point, case: Case, plain: Model) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:

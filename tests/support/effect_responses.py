@@ -26,6 +26,8 @@ _STEP = 0.002
 _SIZES = (0.0, 0.5, 1.0)
 # When one that comes at a moment may have come, s after the first stamp.
 _MOMENTS = tuple(np.arange(3.0, 21.0, 2.0))
+# Effects on the air and on what the sensor of the thrust tells: they are no part of the simulation under its inputs.
+OUTER = ("wind_shear", "thrust_sensor_hysteresis")
 _GROUPS = ("vanes", "air_data", "imu", "attitude")
 
 
@@ -46,7 +48,7 @@ def outputs_of(experiment: Experiment, model: Model) -> Array:
 
 def is_linear(effect: Effect) -> bool:
     """Whether the outputs' change is linear in all the parameters that are estimated."""
-    return all(p.low < 0.0 for p in effect.parameters if p.fitted and p.name in RANGES[effect.name])
+    return all(p.low < 0.0 for p in effect.parameters if p.fitted)
 
 
 def changed(model: Model, effect: str, values: Mapping[str, Value]) -> Model:
@@ -72,18 +74,35 @@ def _in_shear(experiment: Experiment, gradient: float) -> Array:
     return outputs_of(replace(experiment, flown=moved), experiment.model)
 
 
+def _behind_play(experiment: Experiment, width: float) -> Array:
+    """Change of the outputs (N, outputs) by the part of the thrust that a sensor with free play [N] does not tell."""
+    truth = experiment.flown.truth
+    told = truth["thrust"].copy()
+    for k in range(1, told.size):
+        told[k] = min(max(told[k - 1], truth["thrust"][k] - 0.5 * width), truth["thrust"][k] + 0.5 * width)
+    flown = replace(experiment.flown, truth={**truth, "thrust": told})
+    there, here = outputs_of(experiment, experiment.model), replace(experiment, flown=flown)
+    return there - outputs_of(here, here.model)
+
+
 def parameter_slopes(experiment: Experiment, effect: str, values: Mapping[str, Value]) -> dict[str, Array]:
     """Change of the outputs by each estimated parameter of an effect at `values`, per unit (N, outputs)."""
     if effect == "wind_shear":
         step = _STEP * greatest(effect, "gradient")
         return {"gradient": (_in_shear(experiment, step) - _in_shear(experiment, -step)) / (2.0 * step)}
+    if effect == "thrust_sensor_hysteresis":
+        width = float(values["width"])
+        step = 0.05 * width
+        return {
+            "width": (_behind_play(experiment, width + step) - _behind_play(experiment, width - step)) / (2.0 * step)
+        }
     found = {}
     for parameter in EFFECTS[effect].parameters:
         if not parameter.fitted or parameter.name not in values:
             continue
         here = values[parameter.name]
         assert isinstance(here, float)
-        step = _STEP * max(abs(here), greatest(effect, parameter.name))
+        step = max(_STEP * max(abs(here), greatest(effect, parameter.name)), parameter.step)
         ends = [
             outputs_of(experiment, changed(experiment.model, effect, {**values, parameter.name: here + sign * step}))
             for sign in (1.0, -1.0)
@@ -107,6 +126,8 @@ def neutral(effect: str, model: Model) -> dict[str, Value]:
 
 def whole_response(experiment: Experiment, effect: str, values: Mapping[str, Value]) -> Array:
     """Change of the outputs by the effect at this size (N, outputs), in the experiment's model with or without it."""
+    if effect == "thrust_sensor_hysteresis":
+        return _behind_play(experiment, float(values["width"]))
     if is_linear(EFFECTS[effect]):
         nothing = {**neutral(effect, experiment.model), **dict.fromkeys(values, 0.0)}
         here = {name: value for name, value in experiment.model.values().items() if name in values}
@@ -141,6 +162,9 @@ def impostor_columns(experiment: Experiment, effect: str) -> Iterator[Array]:
             yield np.stack(list(slopes.values()), axis=2)
         return
     for values in _starts(effect):
+        if effect == "thrust_sensor_hysteresis":
+            yield _behind_play(experiment, float(values["width"]))[:, :, None]
+            continue
         moved = [name for name in values if isinstance(RANGES[effect].get(name), tuple)]
         if "time" not in values:
             yield (outputs_of(experiment, changed(experiment.model, effect, values)) - base)[:, :, None]

@@ -65,7 +65,7 @@ RANGES: dict[str, dict[str, tuple[float, float] | str]] = {
     "inertia_error": {"scale": (0.05, 0.2)},
     "sensor_time_skew": {"delay": (0.005, 0.05), "group": "imu"},
     "servo_deadband": {"width": (0.1 * _DEG, 0.5 * _DEG)},
-    "linkage_nonlinearity": {"cubic": (5.0, 50.0)},
+    "linkage_nonlinearity": {"cubic": (1.0, 8.0)},
     "ground_effect": {"lift_gain": (0.05, 0.2), "drag_reduction": (0.1, 0.4)},
     "configuration_step": {"dCL": (0.01, 0.1), "dCD": (0.005, 0.05), "dCm": (-0.001, -0.01)},
     "mass_drop": {"fraction": (0.05, 0.3)},

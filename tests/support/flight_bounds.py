@@ -122,6 +122,7 @@ def simulated(experiment: Experiment, flat: FlatModel, path: Array, C: Array, st
         held = path.copy()
         held[:, [STATES.index(name) for name in experiment.states]] = np.nan
     x0 = np.zeros(14)
+    x0[:3] = [flown.truth[name][0] for name in ("north", "east", "down")]
     x0[3:6], x0[10:13], x0[13] = start[:3], start[3:6], np.nan
     x0[6:10] = quaternion(*(float(angle) for angle in start[6:]))
     count = path.shape[0]

@@ -17,6 +17,7 @@ PLANS: dict[str, Plan] = {
     "power-off glide": plan_of(["throttle-step", "throttle-multisine"]),
     "level acceleration": plan_of(["throttle-step", "throttle-step"]),
     "idle and at full power": plan_of(["throttle-step", "elevator-multisine"]),
+    "two propeller speeds": plan_of(["throttle-step", "elevator-multisine"]),
     "2 to 6 Hz": Plan((_FAST_SWEEP,)),
     "3 to 6 Hz": Plan((_FAST_SWEEP,)),
     "two speeds": _TWO_SPEEDS,

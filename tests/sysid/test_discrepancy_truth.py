@@ -196,4 +196,4 @@ def test_words_of_a_manoeuvre_become_a_plan_unless_it_is_one_on_the_ground() -> 
     assert plan_named("elevator sweep from 2 to 6 Hz") == "2 to 6 Hz"
     assert plan_named("power-off glide and throttle steps; weigh the aircraft") == "throttle step"
     assert plan_named("bench protractor") == plan_named("bifilar swing test") == ""
-    assert sum(bool(plan_named(effect.separated_by)) for effect in EFFECTS.values()) > 0.7 * len(EFFECTS)
+    assert sum(bool(plan_named(effect.separated_by)) for effect in EFFECTS.values()) > 0.65 * len(EFFECTS)
