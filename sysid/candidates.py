@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -42,6 +43,12 @@ class Candidate:
     def parameter(self, name: str) -> str:
         """Name of one of its parameters among the estimated ones."""
         return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
+
+
+def within(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    """Values brought within the bounds of the effect's parameters."""
+    bounds = {p.name: (p.low, p.high) for p in candidate.effect.parameters}
+    return {name: min(max(value, bounds[name][0]), bounds[name][1]) for name, value in values.items()}
 
 
 def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:

@@ -153,7 +153,7 @@ def build(
     sigma: Array | None = None,
 ) -> OutputError:
     """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
-    predictor = _predictor(problem, model, coefficients, effects)
+    predictor = predictor_of(problem, model, coefficients, effects)
     return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, _known(problem, predictor))
 
 
@@ -161,7 +161,7 @@ def build_filter(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> FilterError:
     """The same problem with turbulence as process noise."""
-    predictor = _predictor(problem, model, coefficients, effects)
+    predictor = predictor_of(problem, model, coefficients, effects)
     return FilterError(predictor, problem.paths, problem.motion.outputs, _known(problem, predictor))
 
 
@@ -169,9 +169,10 @@ def _known(problem: Problem, predictor: Predictor) -> Gaussian | None:
     return None if problem.known is None else problem.known.of([entry.name for entry in predictor.parameters])
 
 
-def _predictor(
-    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+def predictor_of(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> Predictor:
+    """Outputs of the problem's records as a function of those parameters that are free."""
     parameters: list[Parameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
     parameters += [effect_parameter(effect, name) for effect, name in effects]
     for name in problem.sensors:

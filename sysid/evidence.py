@@ -39,25 +39,19 @@ def log_likelihood_ratio(simple: OutputErrorResult, richer: OutputErrorResult, i
     return float(2.0 * np.sum(count * np.log(simple.sigma[used] / richer.sigma[used])))
 
 
-def weigh(
-    base: OutputErrorResult, fits: Sequence[tuple[OutputErrorResult, int]], inflation: Array
-) -> tuple[list[Weight], float]:
-    """Posterior weights of candidates by the Bayesian information criterion, and that of "no effect".
+def weigh(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[Weight]:
+    """Posterior weights of candidates by the Bayesian information criterion, "no effect" being one of them.
 
-    fits: per candidate its fit and the number of parameters it adds. Returns weights in that order, and the rest.
+    gains: twice the log likelihood that each gains. sizes: parameters that each adds. samples: independent ones.
     """
-    used = np.isfinite(base.sigma)
-    effective = float(np.sum(base.samples[used] / inflation[used]))
-    gains = [log_likelihood_ratio(base, fit, inflation) for fit, _ in fits]
-    scores = [0.0] + [0.5 * (g - k * math.log(effective)) for g, (_, k) in zip(gains, fits, strict=True)]
+    scores = [0.0] + [0.5 * (gain - k * math.log(samples)) for gain, k in zip(gains, sizes, strict=True)]
     top = max(scores)
     shares = [math.exp(score - top) for score in scores]
     total = sum(shares)
-    weights = [
+    return [
         Weight(share / total, gain, float(special.chdtrc(k, max(gain, 0.0))))
-        for share, gain, (_, k) in zip(shares[1:], gains, fits, strict=True)
+        for share, gain, k in zip(shares[1:], gains, sizes, strict=True)
     ]
-    return weights, shares[0] / total
 
 
 def is_significant(weight: Weight, candidates: int) -> bool:

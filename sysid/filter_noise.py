@@ -13,7 +13,7 @@ from sysid.filter_variances import variance_pass
 from sysid.flight import Array
 
 FAINT = 0.003  # m/s, below any sensor
-_SEARCH_S = 60.0  # of flight, from which noise and turbulence are estimated
+SEARCH_S = 60.0  # of flight, from which noise and turbulence are estimated
 _STEPS = 15
 _NUDGE = 1e-5
 
@@ -61,14 +61,17 @@ def surroundings(flight: FilteredFlight) -> Surroundings:
 
 
 def likeliest_noise(
-    flight: FilteredFlight, linear: Sequence[Linear], noise: Array, turbulence: Turbulence
+    flight: FilteredFlight, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, search_s: float = SEARCH_S
 ) -> tuple[Array, Turbulence]:
-    """Noise variances (m,) and turbulence of greatest likelihood about the same paths, by scoring."""
+    """Noise variances (m,) and turbulence of greatest likelihood about the same paths, by scoring.
+
+    search_s: of flight to look at; whole records are.
+    """
     known = surroundings(flight)
     chosen, total = 0, 0.0
     for record in flight.records:
         chosen, total = chosen + 1, total + record.length * record.interval_s
-        if total >= _SEARCH_S:
+        if total >= search_s:
             break
     eta, damping = known.eta(noise, turbulence), 1e-3
     value, downhill, information = _scores(flight, linear[:chosen], eta, known, turbulence)

@@ -78,9 +78,14 @@ def _step(
     s: Array, gust: Array, mean: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
     C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Nine states one sample later. mean: (sub_steps, 4). thrust: N, NaN where it follows from the throttle."""
+    """Nine states one sample later. mean: (sub_steps, 4). thrust: N, NaN where it follows from the throttle.
+
+    x: state of the simulation, of which the angle that a lagging lift feels, x[13], is carried on.
+    """
     still = np.zeros(3)
+    felt = x[13]
     to_simulation(s, x)
+    x[13] = felt
     sub_steps = mean.shape[0]
     for i in range(sub_steps):
         runge_kutta_step(x, mean[i], thrust, still, gust, rho, dt / sub_steps, slopes, P, E, C, F, K, T, W, scratch)
@@ -89,29 +94,38 @@ def _step(
 
 @jit
 def _read(
-    s: Array, gust: Array, seen: Array, thrust: float, rho: float, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array, full: Array, out: Array,
+    s: Array, gust: Array, seen: Array, thrust: float, rho: float, interval: float, P: Array, E: Array, C: Array,
+    F: IntArray, K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array,
+    full: Array, out: Array,
 ) -> None:  # fmt: skip
-    """What perfect sensors read: the channels at `places`."""
+    """What perfect sensors read: the channels at `places`. interval: s since the last reading, 0 for the first one.
+
+    x: as for `_step`; sensor: memory of the sensors that lag.
+    """
     still = np.zeros(3)
+    felt = x[13]
     to_simulation(s, x)
+    if interval > 0.0:
+        x[13] = felt
     derivatives(x, seen, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
-    read_sensors(x, W, P, E, 0.0, sensor, full)
+    read_sensors(x, W, P, E, interval, sensor, full)
     for j in range(places.size):
         out[j] = full[places[j]]
 
 
 @jit
 def predict_path(
-    before: Array, gust_before: Array, after: Array, gust_over: Array, free: IntArray, mean: Array, seen: Array,
-    thrust: Array, rho: Array, dt: float, held: bool, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
-    T: IntArray, places: IntArray,
+    before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, mean: Array,
+    seen: Array, thrust: Array, rho: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array, C: Array,
+    F: IntArray, K: IntArray, T: IntArray, places: IntArray,
 ) -> tuple[Array, Array]:  # fmt: skip
     """One step from every sample, and what perfect sensors read there.
 
-    before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before: (N, 3)
-    body-axis gusts at the samples, gust_over: (N - 1, 3) between them. free: states that are integrated; the others are
-    imposed if `held`. mean: (N, sub, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows from the throttle.
+    before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
+    gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
+    the others are imposed if `held`. mean: (N, sub, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
+    from the throttle. lagging: whether some sensor lags. A lift or a sensor that lags remembers the path itself: what
+    it feels of the past is then a function of past readings, as a prediction may be, though not of the filter's state.
     Returns ahead (N - 1, 9) and the channels at `places` (N, m).
     """
     n = before.shape[0]
@@ -119,9 +133,18 @@ def predict_path(
     x, W, scratch, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
     sensor, full = np.zeros(SENSOR_SIZE), np.empty(19)
     slopes = np.full(6, np.nan) if held else np.zeros(0)
+    remembered, unused = np.zeros(SENSOR_SIZE), np.empty(places.size)
     for k in range(n):
-        _read(before[k], gust_before[k], seen[k], thrust[k], rho[k], P, E, C, F, K, T, places, x, W, rate, sensor, full,
-              y[k])  # fmt: skip
+        interval = dt if k > 0 else 0.0
+        if lagging:
+            remembered[:] = sensor
+        _read(before[k], gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W, rate,
+              sensor, full, y[k])  # fmt: skip
+        if lagging:
+            # What is remembered is what was known after the sample.
+            sensor[:] = remembered
+            _read(after[k], gust_after[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W, rate,
+                  sensor, full, unused)  # fmt: skip
         if k + 1 == n:
             break
         if held:

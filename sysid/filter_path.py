@@ -12,6 +12,7 @@ from typing import Self
 
 import numpy as np
 
+from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.simulation import effects_flown
 from sysid.dryden import Turbulence, gust_system
@@ -26,6 +27,9 @@ from sysid.smoothing import noise_sigma
 _START = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
 _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
+# Effects with a memory that the filter's state does not hold.
+LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
+_LAGGING = [slot(name) for name in LAGGING]
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
@@ -134,8 +138,8 @@ class FilteredFlight:
         places, terms, columns, weights = self._direct(flat, record if slopes else None)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], mean, seen, thrust,
-            record.rho[record.start :], record.interval_s, flat.P, self._effects(flat, record), flat.C, flat.F, flat.K,
-            flat.T, terms, columns, weights, np.arange(len(OUTPUTS)),
+            record.rho[record.start :], record.interval_s, flat.P, _prompt(self._effects(flat, record)), flat.C, flat.F,
+            flat.K, flat.T, terms, columns, weights, np.arange(len(OUTPUTS)),
         )  # fmt: skip
         count = theta.size if slopes else 0
         step_theta = np.zeros((record.length - 1, free.size, count))
@@ -161,6 +165,22 @@ class FilteredFlight:
             left=angle_wrap(record.z - predicted)[:, self.columns],
             read_x=(read_x * gains[None, :, None])[:, self.columns],
             read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
+        )
+
+    def widened(self, k: int, one: Linear, theta: Array, others: Sequence[FlatModel]) -> Linear:
+        """`one` with a column more for each other model: how its steps and readings differ along the same path."""
+        flat, errors = self.predictor.apply(theta)
+        thrust, gains = self._thrust(k, errors), error_gains(errors)
+        ahead, y = self._predicted(k, flat, thrust, *self._surfaces(k, flat))
+        steps, reads = [one.step_theta], [one.read_theta]
+        for other in others:
+            there = self._predicted(k, other, thrust, *self._surfaces(k, other))
+            steps.append(_apart(there[0], ahead)[:, self.free[k], None])
+            reads.append(((there[1] - y) * gains)[:, self.columns, None])
+        return replace(
+            one,
+            step_theta=np.concatenate(steps, axis=2),
+            read_theta=np.ascontiguousarray(np.concatenate(reads, axis=2)),
         )
 
     def _direct(self, flat: FlatModel, record: Record | None) -> tuple[list[int], IntArray, IntArray, Array]:
@@ -194,10 +214,11 @@ class FilteredFlight:
 
     def _predicted(self, k: int, flat: FlatModel, thrust: Array, mean: Array, seen: Array) -> tuple[Array, Array]:
         record, path = self.records[k], self.paths[k]
+        lagging = bool(np.any(flat.E[_LAGGING]))
         return predict_path(
-            path.before, path.gust_before, path.after, path.gust_over, self.free[k], mean, seen, thrust,
-            record.rho[record.start :], record.interval_s, bool(record.held.size), flat.P, self._effects(flat, record),
-            flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+            path.before, path.gust_before, path.after, path.gust_after, path.gust_over, self.free[k], mean, seen,
+            thrust, record.rho[record.start :], record.interval_s, bool(record.held.size), lagging, flat.P,
+            self._effects(flat, record), flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
         )  # fmt: skip
 
     def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
@@ -273,6 +294,13 @@ class FilteredFlight:
         other = copy(self)
         other.paths = list(paths)
         return other
+
+
+def _prompt(effects: Array) -> Array:
+    """Effects without those that remember the motion: the filter's gains take lift and sensors as prompt."""
+    prompt = effects.copy()
+    prompt[_LAGGING] = 0.0
+    return prompt
 
 
 def _apart(ahead: Array, behind: Array) -> Array:

@@ -12,17 +12,17 @@ import numpy as np
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sysid.compatibility import CompatibilityResult
-from sysid.estimate import Problem, fit, split_runs
+from sysid.engines import Result
+from sysid.estimate import Motion, Problem, fit, split_runs
 from sysid.flight import Array
 from sysid.gap import Fixed, gap, noise_floor
-from sysid.output_error import OutputErrorResult
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.prepare import MAX_STRETCH_S, Prepared
 from sysid.records import OUTPUTS, Record
 from sysid.smoothing import noise_sigma
 
 
-def fixed_model(problem: Problem, model: Model, result: OutputErrorResult, compatible: CompatibilityResult) -> Fixed:
+def fixed_model(problem: Problem, model: Model, result: Result, compatible: CompatibilityResult) -> Fixed:
     """A model with the sensor errors of its fit; of outputs outside the fit those of the compatibility check."""
     outside = {
         name: error.value
@@ -33,40 +33,39 @@ def fixed_model(problem: Problem, model: Model, result: OutputErrorResult, compa
     return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
 
 
+def held_out_models(problem: Problem, stages: Mapping[str, Model], compatible: CompatibilityResult) -> dict[str, Fixed]:
+    """Stages on flights held out: sensor errors alone are fitted for each, since they change with every power-up."""
+    return {
+        name: fixed_model(problem, model, fit(problem, model, ()), compatible) for name, model in stages.items()
+    }  # fmt: skip
+
+
 def stage_gaps(
-    problem: Problem,
+    motion: Motion,
     prepared: Sequence[Prepared],
-    stages: Mapping[str, tuple[Model, OutputErrorResult]],
+    stages: Mapping[str, Fixed],
     compatible: CompatibilityResult,
     generator: np.random.Generator,
-    *,
-    held_out: bool,
 ) -> dict[str, dict[str, float]]:
-    """Gap of every stage on these flights, and the noise floor of the last.
-
-    On flights held out the sensor errors alone are fitted for each stage: they change with every power-up.
-    """
+    """Gap of every stage on these flights, and the noise floor of the last."""
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
     records = [stretch.record for stretch in stretches]
     layout = prepared[0].layout
     found: dict[str, dict[str, float]] = {}
-    for stage, (model, result) in stages.items():
-        own = fit(problem, model, ()) if held_out else result
-        fixed = fixed_model(problem, model, own, compatible)
+    for stage, fixed in stages.items():
         found[stage] = {name: value for name, value in gap(records, layout, fixed).items() if math.isfinite(value)}
-        last_fixed = fixed
     thrust_noise = [noise_sigma(s.data["thrust"], s.data.interval_s) for s in stretches if "thrust" in s.data]
     thrust_sigma = 0.0 if not thrust_noise else float(np.median(thrust_noise)) * _thrust_noise_left(records)
     runs, starts = [], []
     for stretch, states in zip(stretches, compatible.states, strict=True):
         full = dict(states)
         full.setdefault("psi", stretch.data.columns.get("psi", np.zeros(stretch.record.length)))
-        part_runs, paths = split_runs(stretch.record, full, problem.motion, MAX_STRETCH_S)
+        part_runs, paths = split_runs(stretch.record, full, motion, MAX_STRETCH_S)
         runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
         starts += [path[0] for path in paths]
-    sigma = _output_noise(records)
+    last = list(stages.values())[-1]
     found["noise_floor"] = noise_floor(
-        runs, starts, layout, last_fixed, sigma, thrust_sigma, compatible.gust_sigma, generator
+        runs, starts, layout, last, _output_noise(records), thrust_sigma, compatible.gust_sigma, generator
     )
     return found
 

@@ -60,13 +60,35 @@ def _intervals(path: CoefficientPath, residual: Array, flight: str, limit: float
     return found
 
 
+def _curve(variable: Array, residual: Array) -> list[dict[str, float]]:
+    """What is left of an axis over a variable: mean and its standard error in _BINS parts of equally many samples.
+
+    The standard error counts neighbouring samples as many as they are independent.
+    """
+    order = np.argsort(variable, kind="stable")
+    parts = np.array_split(order, _BINS)
+    means = np.concatenate([np.full(part.size, residual[part].mean()) for part in parts])
+    around = np.empty_like(residual)
+    around[order] = residual[order] - means
+    alike = max(float(np.sum(autocorrelation([around]))), 1.0)
+    return [
+        {
+            "value": float(variable[part].mean()),
+            "residual": float(residual[part].mean()),
+            "std": float(residual[part].std() * np.sqrt(min(alike, part.size) / part.size)),
+        }
+        for part in parts
+    ]
+
+
 def locate(
     paths: Sequence[tuple[str, CoefficientPath]], floors: Sequence[CoefficientPath], axes: Sequence[str] = AXES
 ) -> list[dict[str, Any]]:
     """Axes whose residual coefficients depend on something, strongest first.
 
     paths: (flight, measured against the model as given). floors: the same against the best model found, for scale.
-    Returns entries axis, variable, intervals, share (of the variance above the floor that it explains), p_value.
+    Returns entries axis, variable, intervals, curve (over the variable: value, residual, std), share (of the variance
+    above the floor that the variable explains), p_value.
     """
     found: list[tuple[float, dict[str, Any]]] = []
     for axis in axes:
@@ -91,6 +113,7 @@ def locate(
                 "axis": axis,
                 "variable": best[0],
                 "intervals": intervals,
+                "curve": _curve(np.concatenate([p.variables[best[0]] for _, p in paths]), residual),
                 "share": round(min(best[1] * float(np.var(residual)) / excess, 1.0), 4),
                 "p_value": best[2],
             }

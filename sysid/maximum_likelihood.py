@@ -24,7 +24,6 @@ from sysid.sensorchoice import with_told_sensors
 from sysid.single_sensors import told_by_motion
 from sysid.systematic import systematic_errors
 from sysid.turbulent import (
-    can_filter,
     carry_filtered,
     estimate_in_turbulence,
     is_turbulent,
@@ -86,13 +85,10 @@ def maximum_likelihood(
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
     singles: whether to ask for mistakes of single sensors; where there are any the estimate ends there.
     late_model: start values with the delay of the commands that `problem` starts from, where they differ.
-    Raises EstimationError for "fe" with a model that it has no states for.
+    Raises EstimationError where the method asked for fails.
     """
     warnings: list[str] = []
     wanted = method == "fe" or (method == "auto" and compatible.gust_sigma > 0.0)
-    if wanted and method == "auto" and not can_filter(problem, model):
-        warnings.append(_rough(compatible) + "; filter error has no state for this model's lagging lift or sensors")
-        wanted = False
     # A late sensor leaves what looks like faint gusts, which then would stand in the way of finding it.
     singles = singles and compatible.gust_sigma < _FEIGNED
     if wanted and singles and method == "auto":

@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.model import Model
-from sim_vehicle.parameters import flatten
 from sysid.bench import BenchError, feigned
 from sysid.compatibility import CompatibilityResult
 from sysid.dryden import Turbulence
-from sysid.errors import EstimationError
 from sysid.estimate import Problem, build_filter, start_values
-from sysid.filter_error import FilterErrorResult, supports
+from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal, select
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.records import GROUND, OUTPUTS
@@ -29,11 +27,6 @@ _TIMING = 5.0
 _LEAST_SIGMA = 0.02  # m/s, to start from
 
 
-def can_filter(problem: Problem, model: Model) -> bool:
-    """Whether the filter holds all the memory that a model has."""
-    return supports(flatten(problem.vehicle, model))
-
-
 def estimate_in_turbulence(
     problem: Problem,
     model: Model,
@@ -42,27 +35,30 @@ def estimate_in_turbulence(
     compatible: CompatibilityResult,
     sensors: Sequence[str] | None = None,
     progress: Progress = lambda share, text: None,
+    *,
+    brief: bool = False,
 ) -> tuple[Problem, FilterErrorResult, list[Refusal]]:
     """Filter error with the sensor errors that this flight can tell, over the likelier timing of the commands.
 
     problem: of the flight, with paths. sensors: names to estimate; None lets the flight decide, GPS velocity included
-    where it was measured. Raises EstimationError for a model whose lift or sensors lag.
+    where it was measured. brief: see `FilterError.solve`. Raises EstimationError where the filter diverges.
     Returns the problem as it was solved, the result, and refused sensor errors.
     """
-    if not can_filter(problem, model):
-        raise EstimationError("filter error has no state for lagging lift or sensors; use --method oe for this model")
     refused: list[Refusal] = []
     if sensors is None:
         problem, refused = _with_sensors(problem, model, coefficients, effects, compatible)
     sigma = max(compatible.gust_sigma, _LEAST_SIGMA)
     values = start_values(problem, model, coefficients, effects)
     result = build_filter(problem, model, coefficients, effects).solve(
-        values, Turbulence(sigma, sigma), lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}")
+        values,
+        Turbulence(sigma, sigma),
+        lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"),
+        brief=brief,
     )
     other = replace(problem, command_first=not problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:
-        again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence)
+        again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, brief=brief)
         return other, again, refused
     return problem, result, refused
 

@@ -40,3 +40,20 @@ def test_a_hidden_effect_is_named_and_closes_the_gap(
     assert found["where"], "the disagreement has a place"
     written = json.loads((tmp_path / "new.json").read_text(encoding="utf-8"))
     assert written == found["model"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "hidden", "seed"),
+    [("lift_alpha_elevator", "CL_alpha_de", 1.5, 41), ("vane_lag", "tau", 0.04, 42)],
+)
+def test_a_hidden_effect_is_named_in_turbulence(
+    tmp_path: Path, effect: str, parameter: str, hidden: float, seed: int
+) -> None:
+    gusts = ("--effect", "turbulence:sigma=0.25,length=30", "--wind", "1,-1,0")
+    found = run_discrepancy(tmp_path, seed, 0.1, "--effect", f"{effect}:{parameter}={hidden}", *gusts)
+    assert found["verdict"] == "missing_effect", found["reasons"]
+    assert [one["name"] for one in found["effects"]] == [effect], found["reasons"]
+    estimate = found["effects"][0]["parameters"][parameter]
+    assert abs(estimate["value"] - hidden) < 4.0 * estimate["std"] + 0.02 * hidden
+    assert 0.0 < estimate["std"] < 0.1 * hidden
+    assert over_floor(found["gap"]["validation"], "after") < 1.3
