@@ -10,15 +10,11 @@ from sysid.candidates import Candidate
 from sysid.coefficients import AXES
 from sysid.engines import Setting
 from sysid.estimate import Problem, build_filter
-from sysid.filter_error import FilterErrorResult
 from sysid.filter_screen import filter_gains
-from sysid.output_error import OutputErrorResult, autocorrelation
+from sysid.output_error import autocorrelation
 from sysid.records import OUTPUTS
-from sysid.smoothing import noise_sigma
 
-# Residuals may exceed the sensors' noise by this much before something is called unexplained.
-_EXCESS = 1.08
-# In gusts: noise of an output over what its highest frequencies show, and how many samples of its innovations are
+# Noise of an output over what its highest frequencies show, and how many samples of its innovations are
 # alike (1 where they are white), beyond which something is called unexplained.
 _NOISIER, _COLOURED = 1.3, 1.5
 # Chance of smooth terms of an axis gaining so much where nothing is missing, over all axes.
@@ -26,27 +22,6 @@ _CHANCE = 1e-4
 # Smooth terms that no single effect of the catalogue is, by which whatever is missing shows.
 _LONGITUDINAL = ("alpha2", "alpha3", "q", "alpha_q", "de2", "alpha_de", "beta2", "alphadot")
 _LATERAL = ("beta3", "alpha_beta", "alpha_p", "alpha_r", "alpha_da", "alpha_dr", "beta2", "alpha", "q", "de")
-
-
-def _excess(problem: Problem, result: OutputErrorResult) -> dict[str, float]:
-    """Residual over sensor noise per output, the noise estimated from the measurement alone."""
-    ratios = {}
-    for name in problem.motion.outputs:
-        j = OUTPUTS.index(name)
-        noise = [noise_sigma(record.z[:, j], record.interval_s) for record in problem.records]
-        level = float(np.sqrt(np.mean(np.square(noise))))
-        if level > 0.0 and np.isfinite(result.sigma[j]):
-            ratios[name] = float(result.sigma[j]) / level
-    return ratios
-
-
-def unexplained(problem: Problem, result: OutputErrorResult) -> dict[str, float]:
-    """Outputs whose residuals exceed the sensors' noise and are not white, with the ratio."""
-    return {
-        name: ratio
-        for name, ratio in _excess(problem, result).items()
-        if ratio > _EXCESS and result.inflation[OUTPUTS.index(name)] > 2.0
-    }
 
 
 def smooth_terms(problem: Problem, setting: Setting) -> list[Candidate]:
@@ -63,14 +38,13 @@ def smooth_terms(problem: Problem, setting: Setting) -> list[Candidate]:
     return found
 
 
-def left_in_gusts(problem: Problem, setting: Setting, least: float = 0.0) -> dict[str, str]:
-    """What filter error leaves: outputs that are noisier than their highest frequencies say, or whose innovations are
+def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[str, str]:
+    """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
     coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
 
     least: gain of an axis (twice its log likelihood) that is no matter.
     """
     result = setting.result
-    assert isinstance(result, FilterErrorResult)
     found: dict[str, str] = {}
     noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
     for j, variance in zip(noise.columns, noise.noise, strict=True):
@@ -79,7 +53,7 @@ def left_in_gusts(problem: Problem, setting: Setting, least: float = 0.0) -> dic
             np.sum(autocorrelation([one[:, j] / s for one, s in zip(result.residuals, spread, strict=True)]))
         )
         ratio = float(result.sigma[j] / np.sqrt(variance))
-        if ratio > _NOISIER or colour > _COLOURED:
+        if ratio > _NOISIER and colour > _COLOURED:
             found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"
     choices = smooth_terms(problem, setting)
     gains = filter_gains(problem, setting.model, setting.coefficients, setting.effects, result, choices)

@@ -18,6 +18,9 @@ _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
 _LOW_SPANS = 2.0
 
+# A parameter that can be as small as this makes its effect vanish.
+_VANISHES = 1e-3
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -40,9 +43,22 @@ class Candidate:
         """Coefficients to estimate, empty for any other effect."""
         return list(self.free) if self.effect.is_coefficient else []
 
+    def is_size(self, name: str) -> bool:
+        """Whether one of its parameters is a size that may be small, not a limit beyond which the effect begins."""
+        return next(p for p in self.effect.parameters if p.name == name).low <= _VANISHES
+
     def parameter(self, name: str) -> str:
         """Name of one of its parameters among the estimated ones."""
         return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
+
+
+def off_neutral(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:
+    """The start values with one parameter moved off the point where the effect vanishes."""
+    parameter = next(p for p in candidate.effect.parameters if p.name == name)
+    values = dict(start)
+    if values[name] == 0.0:
+        values[name] = 0.02 * max(abs(parameter.low), abs(parameter.high))
+    return values
 
 
 def within(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:

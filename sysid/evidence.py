@@ -1,4 +1,4 @@
-"""How strongly the data speak for one model against another when residuals are coloured."""
+"""How strongly the data speak for one model against another."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from scipy import special
-
-from sysid.flight import Array
-from sysid.output_error import OutputErrorResult
 
 # Chance, over all candidates together, of naming an effect that is not there.
 FALSE_ALARM = 1e-3
@@ -27,16 +23,6 @@ class Weight:
     probability: float
     gain: float
     p_value: float
-
-
-def log_likelihood_ratio(simple: OutputErrorResult, richer: OutputErrorResult, inflation: Array) -> float:
-    """Twice the log likelihood of `richer` over `simple`, residuals counted as samples / inflation.
-
-    inflation: (15,) factor by which coloured residuals carry less than their number (OutputErrorResult.inflation).
-    """
-    used = np.isfinite(simple.sigma) & np.isfinite(richer.sigma)
-    count = simple.samples[used] / inflation[used]
-    return float(2.0 * np.sum(count * np.log(simple.sigma[used] / richer.sigma[used])))
 
 
 def weigh(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[Weight]:

@@ -1,4 +1,4 @@
-"""What every effect of the catalogue promises in rough air: score tests on one filter pass.
+"""What every effect of the catalogue promises: score tests on one filter pass.
 
 At the estimate of the model so far, each candidate adds columns of its own to the linearised flight: how one step and
 one reading change where the effect is there. One Kalman pass carries them along with the slopes by the parameters and
@@ -18,20 +18,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, extended
+from sysid.candidates import Candidate, extended, off_neutral
 from sysid.estimate import Problem, build_filter, predictor_of
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_start import settled_path
 from sysid.flight import Array
-from sysid.screening import off_neutral
 from sysid.steps import inverse
 
 # A start value is moved by what the score tells, but not by more than these factors.
 _LEAST, _MOST = 0.1, 3.0
 # Of an effect's plausible range, beyond which the score's linear prediction is not followed.
 _RANGE = 0.5
-# A parameter that can be as small as this is a size; another one is a limit, beyond which its effect begins.
-_VANISHES = 1e-3
 # Share of a direction that nothing else can imitate, below which it is taken for an imitation.
 _OWN = 1e-6
 
@@ -113,7 +110,7 @@ def _moved(candidate: Candidate, start: dict[str, float], column: _Column, share
         reach = _RANGE * max(abs(parameter.low), abs(parameter.high))
         low = 0.0 if parameter.low >= 0.0 else -reach
         return float(np.clip(share * column.moved, low, reach)), True
-    if parameter.low > _VANISHES:
+    if not candidate.is_size(column.name):
         # A limit, not a size: an effect that is too large by its score has its limit too near.
         return start[column.name], share > 0.0
     return float(np.clip(share, _LEAST, _MOST)) * start[column.name], share > 0.0

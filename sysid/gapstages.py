@@ -12,8 +12,7 @@ import numpy as np
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sysid.compatibility import CompatibilityResult
-from sysid.engines import Result
-from sysid.estimate import Motion, Problem, fit, split_runs
+from sysid.estimate import Estimates, Motion, Problem, split_runs
 from sysid.flight import Array
 from sysid.gap import Fixed, gap, noise_floor
 from sysid.parameterisation import SENSOR_ERRORS
@@ -22,7 +21,7 @@ from sysid.records import OUTPUTS, Record
 from sysid.smoothing import noise_sigma
 
 
-def fixed_model(problem: Problem, model: Model, result: Result, compatible: CompatibilityResult) -> Fixed:
+def fixed_model(problem: Problem, model: Model, result: Estimates, compatible: CompatibilityResult) -> Fixed:
     """A model with the sensor errors of its fit; of outputs outside the fit those of the compatibility check."""
     outside = {
         name: error.value
@@ -31,13 +30,6 @@ def fixed_model(problem: Problem, model: Model, result: Result, compatible: Comp
     }
     errors = outside | {name: result.value(name) for name in problem.sensors}
     return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
-
-
-def held_out_models(problem: Problem, stages: Mapping[str, Model], compatible: CompatibilityResult) -> dict[str, Fixed]:
-    """Stages on flights held out: sensor errors alone are fitted for each, since they change with every power-up."""
-    return {
-        name: fixed_model(problem, model, fit(problem, model, ()), compatible) for name, model in stages.items()
-    }  # fmt: skip
 
 
 def stage_gaps(

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sim_vehicle.model import Model
 from sysid.candidates import Candidate, candidates
-from sysid.engines import Engine, Result, Setting, Start
-from sysid.estimate import model_of
+from sysid.engines import Setting, finalists, tried
+from sysid.estimate import Problem, model_of
 from sysid.evidence import Weight, is_significant, smallest_set, weigh
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_path import LAGGING
+from sysid.filter_screen import filter_gains
 
 Progress = Callable[[float, str], None]
 
-# Only candidates that promise at least this much, and this share of the best promise, are tried: at most so many
-# of one way of looking, half of each of several.
+# Only candidates that promise at least this much, and this share of the best promise, are tried: at most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
 # A lag that is known only nearly leaves this share of what it gains for others to pick up.
 _IMPRECISE = 0.03
@@ -44,37 +46,40 @@ class Search:
     model: Model
     coefficients: list[str]
     effects: list[tuple[str, str]]
-    result: Result
+    result: FilterErrorResult
     named: list[Named] = field(default_factory=list)
     tried: int = 0
 
     @property
+    def setting(self) -> Setting:
+        """The model so far with its estimate."""
+        return Setting(self.model, list(self.coefficients), list(self.effects), self.result)
+
+    @property
     def imprecise(self) -> float:
         """Gain (twice the log likelihood) that lags named so far may leave to others."""
-        if not isinstance(self.result, FilterErrorResult):
-            return 0.0
         return _IMPRECISE * max((one.weight.gain for one in self.named if one.lags), default=0.0)
 
 
-def extend(engine: Engine, search: Search, given: Start, progress: Progress) -> bool:
+def extend(problem: Problem, search: Search, progress: Progress) -> bool:
     """Try to add one effect. Returns whether one was significant and has been added."""
-    choices = candidates(engine.problem, search.model)
+    choices = candidates(problem, search.model)
     progress(0.0, f"a first look at {len(choices)} effects")
-    base = Setting(search.model, search.coefficients, search.effects, search.result)
-    tried = _promising(engine, base, choices)
-    fits: list[tuple[Candidate, Result]] = []
-    for position, (candidate, start) in enumerate(tried):
-        progress((position + 1.0) / (len(tried) + 2.0), f"trying {candidate.effect.name}")
-        begun = engine.tried(base, candidate, start, given)
+    base = search.setting
+    worth = _promising(problem, base, choices)
+    fits: list[tuple[Candidate, FilterErrorResult]] = []
+    for position, (candidate, start) in enumerate(worth):
+        progress((position + 1.0) / (len(worth) + 2.0), f"trying {candidate.effect.name}")
+        begun = tried(problem, base, candidate, start)
         if begun is not None:
             fits.append((candidate, begun))
     search.tried = len(choices)
     if not fits:
         return False
-    progress((len(tried) + 1.0) / (len(tried) + 2.0), "fitting the likeliest to the end")
-    found = engine.finalists(base, sorted(fits, key=lambda item: item[1].cost))
-    leader = min((one.result for one in found), key=lambda result: result.cost)
-    weights = weigh([one.gain for one in found], [len(one.candidate.free) for one in found], engine.samples(leader))
+    progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
+    found = finalists(problem, base, sorted(fits, key=lambda item: item[1].cost))
+    samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
+    weights = weigh([one.gain for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
     if not is_significant(weights[top], search.tried) or weights[top].gain < search.imprecise:
@@ -87,7 +92,7 @@ def extend(engine: Engine, search: Search, given: Start, progress: Progress) -> 
     return True
 
 
-def values_of(candidate: Candidate, result: Result) -> dict[str, tuple[float, float]]:
+def values_of(candidate: Candidate, result: FilterErrorResult) -> dict[str, tuple[float, float]]:
     """Values and standard errors of a candidate's parameters."""
     return {
         name: (result.value(candidate.parameter(name)), result.std(candidate.parameter(name)))
@@ -95,7 +100,7 @@ def values_of(candidate: Candidate, result: Result) -> dict[str, tuple[float, fl
     }
 
 
-def _add(search: Search, candidate: Candidate, result: Result) -> None:
+def _add(search: Search, candidate: Candidate, result: FilterErrorResult) -> None:
     """Make an effect part of the search's model."""
     values = values_of(candidate, result)
     extension = search.model.with_effect(
@@ -109,14 +114,11 @@ def _add(search: Search, candidate: Candidate, result: Result) -> None:
     search.result = result
 
 
-def _promising(engine: Engine, base: Setting, choices: Sequence[Candidate]) -> list[tuple[Candidate, dict[str, float]]]:
-    """Candidates worth a fit, with the start each promises most from: the best of every look."""
-    chosen: dict[int, dict[str, float]] = {}
-    looks = engine.looks(base, choices)
-    for look in looks:
-        order = sorted(range(len(choices)), key=lambda i: -look[i][0])
-        limit = max(MIN_PROMISE, PROMISE_SHARE * look[order[0]][0]) if order else 0.0
-        for i in order[: MAX_TRIED if len(looks) == 1 else MAX_TRIED // 2]:
-            if look[i][0] >= limit:
-                chosen[i] = look[i][1]
-    return [(choices[i], start) for i, start in chosen.items()]
+def _promising(
+    problem: Problem, base: Setting, choices: Sequence[Candidate]
+) -> list[tuple[Candidate, dict[str, float]]]:
+    """Candidates worth a fit, with the start each promises most from."""
+    gains = filter_gains(problem, base.model, base.coefficients, base.effects, base.result, choices)
+    order = sorted(range(len(choices)), key=lambda i: -gains[i][0])
+    limit = max(MIN_PROMISE, PROMISE_SHARE * gains[order[0]][0]) if order else 0.0
+    return [(choices[i], gains[i][1]) for i in order[:MAX_TRIED] if gains[i][0] >= limit]
