@@ -24,7 +24,7 @@ from sysid.adequacy import left_over
 from sysid.compatibility import CompatibilityResult
 from sysid.engines import Setting, fitted
 from sysid.errors import EstimationError
-from sysid.estimate import MAX_RUN_S, Problem, build_filter, free_coefficients, model_of
+from sysid.estimate import MAX_RUN_S, Estimates, Problem, build_filter, fit, free_coefficients, model_of
 from sysid.filter_error import FilterErrorResult
 from sysid.flight import FlightSignals
 from sysid.gap import Fixed
@@ -298,12 +298,18 @@ def _held_out_gaps(
         _problem(held_out, base.problem.vehicle, checked), command_first=base.problem.command_first
     )  # fmt: skip
     other = other if set(BENCH) & set(base.problem.sensors) else _without_bench(other)
-    best = fitted(other, models["after"], (), (), {}, checked.gust_sigma)
     stages = {
-        name: fixed_model(other, model, best if name == "after" else _sensors_alone(other, model, best), checked)
-        for name, model in models.items()
+        name: fixed_model(other, model, _own_errors(other, model, checked), checked) for name, model in models.items()
     }
     return stage_gaps(other.motion, held_out, stages, checked, generator)
+
+
+def _own_errors(problem: Problem, model: Model, checked: CompatibilityResult) -> Estimates:
+    """Sensor errors of a flight under a model: by filter error, or in free runs of output error where that is lost."""
+    try:
+        return fitted(problem, model, (), (), {}, checked.gust_sigma)
+    except EstimationError:
+        return fit(problem, model, ())
 
 
 def _where(problem: Problem, prepared: Sequence[Prepared], stages: Mapping[str, Fixed]) -> list[dict[str, Any]]:

@@ -58,9 +58,7 @@ class SignalCheck:
 
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
     """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
-    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
-    found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
-    found = [one for one in found if not _unflyable(one, prepared, vehicle)]
+    found = _found(prepared, vehicle)
     _stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
@@ -69,10 +67,21 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
 def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     """What is said of flights whose delays stay as they are, since a sensor's lag may be the effect that is looked for.
 
-    Raises SignalError where the data cannot be used.
+    Vanes that lag, or are not moved to the centre of gravity, can make the sign of a single signal look wrong: that is
+    told and does not stop. Raises SignalError where the data cannot be used.
     """
-    check = check_signals(prepared, vehicle)
-    return [*(one.sentence for one in check.mistakes), *(delay_sentence(one, False) for one in check.delays)]
+    found = _found(prepared, vehicle)
+    _stop_at_unusable([one for one in found if one.kind != "sign" or len(one.signals) > 1], flights_named(prepared))
+    late = [Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay"]
+    told = [one.sentence for one in found if one.kind not in ("delay", "sign")]
+    told += [f"perhaps {one.sentence}" for one in found if one.kind == "sign"]
+    return [*told, *(delay_sentence(one, False) for one in late)]
+
+
+def _found(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
+    found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
+    return [one for one in found if not _unflyable(one, prepared, vehicle)]
 
 
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:
