@@ -50,7 +50,7 @@ WIND = ("wind_north", "wind_east", "wind_down")
 # Beyond so many times that size it is an effect of its own (`airspeed_error`) and must compete with the others.
 BENCH_LIMIT = 5.0
 # Integration steps per sample: with servos that lag, fewer are off by several standard errors of a calm flight.
-SUB_STEPS = 4
+SUB_STEPS = 5
 MAX_EFFECTS = 3
 # Log likelihood by which the other timing of the commands must be better.
 _TIMING = 5.0
