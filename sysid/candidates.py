@@ -13,6 +13,8 @@ from sim_vehicle.model import Model
 from sysid.estimate import Problem
 from sysid.moments import likely_events
 
+# Difference quotients with a wider step than this say that outputs jump; so many starts are then tried.
+_SMOOTH_STEP, _STEPS_TRIED = 1e-4, 9
 # Moments tried for something that happens once.
 _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
@@ -96,6 +98,15 @@ def _near_the_ground(problem: Problem) -> bool:
     return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
 
 
+def _finer(effect: Effect, starts: tuple[dict[str, float], ...]) -> tuple[dict[str, float], ...]:
+    """The starts, or many more where the likelihood goes in steps over the parameter: one is then on the right step."""
+    stepping = [p for p in effect.parameters if p.step > _SMOOTH_STEP]
+    if not stepping:
+        return starts
+    widths = np.geomspace(0.5 * min(stepping[0].starts), max(stepping[0].starts), _STEPS_TRIED)
+    return tuple({**starts[0], stepping[0].name: float(width)} for width in widths)
+
+
 def candidates(problem: Problem, model: Model) -> list[Candidate]:
     """Every effect of the catalogue that the model lacks and the flights could show, once for each thing it may choose.
 
@@ -115,7 +126,7 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
             free = tuple(p.name for p in effect.parameters if p.fitted)
             if not events and any(p.moment for p in effect.parameters):
                 continue
-            starts = effect.starts(events)
+            starts = _finer(effect, effect.starts(events))
         if free and starts:
             found.append(Candidate(effect, free, starts))
     return found

@@ -23,7 +23,7 @@ from sysid.late import (
     delay_derivative,
     late_readings,
 )
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, with_other_inputs
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
 from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
@@ -155,7 +155,7 @@ def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tupl
     """
     commands, late = commands_of(record, errors)
     effects = effects_at(flat, record)
-    commands = with_other_inputs(commands, record, effects)
+    commands = with_other_inputs(held_by_dead_band(commands, record, effects), record, effects)
     if late > 0.0:
         effects[slot("actuator_delay")] = 1.0
         effects[slot("actuator_delay", "delay")] = late

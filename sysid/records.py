@@ -38,6 +38,8 @@ SURFACES = ("de", "da", "dr")
 PRE_ROLL_S = 0.6
 # Actuators forget what was commanded longer ago, s.
 MEMORY_S = 1.5
+# But what a dead band holds may be as old as this, s.
+_HELD_S = 30.0
 STANDARD_DENSITY = 1.225
 # Density follows height, and no small aircraft climbs faster than this band.
 _DENSITY_BAND_HZ = 1.0
@@ -63,7 +65,8 @@ class Record:
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
     thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
     part of it; else (0,). heights: (M,) m above the ground, (0,) where nothing tells it.
-    way: (M,) the way in which the thrust sensor's reading moves (`sysid.hysteresis`); (0,) without one.
+    way: (M,) the way in which the thrust sensor's reading moves (`sysid.hysteresis`); (0,) without one. earlier: (L, 3)
+    commands of the surfaces before those above, which a servo with a dead band may still hold.
     """
 
     flight: str
@@ -82,6 +85,7 @@ class Record:
     thrust_read: Array = field(default_factory=lambda: np.zeros(0))
     heights: Array = field(default_factory=lambda: np.zeros(0))
     way: Array = field(default_factory=lambda: np.zeros(0))
+    earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def length(self) -> int:
@@ -92,11 +96,12 @@ class Record:
         """The output samples begin ... end - 1 as a record of its own, actuators running from MEMORY_S before."""
         cut = max(0, self.start + begin - round(MEMORY_S / self.interval_s))
         kept = slice(cut, self.start + end)
+        before = np.concatenate((self.earlier, self.commands[:cut, :3]))[-round(_HELD_S / self.interval_s) :]
         return replace(
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
-            thrust_read=self.thrust_read[kept], heights=self.heights[kept], way=self.way[kept],
+            thrust_read=self.thrust_read[kept], heights=self.heights[kept], way=self.way[kept], earlier=before,
         )  # fmt: skip
 
 
@@ -107,6 +112,23 @@ def effects_at(flat: FlatModel, record: Record) -> Array:
     if record.thrust_source.signal == "rpm":
         effects[slot("battery_sag")] = 0.0
     return effects
+
+
+def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
+    """Commands (M, 4) of a record, their first row what servos with a dead band had accepted until then.
+
+    The actuators are at rest there; what lags behind them has forgotten that row when the record's samples begin.
+    """
+    half = 0.5 * float(effects[slot("servo_deadband", "width")])
+    if effects[slot("servo_deadband")] == 0.0 or half == 0.0 or not record.earlier.size:
+        return commands
+    commands = commands.copy()
+    for channel in range(3):
+        accepted, *rest = record.earlier[:, channel].tolist()
+        for command in (*rest, float(commands[0, channel])):
+            accepted = command if abs(command - accepted) > half else accepted
+        commands[0, channel] = accepted
+    return commands
 
 
 def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
@@ -143,7 +165,9 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     n = data.time_s.size
     first = max(0, start - round(PRE_ROLL_S / data.interval_s))
     columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
-    commands = np.ascontiguousarray(np.stack(columns, axis=1)[first:stop])
+    all_commands = np.stack(columns, axis=1)
+    commands = np.ascontiguousarray(all_commands[first:stop])
+    earlier = all_commands[max(0, first - round(_HELD_S / data.interval_s)) : first, :3]
     # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
     moving_mass, way = 0.0, np.zeros(0)
     source = thrust_source(data, vehicle)
@@ -174,4 +198,5 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights, way,
+        earlier,
     )  # fmt: skip

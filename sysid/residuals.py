@@ -18,7 +18,7 @@ from sysid.gap import Fixed
 from sysid.kinematics import to_centre_of_gravity
 from sysid.parameterisation import STATES
 from sysid.prepare import smoothed_states
-from sysid.records import OUTPUTS, Record, effects_at, with_other_inputs
+from sysid.records import OUTPUTS, Record, effects_at, held_by_dead_band, with_other_inputs
 from sysid.smoothing import fourier_smooth, noise_sigma
 from sysid.thrust import lagged_throttle
 
@@ -76,7 +76,7 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
     if record.moving_mass > 0.0:
         thrust = thrust - record.moving_mass * model.errors.get("accel_bias_x", 0.0)
     effects = effects_at(flat, record)
-    commands = with_other_inputs(record.commands, record, effects)
+    commands = with_other_inputs(held_by_dead_band(record.commands, record, effects), record, effects)
     evaluate_path(
         np.ascontiguousarray(path), commands, record.start, thrust, record.rho, record.interval_s,
         model.command_first, flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,

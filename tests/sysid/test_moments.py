@@ -18,7 +18,7 @@ from sysid.heights import height_above_ground
 from sysid.hysteresis import way_of
 from sysid.moments import likely_events
 from sysid.parameterisation import Predictor
-from sysid.records import OUTPUTS, Record, effects_at, with_other_inputs
+from sysid.records import OUTPUTS, Record, effects_at, held_by_dead_band, with_other_inputs
 from sysid.thrust import ThrustSource
 
 Array = NDArray[np.float64]
@@ -84,6 +84,26 @@ def test_a_choice_gives_one_variant_for_each_name_and_the_variant_needs_no_more_
     assert [one.complete({"delay": 0.01})["group"] for one in variants] == [0.0, 1.0, 2.0, 3.0]
     assert len({one.title for one in variants}) == 4
     assert EFFECTS["stall"].variants() == (EFFECTS["stall"],)
+
+
+def test_what_a_dead_band_holds_may_be_older_than_the_record_and_any_window_of_it() -> None:
+    """Worked out by hand: 0.02 is accepted, 0.016 is not, and so the record begins with 0.02 held."""
+    model = read_model("iitb-mav").with_effect(EFFECTS["servo_deadband"], {"width": 0.01})
+    flat = flatten(VEHICLE, model)
+    commands = np.zeros((N, 4))
+    commands[:100, 0], commands[100:, 0] = 0.02, 0.016
+    whole = replace(record(), commands=commands, earlier=np.zeros((0, 3)))
+    part = whole.window(1000, N)
+    assert part.start == 75
+    effects = effects_at(flat, part)
+    begun = held_by_dead_band(part.commands, part, effects)
+    assert begun[0].tolist() == [0.02, 0.0, 0.0, 0.0]
+    np.testing.assert_array_equal(begun[1:], part.commands[1:])
+    assert part.commands[0, 0] == 0.016
+    again = part.window(300, 400)
+    assert held_by_dead_band(again.commands, again, effects)[0, 0] == 0.02
+    plain = flatten(VEHICLE, read_model("iitb-mav"))
+    assert held_by_dead_band(part.commands, part, effects_at(plain, part)) is part.commands
 
 
 # --- height ---
