@@ -223,7 +223,7 @@ def tell(case: Case) -> dict[str, Told]:
     true, plain = true_model(case, air=False), structure(case)
     # These act on what is put into the model, not in it: their answers are taken from outside, at the plain model.
     true = _without_outer(true)
-    flies = true if any(EFFECTS[name].is_coefficient for name in hidden) else plain
+    flies = replace(plain, coefficients=true.coefficients)
     own = {p.name for name in hidden if EFFECTS[name].is_coefficient for p in EFFECTS[name].parameters}
     here = point_at(case, flies, own)
     imitators = {name: starts for name, starts in here.imitators.items() if name not in hidden}

@@ -108,7 +108,9 @@ def test_an_effect_stands_out_as_another_computation_says(name: str) -> None:
 def test_aliases_stand_out_of_nothing_and_a_lag_of_anything() -> None:
     gain = tell(Case((("elevator_gain", 1.0),), 0, 0.0))["elevator_gain"]
     assert gain.detect < 0.1
-    lag = tell(Case((("vane_lag", 1.0),), 0, 0.0))["vane_lag"]
+    both = tell(Case((("vane_lag", 1.0), ("polar_offset", 1.0)), 0, 0.0))
+    assert both["polar_offset"].detect > 50.0
+    lag = both["vane_lag"]
     assert lag.detect > 50.0
     assert min(lag.separate.values()) > 5.0
     assert 0.0 < lag.bounds["tau"] < 0.001
