@@ -34,7 +34,7 @@ from sysid.validation import Validation
 METHODS = ("auto", "ee", "oe", "fe")
 Progress = Callable[[float, str], None]
 # How often a flight is corrected for what the whole motion told of single sensors.
-_CORRECTED = 2
+_CORRECTED = 3
 
 
 @dataclass(frozen=True)

@@ -156,6 +156,8 @@ def _mistaken(
     """The estimate in still air, if it tells mistakes of single sensors that leave no gusts to be explained."""
     try:
         result = fit(problem, model, coefficients, effects)
+        if COMMAND_DELAY not in problem.delays:
+            problem, result = likelier_timing(problem, model, coefficients, effects, result)
     except EstimationError:
         return None
     alone = told_by_motion(problem, model, coefficients, effects, result)

@@ -31,8 +31,9 @@ from sysid.steps import inverse
 SCALED = ("q", "p", "r", "ax", "ay", "az", "phi", *GROUND)
 # Outputs that may come late alone; groups of sensors are asked for elsewhere (sysid.delaychoice).
 TIMED = ("airspeed", "alpha", "beta", "q", "p", "r", "ax", "ay", "az", "phi", "theta")
-# A delay counts from so many standard errors and this size, s, on.
-SIGMAS, LEAST_S = 5.0, 2e-3
+# A delay counts from so many standard errors and this size, s, on. Lift that follows its angle by less than that is
+# physics which a quasi-steady model lacks, and looks like an accelerometer that is early or late.
+SIGMAS, LEAST_S = 5.0, 4e-3
 # Residuals above the sensors' noise by which a model does not explain the flight.
 _UNEXPLAINED = 1.15
 _MOST, _STEPS = 3, 4
@@ -40,22 +41,34 @@ _MOST, _STEPS = 3, 4
 
 @dataclass(frozen=True)
 class _Error:
-    """What one reading would have to be. kind: "scale" (value: measured = (1 + value) true) or "delay" (s)."""
+    """What one reading would have to be. kind: "scale" (value: measured = (1 + value) true) or "delay" (s).
+
+    std: standard error. white: the same as if residuals were white, which a mistake makes them not to be.
+    """
 
     output: str
     kind: str
     value: float
     std: float
+    white: float
 
     @property
     def sigmas(self) -> float:
-        """Size in standard errors."""
-        return abs(self.value) / self.std
+        """Size in standard errors for white residuals."""
+        return abs(self.value) / self.white
 
-    def counts(self, share: float = 1.0) -> bool:
-        """Whether it is no accident and large enough to matter; share: of the size that is asked for."""
-        least, sigmas = (SCALE_LEAST, SCALE_SIGMAS) if self.kind == "scale" else (LEAST_S, SIGMAS)
-        return self.sigmas > sigmas and abs(self.value) > share * least
+    def likely(self) -> bool:
+        """Whether it is worth a look."""
+        least, sigmas = self._least()
+        return self.sigmas > sigmas and abs(self.value) > 0.5 * least
+
+    def counts(self) -> bool:
+        """Whether it is no accident and large enough to matter."""
+        least, sigmas = self._least()
+        return abs(self.value) > max(sigmas * self.std, least)
+
+    def _least(self) -> tuple[float, float]:
+        return (SCALE_LEAST, SCALE_SIGMAS) if self.kind == "scale" else (LEAST_S, SIGMAS)
 
     def joined(self, more: _Error) -> _Error:
         """Both, one after the other."""
@@ -95,13 +108,13 @@ def told_by_motion(
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
 ) -> tuple[Mistake, ...]:
-    """Mistakes of single sensors, the surest first.
+    """The surest mistake of a single sensor, if any; others show better once the flight is estimated anew without it.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air.
     """
     found: list[Mistake] = []
     for _ in range(_MOST):
-        errors = [one for one in _errors(problem, model, coefficients, effects, result) if one.counts(0.5)]
+        errors = [one for one in _errors(problem, model, coefficients, effects, result) if one.likely()]
         best = max(errors, key=lambda one: one.sigmas, default=None)
         told = None if best is None else _settled(problem, model, coefficients, effects, result, best)
         if told is None:
@@ -110,7 +123,7 @@ def told_by_motion(
         found.append(error.mistake())
     if found and not _explained(problem, result):
         return ()
-    return tuple(found)
+    return tuple(found[:1])
 
 
 def _settled(
@@ -141,7 +154,7 @@ def _settled(
         if abs(more.value) < more.std:
             break
         error = error.joined(more)
-    error = replace(error, std=more.std)
+    error = replace(error, std=more.std, white=more.white)
     gain = before - there.cost - error.stretched(problem.records)
     return (error, other, there) if error.counts() and gain > GAIN else None
 
@@ -181,7 +194,7 @@ def _errors(
             value, std = _alone(estimation, residuals, S, white, gradient, int(j), columns)
             if np.isfinite(value) and std > 0.0:
                 inflation = max(float(np.sum(kernel)), 1.0)
-                found.append(_Error(OUTPUTS[j], kind, value, std * float(np.sqrt(inflation))))
+                found.append(_Error(OUTPUTS[j], kind, value, std * float(np.sqrt(inflation)), std))
     return found
 
 

@@ -57,6 +57,16 @@ def test_a_late_lateral_accelerometer_is_put_right(flight: FlightSignals) -> Non
     assert read.value == pytest.approx(true, abs=4.0 * (read.std or 0.0))
 
 
+def test_airspeed_that_comes_late_is_told_though_little_changes() -> None:
+    """A heavier aircraft, whose airspeed hardly answers the surfaces: kinematics do not see 200 ms."""
+    craft, model = load_vehicle("ultrastick25e"), read_model("ultrastick25e")
+    flight = fly_mav("multisine", 500, vehicle=craft, model=model)[0]
+    wrong = Injection(("airspeed",), "delay", "", None, 0.2).apply(flight)
+    found = identify([wrong], craft, systematic=False).check
+    assert [one.signals for one in found.delays] == [("airspeed",)]
+    assert found.delays[0].value == pytest.approx(0.2, abs=4.0 * found.delays[0].std)
+
+
 def test_accelerometers_late_by_parts_of_a_sample_are_told_in_spite_of_gusts_that_they_feign(
     flight: FlightSignals,
 ) -> None:
