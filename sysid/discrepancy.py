@@ -28,12 +28,14 @@ from sysid.estimate import MAX_RUN_S, Estimates, Problem, build_filter, fit, fre
 from sysid.filter_error import FilterErrorResult
 from sysid.flight import FlightSignals
 from sysid.gap import Fixed
+from sysid.gapseries import gap_series
 from sysid.gapstages import fixed_model, stage_gaps
 from sysid.location import locate
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import coefficient_path
 from sysid.search import Named, Search, extend
+from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
 
@@ -133,13 +135,15 @@ def discrepancy(
     progress(0.75, "the gap on the flights used")
     generator = np.random.default_rng(seed)
     gaps = {"estimation": stage_gaps(base.problem.motion, prepared, stages, compatible, generator)}
+    shown = ("before", "after") if search.named else ("given", "before")
+    series = {"estimation": gap_series(prepared, stages, shown)}
     if held_out:
         progress(0.85, "the gap on the other flights")
         models = {"given": model, "before": base.refitted, "after": search.model}
-        gaps["validation"] = _held_out_gaps(held_out, base, models, generator)
+        gaps["validation"], series["validation"] = _held_out_gaps(held_out, base, models, shown, generator)
     where = _where(base.problem, prepared, stages) if verdict != "none" else []
     progress(1.0, "done")
-    return {
+    result = {
         "schema": "discrepancy/1",
         "flights": [flight.data.name for flight in prepared],
         "verdict": verdict,
@@ -147,10 +151,12 @@ def discrepancy(
         "where": where,
         "effects": [_effect_json(named) for named in search.named],
         "gap": gaps,
+        "series": series,
         "model": search.model.to_json(),
         "turbulence": compatible.gust_sigma,
         "warnings": list(dict.fromkeys([*(w for one in (*prepared, *held_out) for w in one.warnings), *told])),
     }
+    return {"schema": result["schema"], "sentence": sentence(result), **result}
 
 
 def _fitted_again(used: _Flights, model: Model) -> _Baseline:
@@ -290,8 +296,12 @@ def _moved(base: _Baseline) -> tuple[float, float]:
 
 
 def _held_out_gaps(
-    held_out: Sequence[Prepared], base: _Baseline, models: Mapping[str, Model], generator: np.random.Generator
-) -> dict[str, dict[str, float]]:
+    held_out: Sequence[Prepared],
+    base: _Baseline,
+    models: Mapping[str, Model],
+    shown: Sequence[str],
+    generator: np.random.Generator,
+) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
     """On flights held out sensor errors alone are fitted for each stage: they change with every power-up."""
     checked = check_compatibility(held_out)
     other = replace(
@@ -301,7 +311,7 @@ def _held_out_gaps(
     stages = {
         name: fixed_model(other, model, _own_errors(other, model, checked), checked) for name, model in models.items()
     }
-    return stage_gaps(other.motion, held_out, stages, checked, generator)
+    return stage_gaps(other.motion, held_out, stages, checked, generator), gap_series(held_out, stages, shown)
 
 
 def _own_errors(problem: Problem, model: Model, checked: CompatibilityResult) -> Estimates:

@@ -153,7 +153,8 @@ def _plain(value: Any) -> str:
 
 def discrepancy_text(result: dict[str, Any]) -> str:
     """A result of schema discrepancy/1 as lines."""
-    lines = [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
+    lines = [result["sentence"], ""] if result.get("sentence") else []
+    lines += [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
     for place in result.get("where", []):
         lines.append(
             f"where: {place['axis']} over {place['variable']}, share {_number(place.get('share'), 3)},"

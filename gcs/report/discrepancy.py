@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gcs.report.gapfigures import STAGES
 from gcs.report.markup import estimate, number, table, text
 from gcs.report.tables import interval
 
 Result = Mapping[str, Any]
-_STAGES = {"given": "as given", "before": "fitted again", "after": "effect added", "noise_floor": "noise floor"}
 
 
 def where(result: Result) -> str:
@@ -45,9 +45,9 @@ def gaps(result: Result) -> list[str]:
     """RMS of measured minus free-running simulation, on the flights fitted to and on others."""
     found = []
     for use, gap in (result.get("gap") or {}).items():
-        stages = [stage for stage in _STAGES if gap and gap.get(stage)]
+        stages = [stage for stage in STAGES if gap and gap.get(stage)]
         outputs = list(dict.fromkeys(name for stage in stages for name in gap[stage]))
         rows = [[text(name), *(number(gap[stage].get(name)) for stage in stages)] for name in outputs]
         caption = f"Gap on the {use} flights: RMS over windows of 5 s (SI units, rad)"
-        found.append(table(caption, ["output", *(_STAGES[stage] for stage in stages)], rows))
+        found.append(table(caption, ["output", *(STAGES[stage] for stage in stages)], rows))
     return found

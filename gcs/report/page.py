@@ -71,16 +71,18 @@ def _identification(result: Result) -> str:
 
 
 def _discrepancy(result: Result) -> str:
-    from gcs.report import discrepancy
+    from gcs.report import discrepancy, gapfigures
 
     verdict = result["verdict"].replace("_", " ")
     return _document(
         f"What the flight model lacks: {verdict}",
         _definitions({"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}),
+        f'<p class="verdict">{text(result["sentence"])}</p>' if result.get("sentence") else "",
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
-        section("Where", discrepancy.where(result)),
+        section("Where", discrepancy.where(result), *gapfigures.residual_curves(result)),
         section("Effects", *discrepancy.effects(result)),
-        section("Gap", *discrepancy.gaps(result)),
+        section("Gap", *gapfigures.gap_bars(result), *discrepancy.gaps(result)),
+        section("Measured and simulated", *gapfigures.simulations(result)),
         section("Model", *(f'<p class="equation">{e}</p>' for e in equations(result["model"]["coefficients"])),
                 paragraph(LEGEND), tables.coefficients(result["model"])),
         section("Warnings", listing([text(one) for one in result.get("warnings", [])])),

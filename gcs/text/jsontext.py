@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# A list of numbers and nulls as `indent` breaks it; no string of JSON holds a line break.
+_BROKEN = re.compile(r"\[\n\s+((?:-?\d[\d.e+-]*|null)(?:,\n\s+(?:-?\d[\d.e+-]*|null))*)\n\s+\]")
 
 
 def plain(value: Any) -> Any:
@@ -26,5 +30,6 @@ def plain(value: Any) -> Any:
 
 
 def dumps(value: Any, indent: int | None = None) -> str:
-    """JSON text of `value` after `plain`."""
-    return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
+    """JSON text of `value` after `plain`; with an indent, lists of numbers stay on one line each."""
+    text = json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
+    return text if indent is None else _BROKEN.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
