@@ -69,7 +69,7 @@ def draw_simulations(made: Figure, flight: Result, outputs: Sequence[str], stage
     for plot, name in zip(plots, outputs, strict=True):
         entry, (label, factor) = flight["outputs"][name], _OUTPUTS.get(name, (name, 1.0))
         measured = factor * _floats(entry["measured"])
-        plot.plot(time, measured, color=MEASURED, linewidth=1.6, alpha=0.7, label="measured")
+        plot.plot(time, measured, color=MEASURED, linewidth=3.0, alpha=0.45, label="measured")
         for stage in stages:
             plot.plot(time, factor * _floats(entry[stage]), color=_COLOURS[stage], label=STAGES[stage])
         low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
@@ -137,7 +137,7 @@ def draw_bars(plot: Axes, gap: Result) -> None:
     plot.set_ylabel("gap / noise floor")
     if any(np.nanmax(values, initial=0.0) > _WIDE for values in ratios.values()):
         plot.set_yscale("log")
-    plot.legend(ncols=len(stages), loc="upper right")
+    plot.legend(ncols=max(len(stages), 1), loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def _chosen(gap: Mapping[str, Any], stages: Sequence[str], there: Result) -> list[str]:
