@@ -20,6 +20,8 @@ _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
 _LOW_SPANS = 2.0
 
+# Effects that coefficients imitate to first order alone.
+_SEEN_BY_CURVATURE = ("cg_shift",)
 # A parameter that can be as small as this makes its effect vanish.
 _VANISHES = 1e-3
 
@@ -45,6 +47,12 @@ class Candidate:
         """Coefficients to estimate, empty for any other effect."""
         return list(self.free) if self.effect.is_coefficient else []
 
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Its free parameters less the moments at which it begins."""
+        moments = {p.name for p in self.effect.parameters if p.moment}
+        return tuple(name for name in self.free if name not in moments)
+
     def is_size(self, name: str) -> bool:
         """Whether one of its parameters is a size that may be small, not a limit beyond which the effect begins."""
         return next(p for p in self.effect.parameters if p.name == name).low <= _VANISHES
@@ -54,12 +62,11 @@ class Candidate:
         return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
 
 
-def off_neutral(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:
-    """The start values with one parameter moved off the point where the effect vanishes."""
+def alone(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:
+    """The start values with one size of the effect, off the point where it vanishes, and no other one."""
     parameter = next(p for p in candidate.effect.parameters if p.name == name)
-    values = dict(start)
-    if values[name] == 0.0:
-        values[name] = 0.02 * max(abs(parameter.low), abs(parameter.high))
+    values = {key: 0.0 if key in candidate.sizes and candidate.is_size(key) else start[key] for key in start}
+    values[name] = start[name] if start[name] != 0.0 else 0.02 * max(abs(parameter.low), abs(parameter.high))
     return values
 
 
@@ -71,7 +78,12 @@ def within(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float
 
 def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
     """Whether the flights can show an effect at all."""
-    if effect.alias or effect.stage is Stage.ENVIRONMENT or model.effect(effect.name) is not None:
+    if model.effect(effect.name) is not None:
+        return False
+    if effect.name == "density_error":
+        # Whoever reads calibrated airspeed sees it; whoever reads true airspeed has it in all coefficients alike.
+        return problem.vehicle.sensors["airspeed"].kind != "true"
+    if (effect.alias and effect.name not in _SEEN_BY_CURVATURE) or effect.stage is Stage.ENVIRONMENT:
         return False
     measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
     if effect.needs_throttle_thrust and measured_thrust:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from sim_vehicle.effects import EFFECTS
+from sim_vehicle.effects import EFFECTS, Effect
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
@@ -33,8 +33,8 @@ from sysid.gapstages import fixed_model, stage_gaps
 from sysid.location import locate
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
-from sysid.residuals import coefficient_path
-from sysid.search import Named, Search, extend
+from sysid.residuals import CoefficientPath, coefficient_path
+from sysid.search import Named, Search, extend, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
@@ -58,8 +58,8 @@ MAX_EFFECTS = 3
 _TIMING = 5.0
 # Chance of coefficients as far from those given, below which those are wrong.
 _CHANCE = 1e-3
-# Turbulence from which on gains that are held fixed make standard errors of sideslip's derivatives up to three times
-# too small (sysid.filter_scores), m/s; and what they are multiplied with before coefficients are called wrong.
+# Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
+# (sysid.search.sharpen), and what those are multiplied with before coefficients are called wrong.
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
 
 
@@ -130,8 +130,9 @@ def discrepancy(
     stages = {
         "given": fixed_model(base.problem, model, base.given, compatible),
         "before": fixed_model(base.problem, base.refitted, base.before, compatible),
-        "after": fixed_model(base.problem, search.model, search.result, compatible),
     }
+    found = search.result is not base.before
+    stages["after"] = fixed_model(base.problem, search.model, search.result, compatible) if found else stages["before"]
     progress(0.75, "the gap on the flights used")
     generator = np.random.default_rng(seed)
     gaps = {"estimation": stage_gaps(base.problem.motion, prepared, stages, compatible, generator)}
@@ -141,7 +142,9 @@ def discrepancy(
         progress(0.85, "the gap on the other flights")
         models = {"given": model, "before": base.refitted, "after": search.model}
         gaps["validation"], series["validation"] = _held_out_gaps(held_out, base, models, shown, generator)
-    where = _where(base.problem, prepared, stages) if verdict != "none" else []
+    # What coefficients fitted again explain is not where an effect is missing.
+    stage_before = "given" if verdict == "parameter_error" else "before"
+    where = _where(base.problem, prepared, stages, stage_before) if verdict != "none" else []
     progress(1.0, "done")
     result = {
         "schema": "discrepancy/1",
@@ -254,7 +257,14 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
         begin, width = 0.3 + 0.4 * len(search.named) / MAX_EFFECTS, 0.4 / MAX_EFFECTS
         if not extend(base.problem, search, partial(_part_of, used.progress, begin, width)):
             break
+    if search.named and _is_rough(search.result):
+        used.progress(0.72, "standard errors in turbulence")
+        sharpen(base.problem, search)
     return search
+
+
+def _is_rough(result: FilterErrorResult) -> bool:
+    return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
 
 
 def _told(named: Named, tried: int) -> str:
@@ -268,7 +278,7 @@ def _told(named: Named, tried: int) -> str:
 def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list[str]]:
     """Verdict and the tests it rests on, in words."""
     reasons = [_told(named, search.tried) for named in search.named]
-    if search.result.turbulence.vertical > _GUSTS or search.result.turbulence.horizontal > _GUSTS:
+    if _is_rough(search.result):
         reasons.append(f"turbulence of {used.compatible.gust_sigma:.2f} m/s is counted as process noise")
     left = _left(base, search)
     if left:
@@ -290,7 +300,7 @@ def _moved(base: _Baseline) -> tuple[float, float]:
     places = [every.index(name) for name in names]
     away = base.before.theta[places] - np.array([values[name] for name in names])
     distance = float(away @ inverse(base.before.covariance[np.ix_(places, places)]) @ away)
-    if base.before.turbulence.vertical > _GUSTS or base.before.turbulence.horizontal > _GUSTS:
+    if _is_rough(base.before):
         distance /= _FIXED_GAINS**2
     return distance, float(special.chdtrc(len(places), max(distance, 0.0)))
 
@@ -322,19 +332,19 @@ def _own_errors(problem: Problem, model: Model, checked: CompatibilityResult) ->
         return fit(problem, model, ())
 
 
-def _where(problem: Problem, prepared: Sequence[Prepared], stages: Mapping[str, Fixed]) -> list[dict[str, Any]]:
+def _where(
+    problem: Problem, prepared: Sequence[Prepared], stages: Mapping[str, Fixed], stage_before: str
+) -> list[dict[str, Any]]:
     axes = [a for a in ("CL", "CD", "Cm") if problem.motion.longitudinal]
     axes += [a for a in ("CY", "Cl", "Cn") if problem.motion.lateral]
-    paths, floors = [], []
+    paths: dict[str, list[tuple[str, CoefficientPath]]] = {stage_before: [], "after": []}
     for flight in prepared:
         for stretch in flight.stretches:
-            before, after = (
-                coefficient_path(stretch.record, flight.layout, problem.vehicle, stages[stage])
-                for stage in ("given", "after")
-            )
-            paths.append((flight.data.name, before))
-            floors.append(after)
-    return locate(paths, floors, axes)
+            for stage, found in paths.items():
+                along = coefficient_path(stretch.record, flight.layout, problem.vehicle, stages[stage])
+                found.append((flight.data.name, along))
+    found_better = stages[stage_before] is not stages["after"]
+    return locate(paths[stage_before], [path for _, path in paths["after"]] if found_better else (), axes)
 
 
 def _effect_json(named: Named) -> dict[str, Any]:
@@ -345,5 +355,10 @@ def _effect_json(named: Named) -> dict[str, Any]:
         "probability": round(min(named.weight.probability, 0.9999), 4),
         "parameters": {name: Coefficient(value, std).to_json() for name, (value, std) in named.values.items()},
         "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
-        "separating_manoeuvre": effect.separated_by,
+        "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),
     }
+
+
+def _separating(effect: Effect, alternatives: Sequence[str]) -> str:
+    """The manoeuvre that tells an effect from the likeliest of its alternatives, or in general where it has none."""
+    return effect.manoeuvre_against(EFFECTS[alternatives[0]]) if alternatives else effect.separated_by

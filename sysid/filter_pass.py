@@ -15,12 +15,16 @@ from numpy.typing import NDArray
 
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives, runge_kutta_step
+from sim_vehicle.effects import START_TIME
+from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
+from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.sensing import read_sensors
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_TIME = int(Aux.time)
 
 
 @jit
@@ -50,8 +54,8 @@ def run_actuators(
 
 @jit
 def to_simulation(s: Array, x: Array) -> None:
-    """State of the simulation (14,) from u v w p q r phi theta psi (9,)."""
-    x[:3] = 0.0
+    """State of the simulation (14,) from u v w p q r phi theta psi (9,); its height stays as it is."""
+    x[:2] = 0.0
     x[3:6] = s[:3]
     x[10:13] = s[3:6]
     cr, sr, cp, sp = cos(s[6] / 2), sin(s[6] / 2), cos(s[7] / 2), sin(s[7] / 2)
@@ -116,16 +120,17 @@ def _read(
 @jit
 def predict_path(
     before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, mean: Array,
-    seen: Array, thrust: Array, rho: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array, C: Array,
-    F: IntArray, K: IntArray, T: IntArray, places: IntArray,
+    seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array,
+    C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray,
 ) -> tuple[Array, Array]:  # fmt: skip
     """One step from every sample, and what perfect sensors read there.
 
     before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
     gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
     the others are imposed if `held`. mean: (N, sub, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
-    from the throttle. lagging: whether some sensor lags. A lift or a sensor that lags remembers the path itself: what
-    it feels of the past is then a function of past readings, as a prediction may be, though not of the filter's state.
+    from the throttle. heights: (N,) m above the ground, 0 where none is known. lagging: whether some sensor lags. A
+    lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
+    readings, as a prediction may be, though not of the filter's state.
     Returns ahead (N - 1, 9) and the channels at `places` (N, m).
     """
     n = before.shape[0]
@@ -136,6 +141,8 @@ def predict_path(
     remembered, unused = np.zeros(SENSOR_SIZE), np.empty(places.size)
     for k in range(n):
         interval = dt if k > 0 else 0.0
+        x[2] = -heights[k]
+        W[_TIME] = E[START_TIME] + k * dt
         if lagging:
             remembered[:] = sensor
         _read(before[k], gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W, rate,
@@ -153,9 +160,26 @@ def predict_path(
             for i in free:
                 if i < 6:
                     slopes[i] = np.nan
+        W[_TIME] = E[START_TIME] + (k + 0.5) * dt
         _step(after[k], gust_over[k], mean[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F, K, T,
               x, W, scratch, ahead[k])  # fmt: skip
     return ahead, y
+
+
+@jit
+def late_outputs(y: Array, known: Array, places: IntArray, group: float, late: float) -> None:
+    """Let the sensors of a group show what was `late` samples before, in place.
+
+    y: (N, m) expected before each sample, of the channels at `places`; known: the same known after it.
+    """
+    for j in range(places.size):
+        if not is_late(places[j], group):
+            continue
+        past = known[:, j].copy()
+        for k in range(y.shape[0]):
+            after, past[k] = past[k], y[k, j]
+            y[k, j] = late_reading(past, k, late, 6 <= places[j] < 9)
+            past[k] = after
 
 
 @jit

@@ -8,19 +8,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from math import floor
 from typing import Self
 
 import numpy as np
 
 from sim_vehicle.effects import slot
+from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.parameters import FlatModel
-from sim_vehicle.simulation import effects_flown
+from sim_vehicle.simulation import effects_flown, pull_of
 from sysid.dryden import Turbulence, gust_system
-from sysid.filter_pass import kalman_pass, predict_path, run_actuators
+from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import Predictor, error_gains, sensor_derivative, with_placed_errors
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
+from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
 
 # Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.
@@ -29,7 +32,7 @@ _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.
 LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
-_LAGGING = [slot(name) for name in LAGGING]
+_LAGGING, _SKEW = [slot(name) for name in LAGGING], slot("sensor_time_skew")
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
@@ -138,8 +141,9 @@ class FilteredFlight:
         places, terms, columns, weights = self._direct(flat, record if slopes else None)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], mean, seen, thrust,
-            record.rho[record.start :], record.interval_s, flat.P, _prompt(self._effects(flat, record)), flat.C, flat.F,
-            flat.K, flat.T, terms, columns, weights, np.arange(len(OUTPUTS)),
+            record.rho[record.start :], _heights(record), record.interval_s, flat.P,
+            _prompt(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
+            np.arange(len(OUTPUTS)),
         )  # fmt: skip
         count = theta.size if slopes else 0
         step_theta = np.zeros((record.length - 1, free.size, count))
@@ -174,7 +178,7 @@ class FilteredFlight:
         ahead, y = self._predicted(k, flat, thrust, *self._surfaces(k, flat))
         steps, reads = [one.step_theta], [one.read_theta]
         for other in others:
-            there = self._predicted(k, other, thrust, *self._surfaces(k, other))
+            there = self._predicted(k, other, thrust, *self._surfaces(k, other), read_ahead=False)
             steps.append(_apart(there[0], ahead)[:, self.free[k], None])
             reads.append(((there[1] - y) * gains)[:, self.columns, None])
         return replace(
@@ -202,24 +206,43 @@ class FilteredFlight:
         return record.thrust[record.start :] + self.predictor.thrust_shift(record, errors)
 
     def _effects(self, flat: FlatModel, record: Record) -> Array:
-        return effects_flown(flat.E, record.thrust[record.start])
+        return effects_flown(effects_at(flat, record), record.thrust[record.start])
 
     def _surfaces(self, k: int, flat: FlatModel) -> tuple[Array, Array]:
         """What the motion feels (N, sub, 4) and what sensors see (N, 4) of the surfaces along a record."""
         record, sub_steps = self.records[k], self.predictor.sub_steps
         mean, seen = np.empty((record.length, sub_steps, 4)), np.empty((record.length, 4))
-        run_actuators(record.commands, record.start, record.length, record.interval_s, sub_steps,
+        commands = held_by_dead_band(record.commands, record, flat.E)
+        run_actuators(commands, record.start, record.length, record.interval_s, sub_steps,
                       self.predictor.command_first, flat.P, flat.E, mean, seen)  # fmt: skip
         return mean, seen
 
-    def _predicted(self, k: int, flat: FlatModel, thrust: Array, mean: Array, seen: Array) -> tuple[Array, Array]:
+    def _predicted(
+        self, k: int, flat: FlatModel, thrust: Array, mean: Array, seen: Array, read_ahead: bool = True
+    ) -> tuple[Array, Array]:
+        """One step ahead and what is read. read_ahead: see `_come_late`; else readings that come late are expected so,
+        which keeps their noise out of what is compared with them.
+        """
         record, path = self.records[k], self.paths[k]
-        lagging = bool(np.any(flat.E[_LAGGING]))
-        return predict_path(
-            path.before, path.gust_before, path.after, path.gust_after, path.gust_over, self.free[k], mean, seen,
-            thrust, record.rho[record.start :], record.interval_s, bool(record.held.size), lagging, flat.P,
-            self._effects(flat, record), flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
-        )  # fmt: skip
+        lagging, effects = bool(np.any(flat.E[_LAGGING])), self._effects(flat, record)
+        others = with_other_inputs(record.commands, record, effects)[record.start :]
+        thrust = pull_of(thrust, others, effects)
+
+        def along(before: Array, gust_before: Array) -> tuple[Array, Array]:
+            return predict_path(
+                before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], mean, seen, thrust,
+                record.rho[record.start :], _heights(record), record.interval_s, bool(record.held.size), lagging,
+                flat.P, effects, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+            )  # fmt: skip
+
+        ahead, y = along(path.before, path.gust_before)
+        if effects[_SKEW] != 0.0:
+            late, group = (float(effects[slot("sensor_time_skew", name)]) for name in ("delay", "group"))
+            whole = floor(late / record.interval_s) if read_ahead else 0
+            known = along(path.after, path.gust_after)[1]
+            late_outputs(y, known, OUTPUT_PLACES, group, late / record.interval_s - whole)
+            y = y - _come_late(record, group, whole)
+        return ahead, y
 
     def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
         """The linear system of a record in these gusts."""
@@ -294,6 +317,23 @@ class FilteredFlight:
         other = copy(self)
         other.paths = list(paths)
         return other
+
+
+def _come_late(record: Record, group: float, whole: int) -> Array:
+    """(N, 15) what readings of a group that come `whole` samples late would be more if they came in time.
+
+    The filter knows the motion by its sensors: those that come late are read ahead, so that its state is never theirs.
+    """
+    more = np.zeros(record.z.shape)
+    for j, place in enumerate(OUTPUT_PLACES):
+        if whole and is_late(int(place), group):
+            more[:, j] = read_later(record.z[:, j], whole * record.interval_s, record.interval_s) - record.z[:, j]
+    return np.asarray(angle_wrap(np.where(np.isfinite(more), more, 0.0)))
+
+
+def _heights(record: Record) -> Array:
+    """(N,) height above the ground of a record's samples, 0 where none is known."""
+    return record.heights[record.start :] if record.heights.size else np.zeros(record.length)
 
 
 def _prompt(effects: Array) -> Array:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, extended, off_neutral
+from sysid.candidates import Candidate, alone, extended
 from sysid.estimate import Problem, build_filter, predictor_of
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_start import settled_path
@@ -59,8 +59,8 @@ def filter_gains(
     changed = []
     for i, candidate in enumerate(choices):
         for s, start in enumerate(candidate.starts):
-            for name in candidate.free:
-                values = off_neutral(candidate, start, name)
+            for name in candidate.sizes:
+                values = alone(candidate, start, name)
                 trial = predictor_of(problem, extended(model, candidate, values), coefficients, effects)
                 changed.append(trial.apply(theta)[0])
                 columns.append(_Column(i, s, name, values[name]))
@@ -106,7 +106,7 @@ def _best(
 def _moved(candidate: Candidate, start: dict[str, float], column: _Column, share: float) -> tuple[float, bool]:
     """A parameter moved as its score tells, within reason, and whether an effect of that sign is possible."""
     parameter = next(p for p in candidate.effect.parameters if p.name == column.name)
-    if start[column.name] == 0.0:
+    if start[column.name] == 0.0 or parameter.low < 0.0:
         reach = _RANGE * max(abs(parameter.low), abs(parameter.high))
         low = 0.0 if parameter.low >= 0.0 else -reach
         return float(np.clip(share * column.moved, low, reach)), True

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.dynamics import derivatives
+from sim_vehicle.effects import START_TIME
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import STATE_SIZE, WORK_SIZE, Par
+from sim_vehicle.layout import STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.reading_jacobian import READINGS, reading_jacobian
 from sim_vehicle.terms import REGRESSORS
 from sysid.filter_pass import to_simulation
@@ -22,7 +23,7 @@ from sysid.filter_pass import to_simulation
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_GRAVITY = int(Par.gravity)
+_GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 _GROUND = READINGS.index("vn")  # from here on readings know nothing of gusts
 
@@ -77,8 +78,8 @@ def _rates_by_states(s: Array, gravity: float, R: Array, Q: Array, A: Array) -> 
 @jit
 def path_slopes(
     before: Array, gust_before: Array, after: Array, gust_over: Array, ahead: Array, free: IntArray, axes: IntArray,
-    mean: Array, seen: Array, thrust: Array, rho: Array, dt: float, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, weights: Array, places: IntArray,
+    mean: Array, seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, P: Array, E: Array, C: Array,
+    F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, weights: Array, places: IntArray,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Derivatives of what `sysid.filter_pass.predict_path` gives for the same arguments.
 
@@ -102,6 +103,8 @@ def path_slopes(
     Q, A, middle, surfaces = np.zeros((4, 3)), np.zeros((9, 9)), np.empty(9), np.empty(4)
     inner, direct, unit = np.zeros((nf, nf)), np.zeros((nf, na + count)), np.eye(nf)
     for k in range(n):
+        x[2] = -heights[k]
+        W[_TIME] = E[START_TIME] + k * dt
         to_simulation(before[k], x)
         derivatives(x, seen[k], thrust[k], still, gust_before[k], rho[k], P, E, C, F, K, T, W, rate)
         force_jacobian(
@@ -130,6 +133,7 @@ def path_slopes(
             for sub in range(mean.shape[1]):
                 surfaces[i] += mean[k, sub, i] / mean.shape[1]
         pull = 0.5 * (thrust[k] + thrust[k + 1])
+        W[_TIME] = E[START_TIME] + (k + 0.5) * dt
         to_simulation(middle, x)
         derivatives(x, surfaces, pull, still, gust_over[k], rho[k], P, E, C, F, K, T, W, rate)
         force_jacobian(x, surfaces, np.isnan(pull), gust_over[k], P, E, C, F, K, T, W, flow, D, J, part, products, R)

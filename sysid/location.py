@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -82,22 +83,22 @@ def _curve(variable: Array, residual: Array) -> list[dict[str, float]]:
 
 
 def locate(
-    paths: Sequence[tuple[str, CoefficientPath]], floors: Sequence[CoefficientPath], axes: Sequence[str] = AXES
+    paths: Sequence[tuple[str, CoefficientPath]],
+    floors: Sequence[CoefficientPath] = (),
+    axes: Sequence[str] = AXES,
 ) -> list[dict[str, Any]]:
     """Axes whose residual coefficients depend on something, strongest first.
 
-    paths: (flight, measured against the model as given). floors: the same against the best model found, for scale.
+    paths: (flight, measured against a model). floors: the same against the best model found, for scale; without one
+    the scale is what the variable leaves.
     Returns entries axis, variable, intervals, curve (over the variable: value, residual, std), share (of the variance
     above the floor that the variable explains), p_value.
     """
     found: list[tuple[float, dict[str, Any]]] = []
     for axis in axes:
         residuals = [_band(path.measured[axis] - path.predicted[axis], path) for _, path in paths]
-        floor = np.concatenate([_band(path.measured[axis] - path.predicted[axis], path) for path in floors])
         residual = np.concatenate(residuals)
-        noise = float(np.std(floor))
-        excess = float(np.mean(residual**2)) - noise**2
-        if not np.isfinite(residual).all() or excess <= 0.0:
+        if not np.isfinite(residual).all():
             continue
         best = ("", 0.0, 1.0)
         for variable in paths[0][1].variables:
@@ -105,6 +106,13 @@ def locate(
             share, p_value = _explained(residual, values)
             if share > best[1]:
                 best = (variable, share, p_value)
+        noise = float(np.std(residual)) * math.sqrt(max(1.0 - best[1], 0.0))
+        if floors:
+            floor = [_band(path.measured[axis] - path.predicted[axis], path) for path in floors]
+            noise = float(np.std(np.concatenate(floor)))
+        excess = float(np.mean(residual**2)) - noise**2
+        if excess <= 0.0:
+            continue
         if best[2] * len(AXES) * len(paths[0][1].variables) < _SIGNIFICANT:
             intervals: list[dict[str, Any]] = []
             for (flight, path), one in zip(paths, residuals, strict=True):
