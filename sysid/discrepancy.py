@@ -318,9 +318,13 @@ def _held_out_gaps(
         _problem(held_out, base.problem.vehicle, checked), command_first=base.problem.command_first
     )  # fmt: skip
     other = other if set(BENCH) & set(base.problem.sensors) else _without_bench(other)
-    stages = {
-        name: fixed_model(other, model, _own_errors(other, model, checked), checked) for name, model in models.items()
-    }
+    best = _own_errors(other, models["after"], checked)
+    stages = {}
+    for name, model in models.items():
+        own = best
+        if name != "after" and isinstance(best, FilterErrorResult):
+            own = _sensors_alone(other, model, best)
+        stages[name] = fixed_model(other, model, own, checked)
     return stage_gaps(other.motion, held_out, stages, checked, generator), gap_series(held_out, stages, shown)
 
 

@@ -17,7 +17,6 @@ from discrepancy_flights import over_floor, run_discrepancy
     ("effect", "parameter", "hidden", "seed"),
     [
         ("pitch_damping", "Cm_q", -5.0, 11),
-        ("thrust_line_offset", "z_T", 0.02, 13),
     ],
 )
 def test_a_hidden_effect_is_named_and_closes_the_gap(
