@@ -41,8 +41,9 @@ def test_a_hidden_effect_is_named_and_closes_the_gap(
 
 
 def test_a_hidden_effect_is_named_in_turbulence(tmp_path: Path) -> None:
+    hidden = ("--effect", "lift_alpha_elevator:CL_alpha_de=1.5")
     gusts = ("--effect", "turbulence:sigma=0.25,length=30", "--wind", "1,-1,0")
-    found = run_discrepancy(tmp_path, 41, 0.1, "--effect", "lift_alpha_elevator:CL_alpha_de=1.5", *gusts, validate=False)
+    found = run_discrepancy(tmp_path, 41, 0.1, *hidden, *gusts, validate=False)
     assert found["verdict"] == "missing_effect", found["reasons"]
     assert [one["name"] for one in found["effects"]] == ["lift_alpha_elevator"], found["reasons"]
     estimate = found["effects"][0]["parameters"]["CL_alpha_de"]
