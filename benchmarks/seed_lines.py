@@ -30,8 +30,8 @@ def fingerprint(packages: Sequence[str], *others: Path) -> str:
     return digest.hexdigest()[:12]
 
 
-def read_lines(path: Path) -> dict[int, dict[str, Any]]:
-    """Finished flights by seed; a last line that was cut off does not count."""
+def keyed_lines(path: Path, key: str) -> dict[Any, dict[str, Any]]:
+    """Finished lines of JSON by one of their entries; a last line that was cut off does not count."""
     found = {}
     if path.exists():
         for text in path.read_text(encoding="utf-8").splitlines():
@@ -39,8 +39,13 @@ def read_lines(path: Path) -> dict[int, dict[str, Any]]:
                 line = json.loads(text)
             except json.JSONDecodeError:
                 continue
-            found[int(line["seed"])] = line
+            found[line[key]] = line
     return found
+
+
+def read_lines(path: Path) -> dict[int, dict[str, Any]]:
+    """Finished flights by seed."""
+    return keyed_lines(path, "seed")
 
 
 def end_line(path: Path) -> None:

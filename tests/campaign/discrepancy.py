@@ -39,7 +39,7 @@ from discrepancy_trial import judged
 from discrepancy_truth import Truths
 from effect_sizes import RANGES, SHARES
 from made_up import MADE_UP
-from seed_lines import end_line, fingerprint, one_thread_each, progress
+from seed_lines import end_line, fingerprint, keyed_lines, one_thread_each, progress
 from separating_flights import plan_named
 
 from sim_vehicle.effects import EFFECTS, Stage
@@ -107,23 +107,10 @@ def to_separate(cases: Sequence[Case], done: Mapping[str, Mapping[str, Any]], tr
     return found
 
 
-def read_cases(path: Path) -> dict[str, dict[str, Any]]:
-    """Finished cases by their key; a last line that was cut off does not count."""
-    found = {}
-    if path.exists():
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                line = json.loads(text)
-            except json.JSONDecodeError:
-                continue
-            found[str(line["key"])] = line
-    return found
-
-
 def run(cases: Sequence[Case], path: Path, workers: int, minutes: float) -> None:
     """Fly and judge what is missing; a flight is made here while the workers judge those before it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    done = read_cases(path)
+    done = keyed_lines(path, "key")
     missing = [case for case in cases if case.key not in done]
     if not missing:
         return
@@ -210,7 +197,7 @@ def main() -> int:
     path = OUTPUT / f"{given.part}-{mark}.jsonl"
     truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
     if given.part == "separating":
-        tied = to_separate(cases, read_cases(OUTPUT / f"single-{mark}.jsonl"), truths)
+        tied = to_separate(cases, keyed_lines(OUTPUT / f"single-{mark}.jsonl", "key"), truths)
         cases = [case for case in tied if case.also]
         print(f"{len(tied)} cases of the part `single` cannot be told alone; {len(cases)} have a manoeuvre to fly")
     if not given.tables:
@@ -219,7 +206,7 @@ def main() -> int:
         except KeyboardInterrupt:
             print("stopped; the same command goes on from here", file=sys.stderr)
             return 1
-    done = read_cases(path)
+    done = keyed_lines(path, "key")
     lines = [done[case.key] for case in cases if case.key in done]
     flown = [case for case in cases if case.key in done]
     text = report(given.part, lines, {case.key: truths.of(case) for case in flown if not case.made_up})
