@@ -209,6 +209,9 @@ def main() -> int:
     done = keyed_lines(path, "key")
     lines = [done[case.key] for case in cases if case.key in done]
     flown = [case for case in cases if case.key in done]
+    if not lines:
+        print(f"no case of the part `{given.part}` was flown with these sources: run without --tables", file=sys.stderr)
+        return 1
     text = report(given.part, lines, {case.key: truths.of(case) for case in flown if not case.made_up})
     (OUTPUT / f"{given.part}.md").write_text(text + "\n", encoding="utf-8")
     print(text)
