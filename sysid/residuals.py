@@ -15,7 +15,6 @@ from sysid.coefficients import AXES, Body, coefficients
 from sysid.compatibility import SensorLayout
 from sysid.flight import Array, FlightData
 from sysid.gap import Fixed
-from sysid.kinematics import to_centre_of_gravity
 from sysid.parameterisation import STATES
 from sysid.prepare import smoothed_states
 from sysid.records import OUTPUTS, Record, effects_at, held_by_dead_band, with_other_inputs
@@ -82,20 +81,6 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
         model.command_first, flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,
     )  # fmt: skip
     return predicted
-
-
-def measured_accelerations(
-    record: Record, states: Mapping[str, Array], vehicle: Vehicle, errors: Mapping[str, float]
-) -> Array:
-    """ax ay az at the centre of gravity and p' q' r', (N, 6), sensor errors taken off."""
-    dt = record.interval_s
-    slopes = np.column_stack([fourier_smooth(states[name], dt, CUTOFF_HZ).derivative for name in ("p", "q", "r")])
-    force = np.column_stack(
-        [record.z[:, OUTPUTS.index(f"a{axis}")] - errors.get(f"accel_bias_{axis}", 0.0) for axis in "xyz"]
-    )
-    rates = np.column_stack([states[name] for name in ("p", "q", "r")])
-    force = to_centre_of_gravity(force, rates, slopes, vehicle.sensors.accelerometer.position)
-    return np.concatenate((force, slopes), axis=1)
 
 
 def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> CoefficientPath:
