@@ -20,6 +20,7 @@ from gcs.catalogue.store import Catalogue, Flight
 from gcs.errors import GcsError, ServiceError
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
+from gcs.live.feed import LiveFeed
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
 from gcs.station.provenance import provenance
@@ -84,6 +85,18 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     return queue
 
 
+class _Server(uvicorn.Server):
+    """Ends the streams of events when it is told to stop: it waits for every answer to be complete."""
+
+    def __init__(self, config: uvicorn.Config, live: LiveFeed) -> None:
+        super().__init__(config)
+        self._live = live
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self._live.ending.set()
+        super().handle_exit(sig, frame)
+
+
 def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     """Run the service until SIGINT or SIGTERM. Raises ServiceError, LinkError, VehicleFileError, CatalogueError.
 
@@ -117,12 +130,13 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         )
         with _links(settings.connect) as links, _links(settings.forward) as forward:
             voice = StationVoice(settings.link.own_key)
-            station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect)
+            live = LiveFeed(settings, recorder.live_flights)
+            station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule)
-            app = create_app(settings, catalogue, station, jobs, (retention, recovery))
+            app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
-            server = uvicorn.Server(config)
+            server = _Server(config, live)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):
                 retention.start()

@@ -12,12 +12,14 @@ from fastapi.responses import HTMLResponse
 from gcs.api import problems
 from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
+from gcs.api.live import router as live_router
 from gcs.api.page import PAGE
 from gcs.api.security import Guard
 from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.runner import JobRunner
+from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
 from gcs.station.station import RecordingStation
 from gcs.version import VERSION
@@ -29,22 +31,27 @@ def create_app(
     recorder: RecordingStation,
     jobs: JobRunner,
     others: Sequence[Watched] = (),
+    live: LiveFeed | None = None,
 ) -> FastAPI:
     """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue.
 
-    others: further parts whose trouble /api/health tells.
+    others: further parts whose trouble /api/health tells. live: what flies now; None makes one that nobody feeds.
     """
 
-    service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others)
+    feed = live or LiveFeed(settings, recorder.live_flights)
+    service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others, feed)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         jobs.start()
+        if live is not None:
+            live.start()
         recorder.start()
         try:
             yield
         finally:
             service.uploads.close()
+            feed.stop()
             recorder.stop()
             jobs.stop()
             catalogue.close()
@@ -59,7 +66,7 @@ def create_app(
     app.state.service = service
     app.add_middleware(Guard, token=settings.token)
     problems.install(app)
-    for router in (status_router, flights_router, jobs_router):
+    for router in (status_router, live_router, flights_router, jobs_router):
         app.include_router(router)
 
     @app.get("/", include_in_schema=False)

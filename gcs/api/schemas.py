@@ -241,3 +241,37 @@ class ModelItem(BaseModel):
     job_id: str
     name: str
     created_ns: int
+
+
+class LiveSignal(BaseModel):
+    """The newest value of one signal."""
+
+    value: float
+    unit: str
+    age_s: float = Field(description="Since its message was received")
+
+
+class LiveProcess(BaseModel):
+    """The process that identifies while the aircraft flies."""
+
+    state: Literal["starting", "running", "failed"]
+    problem: str
+    restarts: int
+    dropped_bytes: int = Field(description="Bytes it had no time for; they are recorded all the same")
+
+
+class Live(BaseModel):
+    """What the aircraft does now, and what is known of it."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: Literal["live/1"] = Field(alias="schema")
+    flight: str | None = Field(description="Id of the recording being made")
+    time_s: float | None = Field(description="Newest time of the flight, s since its first message")
+    vehicle: str | None
+    state: Literal["waiting", "live", "lost"] = Field(description="lost: no message for 2 s")
+    signals: dict[str, LiveSignal]
+    links: list[LinkStatus]
+    identification: dict[str, Any] | None
+    why: str | None = Field(description="Why there is no identification")
+    process: LiveProcess

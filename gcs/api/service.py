@@ -13,6 +13,7 @@ from gcs.catalogue.store import Catalogue
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
 from gcs.jobs.uploads import Uploads
+from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
 from gcs.station.station import RecordingStation
 
@@ -26,14 +27,17 @@ class Watched(Protocol):
 
 @dataclass
 class Service:
-    """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble."""
+    """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
+
+    live: the flight as it is now."""
 
     settings: Settings
     catalogue: Catalogue
     recorder: RecordingStation
     jobs: JobRunner
     started: float
-    others: Sequence[Watched] = ()
+    others: Sequence[Watched]
+    live: LiveFeed
     viewer: FlightViewer = field(init=False)
     uploads: Uploads = field(init=False)
     reports: Reports = field(default_factory=Reports)

@@ -128,11 +128,8 @@ class _Flight:
             if key not in self.named:
                 self.named[key] = stream.named(source.name)
             stream = self.named[key]
-        bit = HIGHRES_BITS.get(source.fields[0]) if stream.message == "HIGHRES_IMU" else None
-        if bit is not None and np.any(stream.records["fields_updated"]):
-            stream = stream.only(np.asarray(stream.records["fields_updated"] >> bit & 1 == 1))
         try:
-            values = source.convert(*(stream.values(name) for name in source.fields))
+            stream, values = values_of(source, stream)
         except KeyError as error:
             if declared:
                 raise SignalMapError(
@@ -249,6 +246,17 @@ class _Flight:
         for name in ("airspeed", "temperature"):
             if name in notes and name in self.signals and not (fixed and name == "temperature"):
                 self.warn(f"{name}: {notes[name]}")
+
+
+def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
+    """The messages that do update a source's field, and its values in SI units; KeyError for a field that is not there.
+
+    stream: of the source's message, and of its name where it has one.
+    """
+    bit = HIGHRES_BITS.get(source.fields[0]) if stream.message == "HIGHRES_IMU" else None
+    if bit is not None and np.any(stream.records["fields_updated"]):
+        stream = stream.only(np.asarray(stream.records["fields_updated"] >> bit & 1 == 1))
+    return stream, source.convert(*(stream.values(name) for name in source.fields))
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:

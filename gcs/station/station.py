@@ -50,7 +50,8 @@ class Station:
 
     take: called with (source name, batch) from the thread of that link; the sources of forward links have names that
     begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself. report:
-    called with an error that nobody thought of; the threads go on behind it.
+    called with an error that nobody thought of; the threads go on behind it. listen: called like `take`, behind it,
+    with what the vehicles' links brought; must return at once.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Station:
         voice: StationVoice | None = None,
         dialect: Dialect | None = None,
         report: Callable[[Exception], None] | None = None,
+        listen: Callable[[str, Batch], None] | None = None,
     ) -> None:
         self.links = tuple(links)
         self.forward = tuple(forward)
@@ -75,6 +77,7 @@ class Station:
         self.voice = voice or StationVoice()
         self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
         self._take = take
+        self._listen = listen
         self._tick = tick
         self._clock = clock
         self._stopping = threading.Event()
@@ -126,6 +129,8 @@ class Station:
             finally:
                 if self._forwarder is not None:
                     self._forwarder.offer(source, batch, from_vehicle=not prefix)
+                if self._listen is not None and not prefix:
+                    self._listen(source, batch)
         except Exception as error:
             self._report(error)
             self._stopping.wait(_AFTER_ERROR_S)  # it may come back at once, for ever
@@ -162,6 +167,7 @@ class RecordingStation(Station):
         *,
         voice: StationVoice | None = None,
         dialect: Dialect | None = None,
+        listen: Callable[[str, Batch], None] | None = None,
     ) -> None:
         super().__init__(
             links,
@@ -172,6 +178,7 @@ class RecordingStation(Station):
             voice=voice,
             dialect=dialect,
             report=recorder.state.report,
+            listen=listen,
         )
         self._recorder = recorder
 

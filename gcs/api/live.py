@@ -1,0 +1,102 @@
+"""What the aircraft does now: the newest values, and a stream of events."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from typing import Any
+
+from fastapi import APIRouter
+from fastapi.responses import StreamingResponse
+
+from gcs.api.schemas import Live
+from gcs.api.service import Service, Serving
+from gcs.text.jsontext import dumps
+from sim_vehicle.vehicle import load_vehicle
+
+router = APIRouter(tags=["live"])
+
+_LOOK_S = 0.05
+_HEARTBEAT_S = 10.0
+_FRESH_NS = 2_000_000_000
+_NO_VEHICLE = "no vehicle file: start the service with --vehicle FILE to identify while flying"
+_STARTING = "the first estimates come a few seconds after the first messages"
+
+
+@router.get("/api/live")
+def live(service: Serving) -> Live:
+    """The newest value of every signal, the links, and what is known of the aircraft so far."""
+    return Live.model_validate(snapshot(service))
+
+
+@router.get(
+    "/api/live/stream",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `estimate` and `state`"}},
+)
+async def stream(service: Serving) -> StreamingResponse:
+    """Server-sent events: `signals` about ten times a second, `estimate` twice, `state` when it changes."""
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_events(service), media_type="text/event-stream", headers=headers)
+
+
+def snapshot(service: Service) -> dict[str, Any]:
+    """The answer of GET /api/live."""
+    feed, state = service.live, service.live.state
+    now_ns = time.time_ns()
+    signals = {
+        name: {"value": value, "unit": unit, "age_s": max(now_ns - received_ns, 0) / 1e9}
+        for name, (value, received_ns, unit) in state.signals.items()
+    }
+    vehicle = service.settings.vehicle
+    why = None
+    if state.identification is None:
+        why = _NO_VEHICLE if vehicle is None else feed.problem or _STARTING
+    return {
+        "schema": "live/1",
+        "flight": feed.flight,
+        "time_s": state.time_s,
+        "vehicle": None if vehicle is None else load_vehicle(vehicle).name,
+        "state": feed.link_state,
+        "signals": signals,
+        "links": service.recorder.link_status(),
+        "identification": state.identification,
+        "why": why,
+        "process": {
+            "state": feed.process_state,
+            "problem": feed.problem,
+            "restarts": feed.restarts,
+            "dropped_bytes": feed.dropped_bytes,
+        },
+    }
+
+
+def _event(name: str, data: dict[str, Any]) -> str:
+    return f"event: {name}\ndata: {dumps(data)}\n\n"
+
+
+async def _events(service: Service) -> AsyncIterator[str]:
+    feed = service.live
+    told, signals, estimate = "", 0, 0
+    spoken = time.monotonic()
+    while not feed.ending.is_set():
+        state, link = feed.state, feed.link_state
+        text = ""
+        if link != told:
+            told = link
+            text += _event("state", {"state": link, "flight": feed.flight, "time_s": state.time_s})
+        if state.signals_number != signals:
+            signals = state.signals_number
+            now_ns = time.time_ns()
+            values = {name: v for name, (v, at_ns, _) in state.signals.items() if now_ns - at_ns < _FRESH_NS}
+            text += _event("signals", {"time_s": state.time_s, "signals": values})
+        if state.estimate_number != estimate and state.identification is not None:
+            estimate = state.estimate_number
+            text += _event("estimate", state.identification)
+        if not text and time.monotonic() - spoken >= _HEARTBEAT_S:
+            text = ": still here\n\n"
+        if text:
+            spoken = time.monotonic()
+            yield text
+        await asyncio.sleep(_LOOK_S)

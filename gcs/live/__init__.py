@@ -1,0 +1,1 @@
+"""Signals and estimates while an aircraft flies."""

@@ -1,0 +1,219 @@
+"""The service's end of the live process: bytes to it, its reports back, and starting it again when it dies.
+
+Links hand their bytes in by `offer`, which returns at once: they wait in a queue of bounded size, and what does not fit
+is dropped for the live side only and counted. Recording never waits for any of this.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import IO, Any
+
+from gcs.errors import in_words
+from gcs.links.datagrams import Batch
+from gcs.live.protocol import pack_batch, pack_flight
+from gcs.settings import Settings
+
+_log = logging.getLogger(__name__)
+
+_QUEUE_BYTES = 1 << 20
+_LOOK_S = 0.25
+_LOST_S = 2.0
+_STOP_TIMEOUT_S = 3.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
+# A process that has lived that long was well: the next pause is a short one again.
+_WELL_S = 60.0
+
+
+@dataclass
+class LiveState:
+    """The newest of what the live process told. Replaced as a whole, so that readers need no lock.
+
+    signals: name -> (value, UTC ns of reception, unit). numbers count reports, for those who wait for new ones.
+    """
+
+    time_s: float | None = None
+    system: int | None = None
+    signals: dict[str, tuple[float, int, str]] = field(default_factory=dict)
+    identification: dict[str, Any] | None = None
+    heard_s: float | None = None
+    signals_number: int = 0
+    estimate_number: int = 0
+
+
+class LiveFeed:
+    """Runs the live process. flights: gives the ids of the flights being recorded. worker: the command that runs it.
+
+    on_estimate: called with each identification report, from a thread of this feed.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        flights: Callable[[], Sequence[str]],
+        worker: Sequence[str] = (sys.executable, "-m", "gcs.live.worker"),
+        on_estimate: Callable[[dict[str, Any]], None] = lambda report: None,
+    ) -> None:
+        self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
+        self._flights = flights
+        self._on_estimate = on_estimate
+        self._queue: deque[bytes] = deque()
+        self._queued_bytes = 0
+        self._changed = threading.Condition()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._run, name="live", daemon=True)
+        self._failure = ""
+        self.state = LiveState()
+        self.flight: str | None = None
+        self.process_state = "starting"
+        self.restarts = 0
+        self.dropped_bytes = 0
+        self.ending = threading.Event()
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the process and the threads."""
+        self.ending.set()
+        with self._changed:
+            self._changed.notify()
+        if self._process is not None:
+            self._process.terminate()
+        if self._thread.ident is not None:
+            self._thread.join(_STOP_TIMEOUT_S)
+
+    def offer(self, source: str, batch: Batch) -> None:
+        """Queue what a link brought; returns at once."""
+        record = pack_batch(source, batch)
+        with self._changed:
+            if self._queued_bytes + len(record) > _QUEUE_BYTES:
+                self.dropped_bytes += len(batch.data)
+                return
+            self._put(record)
+
+    @property
+    def problem(self) -> str:
+        """Why nothing live comes, in words; empty when all is well."""
+        return "" if self.process_state != "failed" else f"live identification stands still: {self._failure}"
+
+    @property
+    def link_state(self) -> str:
+        """Whether messages come: waiting (none yet), live, or lost (none for 2 s)."""
+        heard = self.state.heard_s
+        if heard is None:
+            return "waiting"
+        return "live" if time.monotonic() - heard < _LOST_S else "lost"
+
+    def _put(self, record: bytes) -> None:
+        self._queue.append(record)
+        self._queued_bytes += len(record)
+        self._changed.notify()
+
+    def _run(self) -> None:
+        pause = _FIRST_PAUSE_S
+        while not self.ending.is_set():
+            begun = time.monotonic()
+            try:
+                self._run_once()
+            except OSError as error:
+                self._failure = in_words(error)
+            if self.ending.is_set():
+                return
+            self.process_state = "failed"
+            self._failure = self._failure or "its process ended"
+            _log.error("%s", self.problem)
+            pause = _FIRST_PAUSE_S if time.monotonic() - begun > _WELL_S else min(2.0 * pause, _LONGEST_PAUSE_S)
+            self.ending.wait(pause)
+            self.restarts += 1
+
+    def _run_once(self) -> None:
+        """One life of the process."""
+        self._failure = ""
+        with subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            self._process = process
+            assert process.stdin is not None
+            assert process.stdout is not None
+            with self._changed:
+                self._queue.clear()
+                self._queued_bytes = 0
+            self.flight = None
+            reader = threading.Thread(target=self._read, args=(process.stdout,), daemon=True)
+            reader.start()
+            try:
+                self._write(process, process.stdin)
+            except OSError:
+                pass  # it has died, which the caller tells
+            finally:
+                process.kill()
+                reader.join(_STOP_TIMEOUT_S)
+            code = process.wait()
+            if not self._failure:
+                self._failure = f"its process ended with code {code}"
+
+    def _write(self, process: subprocess.Popen[bytes], pipe: IO[bytes]) -> None:
+        while not self.ending.is_set() and process.poll() is None:
+            self._follow_flight()
+            with self._changed:
+                if not self._queue:
+                    self._changed.wait(_LOOK_S)
+                records = b"".join(self._queue)
+                self._queue.clear()
+                self._queued_bytes = 0
+            if records:
+                pipe.write(records)
+                pipe.flush()
+
+    def _follow_flight(self) -> None:
+        live = self._flights()
+        flight = live[-1] if live else None
+        if flight != self.flight:
+            self.flight = flight
+            with self._changed:
+                self._put(pack_flight(flight))
+
+    def _read(self, pipe: IO[bytes]) -> None:
+        for line in pipe:
+            try:
+                self._take(json.loads(line))
+            except Exception as error:  # one report that nobody can read does not end those behind it
+                _log.error("a report of the live process was left out: %s", in_words(error))
+
+    def _take(self, report: dict[str, Any]) -> None:
+        kind = report.pop("kind")
+        old = self.state
+        if kind == "ready":
+            self.process_state = "running"
+        elif kind == "error":
+            self._failure = report["text"]
+        elif kind == "signals":
+            signals = {name: tuple(entry) for name, entry in report["signals"].items()}
+            self.state = LiveState(
+                report["time_s"],
+                report["system"],
+                signals,
+                old.identification,
+                time.monotonic(),
+                old.signals_number + 1,
+                old.estimate_number,
+            )
+        elif kind == "estimate":
+            self.state = LiveState(
+                old.time_s,
+                old.system,
+                old.signals,
+                report["identification"],
+                old.heard_s,
+                old.signals_number,
+                old.estimate_number + 1,
+            )
+            self._on_estimate(report["identification"])

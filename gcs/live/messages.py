@@ -1,0 +1,174 @@
+"""From bytes to one vehicle's messages on one clock, as they come.
+
+A recording knows the whole flight when its clock is fitted; here each stamp must be placed at once. Stamps since boot
+are the clock; what carries a stamp since 1970 is moved by SYSTEM_TIME where the vehicle sends it, else, and what
+carries no stamp at all, by the smallest delay seen between stamp and reception.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.flights.signalmap import INSTANCE_FIELDS
+from gcs.flights.streams import MAV_AUTOPILOT_INVALID, MAV_TYPE_GCS, Stream
+from gcs.links.datagrams import Batch
+from gcs.mavlink.columns import message_columns
+from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE, frame_times
+from gcs.mavlink.framing import Framer, Frames
+
+NS_PER_S = 1_000_000_000
+# Stamps beyond are since 1970: nothing is switched on for thirty years.
+_EPOCH_NS = 30 * 365 * 86_400 * NS_PER_S
+# The smallest delay counts that was seen in this time, in stretches of a second.
+_MEMORY_S = 30
+# A stamp that falls behind the newest by more says that the vehicle has started anew.
+_RESET_S = 5.0
+
+
+class _SmallestDelay:
+    """Reception less stamp, ns: the smallest of the last seconds, which follows a clock that runs otherwise."""
+
+    def __init__(self) -> None:
+        self._seconds: deque[tuple[int, int]] = deque(maxlen=_MEMORY_S)
+        self.known = False
+
+    def add(self, log_ns: int, delay: int) -> None:
+        second = log_ns // NS_PER_S
+        if self._seconds and self._seconds[-1][0] == second:
+            delay = min(delay, self._seconds.pop()[1])
+        self._seconds.append((second, delay))
+        self.known = True
+
+    @property
+    def ns(self) -> int:
+        return min(delay for _, delay in self._seconds)
+
+
+@dataclass
+class _Clock:
+    """One vehicle's clock. since: the two kinds of stamps, since boot and since 1970."""
+
+    boot: _SmallestDelay = field(default_factory=_SmallestDelay)
+    epoch: _SmallestDelay = field(default_factory=_SmallestDelay)
+    epoch_less_boot: int | None = None
+    start_ns: int | None = None
+
+    def place(self, stream: Stream) -> NDArray[np.int64]:
+        """(N,) ns since boot of each message."""
+        stamps = stream.stamps
+        raw, valid = stamps.raw_ns, stamps.valid
+        if not valid.any():
+            offset = self.boot.ns if self.boot.known else 0
+            return stream.log_ns - offset
+        if stamps.period_ns and self.boot.known:
+            expected = stream.log_ns - self.boot.ns
+            raw = raw + np.rint((expected - raw) / stamps.period_ns).astype(np.int64) * stamps.period_ns
+        epoch = bool(raw[valid][0] > _EPOCH_NS)
+        delays = stream.log_ns[valid] - raw[valid]
+        (self.epoch if epoch else self.boot).add(int(stream.log_ns[-1]), int(delays.min()))
+        if not epoch or not self.boot.known:
+            return raw
+        shift = self.epoch_less_boot
+        return raw - (self.boot.ns - self.epoch.ns if shift is None else shift)
+
+
+class VehicleMessages:
+    """Takes batches of all links and gives one vehicle's messages with their times.
+
+    The vehicle is the first whose autopilot's HEARTBEAT is heard. A message that a second link brings once more has
+    the stamp of the first and is left out by whoever takes the signals.
+    """
+
+    def __init__(self, dialect: Dialect, wanted: Sequence[str]) -> None:
+        self._dialect = dialect
+        self._wanted = frozenset((*wanted, "SYSTEM_TIME"))
+        self._framers: dict[str, Framer] = {}
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the vehicle and its clock; unfinished frames stay."""
+        self.system: int | None = None
+        self.autopilot = MAV_AUTOPILOT_INVALID
+        self._clock = _Clock()
+        self._instances: dict[tuple[str, int], int] = {}
+        self.newest_s: float | None = None
+
+    def take(self, batch: Batch) -> list[Stream]:
+        """Streams of the wanted messages in a batch, their `time_s` in s since the vehicle's first message."""
+        framer = self._framers.setdefault(batch.source, Framer(self._dialect))
+        held = framer.pending
+        _, frames = framer.feed(batch.data)
+        if not len(frames):
+            return []
+        received = frame_times(frames, batch.ends, batch.received_ns, held)
+        self._find_vehicle(frames)
+        if self.system is None:
+            return []
+        columns = message_columns(frames, self._dialect)
+        streams = []
+        for name in self._wanted & columns.keys():
+            found = columns[name]
+            mine = frames.sysid[found.index] == self.system
+            components = frames.compid[found.index]
+            for component in sorted(set(components[mine].tolist()), key=lambda c: (c != AUTOPILOT, c)):
+                chosen = mine & (components == component)
+                stream = Stream(name, component, received[found.index[chosen]], found.fields[chosen])
+                streams.append(self._lowest_instance(stream))
+        return self._timed([stream for stream in streams if stream.log_ns.size])
+
+    def _find_vehicle(self, frames: Frames) -> None:
+        if self.system is not None:
+            return
+        beats = message_columns(frames, self._dialect).get("HEARTBEAT")
+        if beats is None:
+            return
+        for index, beat in zip(beats.index.tolist(), beats.fields, strict=True):
+            system = int(frames.sysid[index])
+            if beat["type"] != MAV_TYPE_GCS and beat["autopilot"] != MAV_AUTOPILOT_INVALID and system <= LAST_VEHICLE:
+                self.system, self.autopilot = system, int(beat["autopilot"])
+                return
+
+    def _lowest_instance(self, stream: Stream) -> Stream:
+        """Without the messages of a second sensor of the same kind."""
+        name = INSTANCE_FIELDS.get(stream.message)
+        if name is None or name not in (stream.records.dtype.names or ()) or not stream.log_ns.size:
+            return stream
+        instance = stream.records[name]
+        key = (stream.message, stream.component)
+        lowest = min(int(instance.min()), self._instances.get(key, 255))
+        self._instances[key] = lowest
+        return stream.only(np.asarray(instance == lowest))
+
+    def _timed(self, streams: list[Stream]) -> list[Stream]:
+        for stream in streams:
+            if stream.message == "SYSTEM_TIME":
+                self._take_system_time(stream)
+        timed = []
+        # Those with stamps first: they tell the clock by which the others are placed.
+        for stream in sorted(streams, key=lambda stream: not stream.stamps.valid.any()):
+            if not stream.stamps.valid.any() and not self._clock.boot.known:
+                continue
+            since_boot = self._clock.place(stream)
+            if self._clock.start_ns is None:
+                self._clock.start_ns = int(since_boot.min())
+            seconds = (since_boot - self._clock.start_ns) / NS_PER_S
+            newest = float(seconds.max())
+            if self.newest_s is not None and newest < self.newest_s - _RESET_S:
+                system, autopilot = self.system, self.autopilot
+                self.restart()
+                self.system, self.autopilot = system, autopilot
+                return self._timed(streams)
+            self.newest_s = newest if self.newest_s is None else max(self.newest_s, newest)
+            timed.append(replace(stream, time_s=seconds))
+        return timed
+
+    def _take_system_time(self, stream: Stream) -> None:
+        unix_us, boot_ms = stream.records["time_unix_usec"][-1], stream.records["time_boot_ms"][-1]
+        if 0 < unix_us < 2**62 // 1000:
+            self._clock.epoch_less_boot = int(unix_us) * 1_000 - int(boot_ms) * 1_000_000

@@ -1,0 +1,56 @@
+"""What goes over the pipe to the live process: bytes as links received them, and which flight is recorded."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from gcs.links.datagrams import Batch
+
+_HEADER = struct.Struct("<HIIB")  # bytes of the name, bytes of data, datagrams, kind
+_BYTES, _FLIGHT = 0, 1
+
+
+def pack_batch(source: str, batch: Batch) -> bytes:
+    """A batch as one record."""
+    name = source.encode()
+    ends = np.asarray(batch.ends, dtype="<i8").tobytes()
+    times = np.asarray(batch.received_ns, dtype="<i8").tobytes()
+    return _HEADER.pack(len(name), len(batch.data), batch.ends.size, _BYTES) + name + batch.data + ends + times
+
+
+def pack_flight(flight: str | None) -> bytes:
+    """Which flight is recorded from here on; None for none."""
+    name = (flight or "").encode()
+    return _HEADER.pack(len(name), 0, 0, _FLIGHT) + name
+
+
+class Unpacker:
+    """Records out of bytes that come in any pieces."""
+
+    def __init__(self) -> None:
+        self._held = b""
+
+    def feed(self, data: bytes) -> list[Batch | str]:
+        """The records that are complete now: batches, whose `source` is set, and ids of flights ("" for none)."""
+        self._held += data
+        found: list[Batch | str] = []
+        at = 0
+        while at + _HEADER.size <= len(self._held):
+            name_size, size, count, kind = _HEADER.unpack_from(self._held, at)
+            start = at + _HEADER.size
+            stop = start + name_size + size + 16 * count
+            if stop > len(self._held):
+                break
+            name = self._held[start : start + name_size].decode()
+            if kind == _FLIGHT:
+                found.append(name)
+            else:
+                at_data = start + name_size
+                at_ends = at_data + size
+                numbers = np.frombuffer(self._held, "<i8", 2 * count, at_ends).astype(np.int64)
+                found.append(Batch(self._held[at_data:at_ends], numbers[:count], numbers[count:], name))
+            at = stop
+        self._held = self._held[at:]
+        return found

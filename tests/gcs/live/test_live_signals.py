@@ -1,0 +1,96 @@
+"""Signals while a flight comes in, against those taken from its recording afterwards."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
+
+from gcs.flights.signals import extract
+from gcs.formats.conversion import import_file
+from gcs.links.datagrams import Batch
+from gcs.live.messages import VehicleMessages
+from gcs.live.protocol import Unpacker, pack_batch, pack_flight
+from gcs.live.signals import SignalStream
+from gcs.mavlink.dialect import Dialect
+from gcs.recording.reader import Recording
+from sim_vehicle.cli import main as sim_vehicle
+from sim_vehicle.vehicle import load_vehicle
+
+
+def datagrams(tlog: Path) -> Iterator[tuple[bytes, int]]:
+    """Frames of a .tlog with their UTC ns: eight bytes of stamp, then a MAVLink 2 frame."""
+    data = tlog.read_bytes()
+    at = 0
+    while at < len(data):
+        (stamp_us,) = struct.unpack_from(">Q", data, at)
+        size = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
+        yield data[at + 8 : at + 8 + size], stamp_us * 1000
+        at += 8 + size
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("flight") / "flight.tlog"
+    sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "4", "--record", str(path)])
+    return path
+
+
+def test_signals_are_those_of_the_recording_in_whatever_pieces_and_however_often_they_come(flight: Path) -> None:
+    vehicle = load_vehicle("iitb-mav")
+    import_file(flight, flight.with_suffix(".mcap"))
+    recorded = extract(Recording(flight.with_suffix(".mcap")), vehicle).signals
+    messages, stream = VehicleMessages(Dialect.load(), SignalStream(vehicle).messages), SignalStream(vehicle)
+    told: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    sent = list(datagrams(flight))
+    random = np.random.default_rng(3)
+    at = 0
+    while at < len(sent):
+        part = sent[at : at + random.integers(1, 30)]
+        at += len(part)
+        for source in ("radio", "modem"):  # the second link brings everything once more
+            streams = messages.take(Batch.of(part, source))
+            for name, samples in stream.take(streams, messages.autopilot).items():
+                told.setdefault(name, []).append((samples.time_s, samples.values))
+    assert set(told) == set(recorded)
+    for name, pieces in told.items():
+        time_s = np.concatenate([piece[0] for piece in pieces])
+        values = np.concatenate([piece[1] for piece in pieces])
+        offset = recorded[name].time_s[-1] - time_s[-1]  # the recording's first second may hold more than ours
+        assert np.all(np.diff(time_s) > 0.0)
+        assert time_s.size >= 0.9 * recorded[name].time_s.size
+        assert abs(offset) < 0.1
+        np.testing.assert_allclose(values, recorded[name].values[-values.size :], rtol=1e-6, atol=1e-9)
+
+
+def test_a_vehicle_that_starts_anew_begins_at_zero_and_a_ground_station_is_none() -> None:
+    messages = VehicleMessages(Dialect.load(), ["ATTITUDE"])
+    assert messages.take(batch([ground_station_heartbeat()], SECOND)) == []
+    assert messages.system is None
+    vehicle = Vehicle(7)
+    vehicle.boot_ms = 60_000
+    (streams,) = [messages.take(batch(vehicle.second(), 10 * SECOND))]
+    assert messages.system == 7
+    attitude = next(stream for stream in streams if stream.message == "ATTITUDE")
+    np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
+    vehicle.boot_ms = 1_000
+    streams = messages.take(batch(vehicle.second(), 12 * SECOND))
+    attitude = next(stream for stream in streams if stream.message == "ATTITUDE")
+    np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
+
+
+def test_records_come_out_of_the_pipe_as_they_went_in() -> None:
+    sent = batch([b"one", b"", b"three"], 5 * SECOND)
+    data = pack_flight("f1") + pack_batch("udpin:1", sent) + pack_flight(None)
+    unpacker = Unpacker()
+    found = [record for i in range(len(data)) for record in unpacker.feed(data[i : i + 1])]
+    assert found[0] == "f1"
+    assert found[2] == ""
+    taken = found[1]
+    assert isinstance(taken, Batch)
+    assert (taken.source, taken.data, taken.ends.tolist()) == ("udpin:1", sent.data, sent.ends.tolist())
+    assert taken.received_ns.tolist() == sent.received_ns.tolist()
