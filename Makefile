@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
+.PHONY: setup demo test check docs interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
 
 setup: $(VENV)/.ready
 
@@ -23,13 +23,21 @@ check: setup
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+$(VENV)/.docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	touch $@
+
+# The documentation as a site in site/: every link checked, nothing fetched from outside when it is read.
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
 $(VENV)/.interop: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[interop]'
 	# MAVProxy's terminal needs none of what its maps and windows depend on (vtk, opencv: 200 MB).
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps MAVProxy
 	touch $@
 
-interop: $(VENV)/.interop
+interop: $(VENV)/.interop $(VENV)/.docs
 	$(BIN)/python -m pytest tests/interop
 
 $(VENV)/.bench: $(VENV)/.ready
@@ -106,4 +114,4 @@ campaign-discrepancy: setup
 	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(WORKERS),--workers $(WORKERS))
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info demo-output campaign-output
+	rm -rf $(VENV) build dist site *.egg-info demo-output campaign-output

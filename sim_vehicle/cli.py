@@ -17,7 +17,8 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
-def _parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the commands."""
     parser = _Parser(prog="sim-vehicle", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     fly = commands.add_parser("fly", help="fly manoeuvres and send or record the telemetry")
@@ -53,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; exit code 0 done, 1 failed on its input, 2 wrong use."""
-    parser = _parser()
+    parser = build_parser()
     try:
         given = parser.parse_args(arguments)
     except SystemExit as stop:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from doc_commands import blocks
 from numpy.typing import NDArray
 
 from gcs.cli import main
@@ -16,7 +16,7 @@ from sysid.calibration import calibrate, read_points
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "docs" / "calibration"
-PAGE = (ROOT / "docs" / "calibration.md").read_text(encoding="utf-8")
+PAGE = ROOT / "docs" / "calibration.md"
 G = 9.80665
 
 Array = NDArray[np.float64]
@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 def shown() -> list[tuple[str, str]]:
     """Every command of the page and what it prints there."""
-    found = re.findall(r"^    \$ (gcs .*)\n((?:    .*\n)*)", PAGE, re.MULTILINE)
-    return [(command, "".join(line[4:] + "\n" for line in text.splitlines())) for command, text in found]
+    found = [block.text.split("\n", 1) for block in blocks(PAGE) if block.language == "console"]
+    return [(command.removeprefix("$ "), printed + "\n") for command, printed in found]
 
 
 @pytest.mark.parametrize(("command", "expected"), shown(), ids=[command for command, _ in shown()])

@@ -22,7 +22,7 @@ def test_the_flight_of_the_example_keeps_what_the_design_promised(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    commands = re.findall(r"^    ((?:gcs|sim-vehicle) .+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    commands = re.findall(r"^((?:gcs|sim-vehicle) .+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert len(commands) == 6
     example, others = commands[:3], commands[3:]
     for command in example:

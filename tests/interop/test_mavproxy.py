@@ -1,4 +1,6 @@
-"""MAVProxy, the ground station of ArduPilot's developers, meets two simulated vehicles."""
+"""MAVProxy, the ground station of ArduPilot's developers, meets two simulated vehicles,
+
+which wait for it to arm them as docs/simulator.md shows."""
 
 from __future__ import annotations
 
