@@ -7,13 +7,12 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
-from fastapi.responses import HTMLResponse
 
 from gcs.api import problems
 from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
 from gcs.api.live import router as live_router
-from gcs.api.page import PAGE
+from gcs.api.page import router as page_router
 from gcs.api.security import Guard
 from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
@@ -66,11 +65,6 @@ def create_app(
     app.state.service = service
     app.add_middleware(Guard, token=settings.token)
     problems.install(app)
-    for router in (status_router, live_router, flights_router, jobs_router):
+    for router in (status_router, live_router, flights_router, jobs_router, page_router):
         app.include_router(router)
-
-    @app.get("/", include_in_schema=False)
-    def page() -> HTMLResponse:
-        return HTMLResponse(PAGE)
-
     return app

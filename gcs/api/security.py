@@ -9,6 +9,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs.api.problems import problem_response
+from gcs.page.assets import PREFIX
 from gcs.settings import is_loopback
 
 # The page and the description of the interface hold no data; all else is closed unless it is named here.
@@ -44,7 +45,7 @@ class Guard:
             if is_loopback(host.hostname or ""):
                 return None
             return 403, "without a token the service answers only to localhost; set GCS_TOKEN to serve others"
-        if scope["path"] in _OPEN_PATHS:
+        if scope["path"] in _OPEN_PATHS or scope["path"].startswith(PREFIX):
             return None
         scheme, _, given = headers.get("authorization", "").partition(" ")
         right = hmac.compare_digest(given.strip().encode(), self._token.encode())

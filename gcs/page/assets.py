@@ -1,0 +1,86 @@
+"""The page's files: read and compressed once, under addresses that change with their content."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import importlib.util
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from gcs.errors import ServiceError
+
+#: Where the addresses of all files begin.
+PREFIX = "/page/"
+#: What the browser may load: nothing but what this service sends, no scripts and no style sheets inside the document.
+#: The plots set the style of their own elements, which only 'unsafe-inline' styles allow.
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_KINDS = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+_PLOTTING = ("bokeh.min.js", "bokeh-api.min.js")
+
+
+@dataclass(frozen=True)
+class Asset:
+    """One file: what it holds, the same compressed by gzip, and its media type."""
+
+    content: bytes
+    packed: bytes
+    kind: str
+
+
+@dataclass(frozen=True)
+class Assets:
+    """The document of GET / and the files that it names, by their addresses."""
+
+    document: str
+    files: dict[str, Asset]
+
+
+@cache
+def load_assets() -> Assets:
+    """The page of this version. Raises ServiceError where the plotting library is not installed."""
+    folder = files(__package__) / "static"
+    own = {entry.name: entry.read_bytes() for entry in folder.iterdir() if Path(entry.name).suffix in _KINDS}
+    own_at, own_files = _bundle(own)
+    plots_at, plots_files = _bundle(_plotting())
+    modules = sorted(name for name in own if name.endswith(".js"))
+    document = (folder / "index.html").read_text(encoding="utf-8")
+    marks = {
+        "{own}": own_at,
+        "{plots}": " ".join(plots_at + name for name in _PLOTTING),
+        "{modules}": "\n".join(f'<link rel="modulepreload" href="{escape(own_at + name)}">' for name in modules),
+    }
+    for mark, text in marks.items():
+        document = document.replace(mark, text)
+    return Assets(document, own_files | plots_files)
+
+
+def _bundle(contents: dict[str, bytes]) -> tuple[str, dict[str, Asset]]:
+    """A folder of files named by what they hold: its address, and the files by theirs."""
+    digest = hashlib.sha256()
+    for name in sorted(contents):
+        digest.update(name.encode() + b"\0" + contents[name] + b"\0")
+    address = f"{PREFIX}{digest.hexdigest()[:16]}/"
+    return address, {address + name: _asset(name, content) for name, content in contents.items()}
+
+
+def _asset(name: str, content: bytes) -> Asset:
+    return Asset(content, gzip.compress(content, 9, mtime=0), _KINDS[Path(name).suffix])
+
+
+def _plotting() -> dict[str, bytes]:
+    """BokehJS as the installed package brings it. The package itself is not imported, which would take a second."""
+    found = importlib.util.find_spec("bokeh")
+    if found is None or not found.submodule_search_locations:
+        raise ServiceError("the plotting library of the page is missing; install the package 'bokeh'")
+    folder = Path(found.submodule_search_locations[0]) / "server" / "static" / "js"
+    try:
+        return {name: (folder / name).read_bytes() for name in _PLOTTING}
+    except OSError as error:
+        raise ServiceError(f"{error.filename}: the installed 'bokeh' lacks its scripts; install it again") from error

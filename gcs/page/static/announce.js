@@ -1,0 +1,12 @@
+// What is said aloud: one status line for screen readers, which also shows when it matters.
+
+let hiding = 0
+
+/** Say a sentence to screen readers; shown: on the screen too, for ten seconds. */
+export function announce(text, shown = false) {
+  const line = document.getElementById('announcements')
+  line.textContent = text
+  line.classList.toggle('unseen', !shown)
+  clearTimeout(hiding)
+  hiding = setTimeout(() => line.classList.add('unseen'), 10_000)
+}

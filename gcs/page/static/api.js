@@ -1,0 +1,83 @@
+// The REST interface: the token, requests, errors in words, downloads.
+
+const TOKEN = 'token'
+
+/** What the service or the network said, as a sentence. */
+export class Problem extends Error {
+  constructor(status, detail) {
+    super(detail)
+    this.status = status
+  }
+}
+
+export const token = () => sessionStorage.getItem(TOKEN)
+export const keepToken = text => sessionStorage.setItem(TOKEN, text)
+
+/** Headers of a request that carries the token, if there is one. */
+export const authorised = headers => token() ? { ...headers, Authorization: `Bearer ${token()}` } : { ...headers }
+
+/** The detail of an answer that is an error. */
+export async function problemOf(answer) {
+  const text = await answer.text()
+  return new Problem(answer.status, detailOf(text) ?? `the ground station answered ${answer.status}`)
+}
+
+/** The sentence of a problem's JSON; null where it is none. */
+export function detailOf(text) {
+  try {
+    return JSON.parse(text).detail ?? null
+  } catch {
+    return null
+  }
+}
+
+/** A fetch from this service; throws Problem for every answer that is none. */
+export async function request(path, options = {}) {
+  let answer
+  try {
+    answer = await fetch(path, { ...options, headers: authorised(options.headers) })
+  } catch (error) {
+    if (error.name === 'AbortError') throw error
+    throw new Problem(0, 'the ground station does not answer; is it running, and is this device on its network?')
+  }
+  if (!answer.ok) throw await problemOf(answer)
+  return answer
+}
+
+export const get = async (path, signal) => (await request(path, { signal })).json()
+
+export const post = async (path, body) => (await request(path, {
+  method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body),
+})).json()
+
+/** The same, but null where there is nothing at the address yet. */
+export async function getIfThere(path, signal) {
+  try {
+    return await get(path, signal)
+  } catch (error) {
+    if (error.status === 404) return null
+    throw error
+  }
+}
+
+/** Send a file; progress(share) is called while it goes. Resolves to the answer's JSON. */
+export const upload = (file, progress, signal) => new Promise((resolve, reject) => {
+  const sending = new XMLHttpRequest()
+  sending.open('POST', `/api/flights?name=${encodeURIComponent(file.name)}`)
+  const headers = authorised({ 'Content-Type': 'application/octet-stream' })
+  for (const [name, value] of Object.entries(headers)) sending.setRequestHeader(name, value)
+  sending.upload.onprogress = event => progress(event.total ? event.loaded / event.total : 0)
+  sending.onload = () => sending.status < 300 ? resolve(JSON.parse(sending.responseText)) : reject(
+    new Problem(sending.status, detailOf(sending.responseText) ?? `the ground station answered ${sending.status}`))
+  sending.onerror = () => reject(new Problem(0, 'the connection broke while the file was sent; send it again'))
+  signal?.addEventListener('abort', () => sending.abort())
+  sending.send(file)
+})
+
+/** Hand a blob to the user: as a file of that name, or opened in a window. */
+export function hand(blob, name, window_) {
+  const address = URL.createObjectURL(blob)
+  if (window_) window_.location = address
+  else Object.assign(document.createElement('a'), { href: address, download: name }).click()
+  setTimeout(() => URL.revokeObjectURL(address), 60_000)
+}

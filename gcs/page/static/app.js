@@ -1,0 +1,33 @@
+// Start: the views by name, and the line of health at the bottom.
+
+import { get } from './api.js'
+import { compare } from './compare.js'
+import { size } from './format.js'
+import { flight } from './flight.js'
+import { flights } from './flights.js'
+import { live } from './live.js'
+import { start } from './router.js'
+
+const HEALTH_EVERY_MS = 5000
+
+async function health() {
+  const line = document.getElementById('health')
+  try {
+    const state = await get('/api/health')
+    const links = `${state.links_connected} of ${state.links_total} links connected`
+    line.textContent = state.problem ? `Trouble: ${state.problem}`
+      : `${links}; ${size(state.disk_free_bytes)} free; version ${state.version}`
+    line.classList.toggle('bad', Boolean(state.problem))
+  } catch (error) {
+    line.textContent = `Trouble: ${error.message}`
+    line.classList.add('bad')
+  }
+}
+
+start({
+  live,
+  flights: (page, parts, query, signal) => (parts.length ? flight : flights)(page, parts, query, signal),
+  compare,
+}, 'live')
+health()
+setInterval(health, HEALTH_EVERY_MS)

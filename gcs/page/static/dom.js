@@ -1,0 +1,54 @@
+// Elements out of plain data. Text goes in as text nodes only: names come from logs and are never markup.
+
+const SVG = 'http://www.w3.org/2000/svg'
+
+function fill(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes ?? {})) {
+    if (value === null || value === undefined || value === false) continue
+    if (typeof value === 'function') element.addEventListener(name, value)
+    else element.setAttribute(name, value === true ? '' : value)
+  }
+  element.append(...children.flat(Infinity).filter(child => child !== null && child !== undefined && child !== false))
+  return element
+}
+
+/** An HTML element; functions among the attributes are listeners by the event's name. */
+export const h = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children)
+
+/** An SVG element. */
+export const svg = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children)
+
+let numbered = 0
+/** An identifier that no other element has. */
+export const newId = stem => `${stem}-${++numbered}`
+
+/** A table with a caption; cells are texts or nodes, the first of each row is its heading. Scrolls sideways if wide. */
+export function table(caption, head, rows) {
+  if (!rows.length) return null
+  const title = newId('caption')
+  return h('div', { class: 'wide', role: 'region', 'aria-labelledby': title, tabindex: 0 },
+    h('table', {},
+      h('caption', { id: title }, caption),
+      h('thead', {}, h('tr', {}, head.map(text => h('th', { scope: 'col' }, text)))),
+      h('tbody', {}, rows.map(([first, ...others]) =>
+        h('tr', {}, h('th', { scope: 'row' }, first), others.map(cell => h('td', {}, cell)))))))
+}
+
+/** A list, or nothing of nothing. */
+export const listing = texts => texts.length ? h('ul', {}, texts.map(text => h('li', {}, text))) : null
+
+/** A field with its label above it. */
+export function field(label, control, hint) {
+  control.id ||= newId('field')
+  const described = hint && newId('hint')
+  if (described) control.setAttribute('aria-describedby', described)
+  return h('div', { class: 'field' }, h('label', { for: control.id }, label), control,
+    hint && h('p', { id: described, class: 'hint' }, hint))
+}
+
+/** A select of [value, text] pairs. */
+export const select = (choices, chosen, change) => h('select', { change: event => change?.(event.target.value) },
+  choices.map(([value, text]) => h('option', { value, selected: value === chosen }, text)))
+
+/** A boxed remark: kind is 'good', 'bad', 'note'. */
+export const remark = (kind, ...children) => h('div', { class: `remark ${kind}` }, ...children)

@@ -1,0 +1,66 @@
+// Tables of estimates with their error bars drawn beside the numbers.
+
+import { h, svg, table } from './dom.js'
+import { estimate, interval, NONE, number, percent, plusMinus } from './format.js'
+
+const [WIDTH, HEIGHT, EDGE] = [180, 28, 8]
+
+/** Coefficients and effect parameters of a model that have a value: [name, entry] pairs. */
+export function told(model) {
+  const entries = Object.entries(model.coefficients)
+  for (const effect of model.effects ?? []) {
+    for (const [name, entry] of Object.entries(effect.parameters ?? {})) entries.push([`${effect.name}.${name}`, entry])
+  }
+  return entries.filter(([, entry]) => Number.isFinite(entry.value))
+}
+
+/**
+ * A small drawing of estimates on one scale: a dot each and its 95 % interval.
+ * from0: the scale begins or ends at zero, which is marked. It only repeats the numbers beside it.
+ */
+export function bars(entries, from0 = true) {
+  const reach = entries.flatMap(entry => interval(entry) ?? [entry.value]).concat(from0 ? [0] : [])
+  const [low, high] = [Math.min(...reach), Math.max(...reach)]
+  const at = value => EDGE + (WIDTH - 2 * EDGE) * (high > low ? (value - low) / (high - low) : 0.5)
+  const rows = entries.map((entry, index) => {
+    const y = HEIGHT * (index + 0.5) / entries.length
+    const ends = interval(entry)
+    const marks = [svg('circle', { cx: at(entry.value), cy: y, r: 4, class: `dot${index}` })]
+    if (ends) {
+      const [left, right] = ends.map(at)
+      marks.push(svg('path', { class: `bar${index}`, d: `M${left} ${y}H${right}M${left} ${y - 5}v10M${right} ${y - 5}v10` }))
+    }
+    return marks
+  })
+  return svg('svg', { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, 'aria-hidden': 'true', class: 'bars' },
+    from0 && svg('path', { class: 'zero', d: `M${at(0)} 0V${HEIGHT}` }), ...rows.flat())
+}
+
+const between = entry => {
+  const ends = interval(entry)
+  return ends ? ends.map(end => estimate(end, entry.std)).join(' … ') : NONE
+}
+
+/** Every coefficient told, with 95 % interval, relative and systematic error. */
+export function coefficientTable(model) {
+  const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ', 'Systematic']
+  return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file add',
+    head, told(model).map(([name, entry]) => {
+      const moved = Object.values(entry.systematic ?? {}).filter(Number.isFinite)
+      return [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]),
+        entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
+        moved.length ? number(Math.hypot(...moved), 2) : NONE]
+    }))
+}
+
+/** Sensor errors with their units. */
+export const sensorTable = errors => table(
+  'Errors of the sensors: measured = (1 + scale) true + bias; wind is the velocity of the air',
+  ['Error', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Unit'],
+  Object.entries(errors).map(([name, entry]) =>
+    [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]), entry.unit || '1']))
+
+/** What was refused, why, and what to fly. */
+export const refusedTable = refused => table('Refused: what this flight cannot tell',
+  ['Name', 'Reason', 'Manoeuvre that would tell it'],
+  refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre || NONE]))

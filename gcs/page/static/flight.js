@@ -1,0 +1,59 @@
+// A flight's page: its summary, its signals and jobs, its model, its discrepancy.
+
+import { get, getIfThere } from './api.js'
+import { h, listing, remark } from './dom.js'
+import { discrepancy } from './discrepancy.js'
+import { duration, size, utc } from './format.js'
+import { identification } from './identification.js'
+import { jobs } from './jobs.js'
+import { download } from './links.js'
+import { signals } from './signals.js'
+
+const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy']]
+
+/** The view of one flight: parts are its id and the tab. */
+export async function flight(page, [id, tab = ''], query, signal) {
+  const path = `/api/flights/${encodeURIComponent(id)}`
+  const summary = await get(path, signal)
+  const name = summary.source === 'upload' ? summary.name : summary.id
+  const place = `#/flights/${encodeURIComponent(id)}`
+  const [, title] = TABS.find(([key]) => key === tab) ?? TABS[0]
+  page.append(
+    h('p', { class: 'trail' }, h('a', { href: '#/flights' }, 'Flights'), ' › ', name),
+    h('h1', {}, tab ? `${title} of flight ${name}` : `Flight ${name}`),
+    h('nav', { 'aria-label': 'Parts of the flight', class: 'tabs' }, TABS.map(([key, text]) =>
+      h('a', { href: key ? `${place}/${key}` : place, 'aria-current': key === tab ? 'page' : null }, text))),
+  )
+  if (tab === 'model') {
+    identification(page, await getIfThere(`${path}/identification`, signal), summary, signal)
+  } else if (tab === 'discrepancy') {
+    discrepancy(page, await getIfThere(`${path}/discrepancy`, signal), summary, signal)
+  } else {
+    page.append(...facts(summary, path))
+    await signals(page, summary, query, signal)
+    await jobs(page, summary, signal)
+  }
+}
+
+function facts(summary, path) {
+  const messages = Object.values(summary.topics).reduce((sum, count) => sum + count, 0)
+  const entries = {
+    'Start (UTC)': utc(summary.start),
+    Duration: duration(summary.duration_s),
+    Messages: `${(messages || summary.messages).toLocaleString('en')} (${summary.lost} lost)`,
+    'Vehicle’s system id': String(summary.system ?? 'none'),
+    'Came by': summary.source === 'upload' ? 'upload' : 'link',
+    Ended: summary.end_reason || '–',
+  }
+  const parts = Array.from({ length: summary.parts }, (_, index) => download(
+    `${path}/recording?part=${index + 1}`, `${summary.id}${summary.parts > 1 ? `-${index + 1}` : ''}.mcap`,
+    summary.parts > 1 ? `Recording, part ${index + 1} of ${summary.parts}` : `Recording (MCAP, ${size(summary.bytes)})`))
+  return [
+    h('dl', { class: 'facts' }, Object.entries(entries).map(([term, text]) =>
+      h('div', {}, h('dt', {}, term), h('dd', {}, text)))),
+    summary.damage.length ? remark('bad', h('h2', {}, 'Damage'), listing(summary.damage)) : null,
+    summary.warnings.length ? remark('note', h('h2', {}, 'Warnings'), listing(summary.warnings)) : null,
+    summary.recording_deleted ? remark('note', h('p', {}, `The recording was deleted on ${utc(summary.recording_deleted)} to make room; its results are kept.`))
+      : h('p', { class: 'row' }, parts),
+  ].filter(Boolean)
+}

@@ -1,0 +1,78 @@
+// The list of flights, and taking in logs.
+
+import { get, upload } from './api.js'
+import { announce } from './announce.js'
+import { field, h, remark, table } from './dom.js'
+import { duration, size, utc } from './format.js'
+
+const STATES = { recording: 'being recorded', complete: '', recovered: 'recovered after a crash' }
+const PAGE = 50
+
+/** What the list tells of one flight, its name a link. */
+function row(flight) {
+  const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
+  return [
+    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, flight.source === 'upload' ? flight.name : flight.id),
+    utc(flight.start), duration(flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
+  ]
+}
+
+/** The view of all flights. */
+export async function flights(page, parts, query, signal) {
+  const list = h('div', { 'aria-live': 'off' })
+  let after = query.get('after')
+  const show = async () => {
+    const found = await get(`/api/flights?limit=${PAGE}${after ? `&after=${encodeURIComponent(after)}` : ''}`, signal)
+    list.replaceChildren(...content(found))
+  }
+  await show()
+  page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'), list)
+}
+
+function content(found) {
+  if (!found.flights.length) {
+    return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
+      + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
+  }
+  const head = ['Flight', 'Start (UTC)', 'Duration', 'System', 'Size', 'State']
+  return [
+    table('Flights, newest first', head, found.flights.map(row)),
+    found.next && h('p', {}, h('a', { class: 'button', href: `#/flights?after=${encodeURIComponent(found.next)}` },
+      'Older flights')),
+  ].filter(Boolean)
+}
+
+function uploadForm(done, signal) {
+  const input = h('input', { type: 'file', accept: '.mcap,.tlog,.bin,.ulg', required: true })
+  const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
+  const words = h('p', { role: 'status' })
+  const button = h('button', { class: 'main' }, 'Upload')
+  const send = async event => {
+    event.preventDefault()
+    const [file] = input.files
+    button.disabled = true
+    words.className = ''
+    words.before(bar)
+    const progress = share => {
+      bar.value = share
+      words.textContent = share < 1 ? `${file.name}: ${Math.floor(100 * share)} % of ${size(file.size)} sent`
+        : `${file.name} is sent; the ground station reads it …`
+    }
+    progress(0)
+    try {
+      const flight = await upload(file, progress, signal)
+      words.replaceChildren(`${file.name} is in the list: `,
+        h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, 'open it'))
+      await done()
+    } catch (error) {
+      words.className = 'remark bad'
+      words.textContent = `${file.name} was not taken: ${error.message}`
+      announce(words.textContent)
+    } finally {
+      bar.remove()
+      button.disabled = false
+    }
+  }
+  return h('form', { class: 'panel', submit: send },
+    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin or a PX4 .ulg'), button, words)
+}

@@ -1,0 +1,137 @@
+// Jobs of a flight: starting them, following them, their errors in words.
+
+import { get, post } from './api.js'
+import { announce } from './announce.js'
+import { field, h, remark, select } from './dom.js'
+import { utc } from './format.js'
+
+const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy' }
+const TABS = { identify: 'model', discrepancy: 'discrepancy' }
+const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', failed: 'failed', skipped: 'skipped' }
+const EVERY_MS = 1000
+
+/** The section of jobs of a flight. */
+export async function jobs(page, summary, signal) {
+  const [models, others] = await Promise.all([
+    get('/api/models', signal), get('/api/flights?limit=200', signal).then(found =>
+      found.flights.filter(one => one.id !== summary.id && one.state !== 'recording')),
+  ])
+  const list = h('ul', { class: 'jobs' })
+  const add = job => list.prepend(item(job, signal))
+  ;[...summary.jobs].sort((a, b) => a.created_ns - b.created_ns).forEach(add)
+  page.append(h('h2', {}, 'Model and discrepancy'))
+  if (summary.state === 'recording') {
+    page.append(remark('note', h('p', {}, 'Jobs can be started when the recording is over.')))
+  } else {
+    const start = request => post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, request).then(add)
+    page.append(h('div', { class: 'pair' }, identifyForm(others, models, start), discrepancyForm(others, models, start)))
+  }
+  page.append(h('h3', {}, 'Jobs'), list)
+  if (!summary.jobs.length) list.before(h('p', {}, 'No job was started for this flight.'))
+}
+
+/** A choice of flights that the result is judged on. */
+function judges(others) {
+  const boxes = others.map(flight => h('label', { class: 'choice' },
+    h('input', { type: 'checkbox', value: flight.id }), flight.source === 'upload' ? flight.name : flight.id))
+  const element = h('fieldset', { class: 'choices' }, h('legend', {}, 'Validate on'),
+    boxes.length ? boxes : h('p', { class: 'hint' }, 'There is no other flight; fly or upload one to judge the model on.'))
+  return { element, chosen: () => [...element.querySelectorAll('input:checked')].map(box => box.value) }
+}
+
+function form(title, words, label, parts, submit) {
+  const says = h('p', { role: 'status' })
+  return h('form', {
+    class: 'panel', submit: async event => {
+      event.preventDefault()
+      says.className = ''
+      says.textContent = 'Sent …'
+      try {
+        await submit()
+        says.textContent = 'Started; its progress stands below.'
+      } catch (error) {
+        says.className = 'remark bad'
+        says.textContent = error.message
+      }
+    },
+  }, h('h3', {}, title), h('p', {}, words), parts, h('button', { class: 'main' }, label), says)
+}
+
+const named = models => models.map(model =>
+  [model.id, `${model.name || 'model'} of flight ${model.flight_id}${model.kind === 'discrepancy' ? ', effect added' : ''}`])
+
+function identifyForm(others, models, start) {
+  const validate = judges(others)
+  const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error']], 'auto')
+  const prior = select([['', 'none'], ...named(models)], '')
+  const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
+  return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [
+    validate.element,
+    h('details', {}, h('summary', {}, 'More settings'), field('Method', method),
+      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to)),
+  ], () => start({
+    kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
+    ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
+  }))
+}
+
+function discrepancyForm(others, models, start) {
+  const validate = judges(others)
+  const choice = select([...named(models), ['', 'a model file of mine …']], models[0]?.id ?? '', value => {
+    own.parentElement.hidden = value !== ''
+  })
+  const own = h('input', { type: 'file', accept: '.json' })
+  const file = field('Model file (JSON)', own)
+  file.hidden = models.length > 0
+  return form('Question a model', 'Flies the model against this flight, and names what is missing. Takes minutes.',
+    'Question', [field('Model', choice), file, validate.element], async () => {
+      if (!choice.value && !own.files.length) throw new Error('choose a model file first, or identify one from a flight')
+      const model = choice.value || await readModel(own.files[0])
+      return start({ kind: 'discrepancy', model, validate: validate.chosen() })
+    })
+}
+
+async function readModel(file) {
+  try {
+    return JSON.parse(await file.text())
+  } catch {
+    throw new Error(`${file.name} is no JSON; choose a file of gcs identify --write-model`)
+  }
+}
+
+/** One job in the list; it follows the job until that is over. */
+function item(job, signal) {
+  const element = h('li', {})
+  const show = () => element.replaceChildren(...told(job))
+  show()
+  const follow = async () => {
+    try {
+      job = await get(`/api/jobs/${job.id}`, signal)
+    } catch (error) {
+      if (signal.aborted) return
+      element.append(remark('bad', error.message))
+      setTimeout(follow, 5 * EVERY_MS)
+      return
+    }
+    show()
+    if (running(job)) setTimeout(follow, EVERY_MS)
+    else announce(`${KINDS[job.kind]} ${STATES[job.state]}`)
+  }
+  if (running(job)) setTimeout(follow, EVERY_MS)
+  return element
+}
+
+const running = job => job.state === 'queued' || job.state === 'running'
+
+function told(job) {
+  const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
+  return [
+    h('p', {}, h('strong', {}, title), ` (${utc(new Date(job.created_ns / 1e6).toISOString())})`),
+    running(job) && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
+    running(job) && h('p', {}, `${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`),
+    job.error && remark('bad', h('p', {}, job.error)),
+    job.state === 'skipped' && h('p', {}, job.log.at(-1) ?? ''),
+    job.state === 'done' && h('p', {}, h('a', { class: 'button',
+      href: `#/flights/${encodeURIComponent(job.flight_id)}/${TABS[job.kind]}` }, 'See the result')),
+  ].filter(Boolean)
+}

@@ -1,0 +1,93 @@
+// Coefficients as the flight tells them: a table of all, and the bands of the main ones converging.
+
+import { h, remark, table } from './dom.js'
+import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
+import { band, line, plot, shown, source } from './plots.js'
+
+const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
+const KEPT = 1200
+
+/** The live estimates. */
+export class Identification {
+  constructor(signal) {
+    this.signal = signal
+    this.history = new Map()
+    this.panels = new Map()
+    this.state = h('div', {}, h('p', {}, 'Nothing is estimated yet.'))
+    this.plots = h('div', { class: 'small plots' })
+    this.tables = h('div', {})
+    this.elements = [h('h2', {}, 'Coefficients'), this.state, this.plots, this.tables]
+  }
+
+  clear() {
+    this.history.clear()
+    for (const panel of this.panels.values()) panel.element.remove()
+    this.panels.clear()
+  }
+
+  /** Take an object of identification, null (with why) where there is none; time: s of the flight. */
+  show(found, why, time) {
+    if (!found) {
+      this.state.replaceChildren(remark('note', h('p', {}, why ?? 'Start the service with --vehicle FILE to identify in flight.')))
+      this.tables.replaceChildren()
+      return
+    }
+    const names = Object.keys(found.coefficients)
+    const known = names.filter(name => found.coefficients[name].known)
+    this.state.replaceChildren(h('p', {}, `${known.length} of ${names.length} coefficients known. `, speed(found)))
+    this.tables.replaceChildren(...[coefficients(found), sensors(found)].filter(Boolean))
+    for (const name of MAIN.filter(one => found.coefficients[one]?.known)) this.keep(name, found.coefficients[name], time)
+  }
+
+  keep(name, { value, std }, time) {
+    if (time === null || !Number.isFinite(std)) return
+    const kept = this.history.get(name) ?? { x: [], y: [], low: [], high: [] }
+    this.history.set(name, kept)
+    if (kept.x.at(-1) >= time) return
+    kept.x.push(time)
+    kept.y.push(value)
+    kept.low.push(value - 1.96 * std)
+    kept.high.push(value + 1.96 * std)
+    if (kept.x.length > KEPT) Object.values(kept).forEach(column => column.splice(0, column.length - KEPT))
+    this.draw(name, kept)
+  }
+
+  async draw(name, kept) {
+    const panel = this.panels.get(name)
+    if (panel) {
+      if (panel.data) panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
+      return
+    }
+    const made = { element: h('div', {}) }
+    this.panels.set(name, made)
+    const data = await source(kept)
+    const figure = await plot({ x: 'time, s', y: name, height: 170 })
+    band(figure, data, 'x', 'low', 'high')
+    line(figure, data, 'x', 'y', 0)
+    made.element = await shown(figure, `${name} with its 95 % band`, this.signal)
+    made.data = data
+    if (this.panels.get(name) === made) this.plots.append(made.element)
+  }
+}
+
+function speed(found) {
+  const { newest, median, p95 } = found.latency_ms ?? {}
+  if (!Number.isFinite(median)) return ''
+  return `From message to estimate ${number(newest, 2)} ms (median ${number(median, 2)}, 95 % below ${number(p95, 2)}), `
+    + `${number(found.updates_per_s, 2)} estimates/s, ${percent(found.cpu_share)} of one core.`
+}
+
+function coefficients(found) {
+  const other = found.recursive_least_squares ?? {}
+  return table('Coefficients in flight (frequency domain), with recursive least squares for comparison',
+    ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
+    Object.entries(found.coefficients).map(([name, entry]) => [h('code', {}, name),
+      entry.known ? plusMinus(entry) : NONE, Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
+      entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? '']))
+}
+
+const sensors = found => table('Wind and sensor errors in flight', ['Name', 'Value ± 1 σ', 'Unit'],
+  Object.entries(found.sensors ?? {}).map(([name, entry]) => {
+    const [unit, factor] = shownUnit(entry.unit)
+    return [h('code', {}, name), plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
+  }))

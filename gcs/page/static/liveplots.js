@@ -1,0 +1,121 @@
+// Signals over the last minute, drawn as they come.
+
+import { h } from './dom.js'
+import { shownUnit, signalName } from './format.js'
+import { bokeh, legendAbove, line, plot, shown, source } from './plots.js'
+import { keepQuery } from './router.js'
+
+const WINDOW_S = 60
+const EVERY_MS = 200
+const RAD = new Set(['alpha', 'beta', 'phi', 'theta', 'psi', 'de', 'da', 'dr', 'p', 'q', 'r', 'alpha2', 'beta2'])
+const USUAL = [['airspeed'], ['alpha', 'beta'], ['phi', 'theta']]
+
+/** Plots of airspeed, flow angles and attitude, and of the signals that the user chooses. */
+export class LivePlots {
+  constructor(query, signal) {
+    Object.assign(this, { query, signal, kept: new Map(), unitOf: {}, panels: [], newest: 0, dirty: false })
+    this.chosen = new Set(query.get('signals')?.split(',').filter(Boolean) ?? [])
+    this.place = h('div', { class: 'plots' }, h('p', {}, 'Signals are plotted here as soon as the vehicle sends them.'))
+    this.choices = h('fieldset', { class: 'choices' }, h('legend', {}, 'Further signals to plot'))
+    this.elements = [h('h2', {}, 'Signals of the last minute'), this.place,
+      h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'), this.choices)]
+    const timer = setInterval(() => this.draw(), EVERY_MS)
+    signal.addEventListener('abort', () => clearInterval(timer))
+  }
+
+  /** Units by signal, as GET /api/live tells them. */
+  units(signals) {
+    for (const [name, entry] of Object.entries(signals)) this.unitOf[name] = entry.unit
+  }
+
+  /** Take an event of signals. */
+  add({ time_s: time, signals }) {
+    if (time === null) return
+    if (time < this.newest) this.clear()
+    this.newest = time
+    let fresh = false
+    for (const [name, value] of Object.entries(signals)) {
+      if (!this.kept.has(name)) {
+        fresh = true
+        this.kept.set(name, { x: [], y: [] })
+      }
+      const { x, y } = this.kept.get(name)
+      if (x.at(-1) === time) continue
+      x.push(time)
+      y.push(value === null ? NaN : value * this.shownUnit(name)[1])
+      const old = x.findIndex(at => at >= time - WINDOW_S)
+      if (old > 0) {
+        x.splice(0, old)
+        y.splice(0, old)
+      }
+    }
+    if (fresh) this.build()
+    this.dirty = true
+  }
+
+  clear() {
+    for (const entry of this.kept.values()) Object.assign(entry, { x: [], y: [] })
+    this.newest = 0
+  }
+
+  shownUnit(name) {
+    return shownUnit(this.unitOf[name] ?? (RAD.has(name) ? 'rad' : ''))
+  }
+
+  /** The panels that the signals at hand make. */
+  build() {
+    this.offer()
+    const groups = USUAL.map(group => group.map(name => name === 'airspeed' && !this.kept.has(name) ? 'V' : name))
+      .concat([...this.chosen].map(name => [name])).map(group => group.filter(name => this.kept.has(name)))
+      .filter(group => group.length)
+    const key = JSON.stringify(groups)
+    if (key === this.built) return
+    this.built = key
+    this.make(groups)
+  }
+
+  async make(groups) {
+    const built = this.built
+    const Bokeh = await bokeh()
+    const made = []
+    for (const names of groups) {
+      const range = new Bokeh.Range1d({ start: 0, end: WINDOW_S })
+      const [unit] = this.shownUnit(names[0])
+      const title = names.map(signalName).join(' and ')
+      const figure = await plot({ x: 'time, s', y: names.length > 1 ? unit : `${signalName(names[0])}${unit ? `, ${unit}` : ''}`, xRange: range, height: 200 })
+      const sources = []
+      for (const [index, name] of names.entries()) {
+        sources.push([name, await source({ x: [], y: [] })])
+        line(figure, sources[index][1], 'x', 'y', index, names.length > 1 ? signalName(name) : null)
+      }
+      if (names.length > 1) legendAbove(figure)
+      made.push({ range, sources, element: await shown(figure, `${title} over the last minute`, this.signal) })
+    }
+    if (built !== this.built) return
+    this.panels = made
+    this.place.replaceChildren(...made.map(panel => panel.element))
+  }
+
+  draw() {
+    if (!this.dirty || document.hidden) return
+    this.dirty = false
+    for (const { range, sources } of this.panels) {
+      range.setv({ start: Math.max(0, this.newest - WINDOW_S), end: Math.max(this.newest, WINDOW_S) })
+      for (const [name, data] of sources) {
+        const { x, y } = this.kept.get(name)
+        data.data = { x: x.slice(), y: y.slice() }
+      }
+    }
+  }
+
+  offer() {
+    const boxes = [...this.kept.keys()].filter(name => !USUAL.flat().includes(name)).sort().map(name => h('label', { class: 'choice' },
+      h('input', { type: 'checkbox', checked: this.chosen.has(name), change: event => {
+        this.chosen[event.target.checked ? 'add' : 'delete'](name)
+        this.query.set('signals', [...this.chosen].join(','))
+        keepQuery(this.query)
+        this.build()
+      } }), signalName(name)))
+    this.choices.replaceChildren(this.choices.firstChild, ...boxes)
+  }
+}

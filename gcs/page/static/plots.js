@@ -1,0 +1,118 @@
+// Plots by BokehJS, which is loaded when the first of them is wanted. Every plot is a figure with a caption in words.
+
+import { h } from './dom.js'
+
+export const BLUE = '#0b4fc4', RED = '#b3261e', GREEN = '#00695c', ORANGE = '#b45309', PURPLE = '#6a1b9a', BLACK = '#000'
+export const COLOURS = [BLUE, RED, GREEN, ORANGE, PURPLE, BLACK]
+const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
+
+let loading = null
+
+/** BokehJS, loaded once. */
+export function bokeh() {
+  loading ??= document.querySelector('meta[name=plots]').content.split(' ')
+    .reduce((before, address) => before.then(() => load(address)), Promise.resolve()).then(() => {
+      window.Bokeh.set_log_level('error')
+      return window.Bokeh
+    })
+  return loading
+}
+
+const load = address => new Promise((resolve, reject) => {
+  const script = h('script', { src: address, load: resolve, error: () => {
+    loading = null
+    reject(new Error('the plots could not be loaded from the ground station; load the page again'))
+  } })
+  document.head.append(script)
+})
+
+/**
+ * An empty Bokeh plot, its axes named.
+ * options: height (px), x, y (axis labels), xRange (a Range1d shared with others), yRange ([low, high] or names),
+ * yLog, names (categories along x), select (drag with a mouse zooms in time).
+ */
+export async function plot(options) {
+  const Bokeh = await bokeh()
+  const fine = matchMedia('(pointer: fine)').matches && options.select
+  const figure = Bokeh.Plotting.figure({
+    height: options.height ?? 220, sizing_mode: 'stretch_width', toolbar_location: null, min_width: 200,
+    tools: fine ? 'xbox_zoom' : '', x_axis_label: options.x ?? '', y_axis_label: options.y ?? '',
+    ...(options.xRange ? { x_range: options.xRange } : {}), ...(options.yRange ? { y_range: options.yRange } : {}),
+    ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12,
+  })
+  for (const axis of [...figure.xaxes, ...figure.yaxes]) {
+    Object.assign(axis, {
+      axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
+      major_label_text_font_size: '14px', major_label_text_color: BLACK, axis_line_color: BLACK,
+    })
+  }
+  figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = '#bbb' })
+  figure.outline_line_color = BLACK
+  return figure
+}
+
+/** Columns of numbers as a source that plots share; null becomes a gap. */
+export async function source(columns) {
+  const Bokeh = await bokeh()
+  return new Bokeh.ColumnDataSource({ data: gaps(columns) })
+}
+
+export const gaps = columns => Object.fromEntries(Object.entries(columns).map(([name, values]) =>
+  [name, values.map(value => value ?? NaN)]))
+
+/** A line of a source's columns; index: which colour and dash. */
+export const line = (figure, data, x, y, index, legend, width = 2.5) => figure.line({ field: x }, { field: y }, {
+  source: data, line_color: COLOURS[index % 6], line_width: width, line_dash: DASHES[index % 6],
+  ...(legend ? { legend_label: legend } : {}),
+})
+
+/** A band between two columns. */
+export const band = (figure, data, x, low, high, colour = BLUE) => figure.varea({
+  x: { field: x }, y1: { field: low }, y2: { field: high }, source: data, fill_color: colour, fill_alpha: 0.25,
+})
+
+/** A horizontal line over the whole width. */
+export async function level(figure, value, dash = 'dashed') {
+  const Bokeh = await bokeh()
+  figure.add_layout(new Bokeh.Span({
+    location: value, dimension: 'width', line_color: BLACK, line_dash: dash, line_width: 1.5,
+  }))
+}
+
+/** The legend on one line above the plot, in large type. */
+export function legendAbove(figure) {
+  const { legend } = figure
+  Object.assign(legend, {
+    orientation: 'horizontal', label_text_font_size: '15px', label_text_color: BLACK, border_line_color: null,
+    padding: 0, margin: 0, spacing: 12, background_fill_alpha: 0.85,
+  })
+  const legends = figure.center.filter(part => part.type === 'Legend')
+  figure.center = figure.center.filter(part => part.type !== 'Legend')
+  legends.forEach(part => figure.add_layout(part, 'above'))
+}
+
+/**
+ * A figure element with the plot in it. The picture is one image to screen readers, told by its caption.
+ * signal: when it is aborted, the plot is taken away.
+ */
+export async function shown(figure, caption, signal) {
+  const Bokeh = await bokeh()
+  const picture = h('div', { class: 'plot', role: 'img', 'aria-label': caption })
+  const words = h('figcaption', {}, caption)
+  const element = h('figure', {}, picture, words)
+  const place = async () => {
+    const view = await Bokeh.Plotting.show(figure, picture)
+    signal?.addEventListener('abort', () => view.remove())
+  }
+  element.placed = whenInDocument(element).then(place)
+  element.say = text => {
+    words.textContent = text
+    picture.setAttribute('aria-label', text)
+  }
+  return element
+}
+
+/** Bokeh measures its place, so the plot is drawn once its element is part of the page. */
+async function whenInDocument(element) {
+  while (!element.isConnected) await new Promise(requestAnimationFrame)
+}

@@ -1,0 +1,85 @@
+// Which view the address names. Every view has an address of its own, a title, and the focus when it comes.
+
+import { keepToken, token } from './api.js'
+import { field, h, remark } from './dom.js'
+
+let leaving = new AbortController()
+
+/** #/flights/ID?x=1 as its parts and its parameters. */
+export function address() {
+  const [path, search] = location.hash.replace(/^#\/?/, '').split('?')
+  return { parts: path.split('/').filter(Boolean).map(decodeURIComponent), query: new URLSearchParams(search) }
+}
+
+/** Change the parameters of the address, without a new view. */
+export function keepQuery(query) {
+  const [path] = location.hash.split('?')
+  history.replaceState(null, '', `${path || '#/live'}?${query}`)
+}
+
+/** Show the views. views: by the first part of the address, functions (page, parts, query, signal) that fill the page. */
+export function start(views, fallback) {
+  const show = () => render(views, fallback)
+  window.addEventListener('hashchange', show)
+  document.querySelector('.skip').addEventListener('click', event => {
+    event.preventDefault()
+    document.getElementById('main').focus()
+  })
+  show()
+}
+
+async function render(views, fallback) {
+  leaving.abort()
+  leaving = new AbortController()
+  const { signal } = leaving
+  const { parts, query } = address()
+  const name = parts[0] in views ? parts[0] : fallback
+  for (const link of document.querySelectorAll('header nav a')) {
+    if (link.getAttribute('href') === `#/${name}`) link.setAttribute('aria-current', 'page')
+    else link.removeAttribute('aria-current')
+  }
+  const main = document.getElementById('main')
+  const page = h('div', {})
+  main.setAttribute('aria-busy', 'true')
+  main.replaceChildren(page)
+  try {
+    await views[name](page, parts.slice(1), query, signal)
+  } catch (error) {
+    if (!signal.aborted) page.replaceChildren(...trouble(error, () => render(views, fallback)))
+  }
+  if (signal.aborted) return
+  main.removeAttribute('aria-busy')
+  const heading = page.querySelector('h1')
+  document.title = `${heading?.textContent ?? 'Ground station'} – Ground station`
+  heading?.setAttribute('tabindex', '-1')
+  heading?.focus({ preventScroll: true })
+  window.scrollTo(0, 0)
+}
+
+function trouble(error, again) {
+  if (error.status === 401) return [h('h1', {}, 'Token needed'), tokenForm(again)]
+  console.error(error)
+  const gone = error.status === 404 || error.status === 410
+  return [
+    h('h1', {}, gone ? 'Nothing here' : 'That did not work'),
+    remark('bad', h('p', {}, `${error.message}`)),
+    h('p', {}, gone ? h('a', { class: 'button', href: '#/flights' }, 'To the list of flights')
+      : h('button', { click: again }, 'Try again')),
+  ]
+}
+
+function tokenForm(again) {
+  const input = h('input', { type: 'password', autocomplete: 'current-password', required: true })
+  const refused = token() !== null
+  return h('form', {
+    submit: event => {
+      event.preventDefault()
+      keepToken(input.value.trim())
+      again()
+    },
+  },
+  refused && remark('bad', h('p', { role: 'alert' }, 'The ground station did not accept this token.')),
+  field('Token of the ground station', input,
+    'It was set as GCS_TOKEN, or by --token-file, when the service was started. It stays in this tab only.'),
+  h('button', { class: 'main' }, 'Open'))
+}

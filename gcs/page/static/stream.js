@@ -1,0 +1,82 @@
+// Server-sent events over fetch, since EventSource sends no token; a lost connection is told and made again.
+
+import { request } from './api.js'
+
+// The service writes at least a comment each 10 s; longer silence is a connection that died without a word.
+const SILENCE_MS = 15_000
+const WAITS_MS = [500, 1000, 2000, 3000]
+
+/**
+ * Follow a stream until `signal` is aborted.
+ * event(name, data): every event, its data as JSON. state(text): '' when connected, else what is wrong.
+ * Rejects with Problem 401 or 404, which trying again does not mend.
+ */
+export async function follow(path, signal, { event, state }) {
+  let tries = 0
+  while (!signal.aborted) {
+    try {
+      await connection(path, signal, name_data => {
+        tries = 0
+        event(...name_data)
+      }, () => state(''))
+      throw new Error('the ground station ended the connection')
+    } catch (error) {
+      if (signal.aborted) return
+      if (error.status === 401 || error.status === 404) throw error
+      state(error.message)
+    }
+    await pause(WAITS_MS[Math.min(tries++, WAITS_MS.length - 1)], signal)
+  }
+}
+
+async function connection(path, signal, event, opened) {
+  const silent = new AbortController()
+  const stop = () => silent.abort()
+  signal.addEventListener('abort', stop)
+  window.addEventListener('offline', stop)
+  let timer = setTimeout(stop, SILENCE_MS)
+  try {
+    const answer = await request(path, { signal: silent.signal, headers: { Accept: 'text/event-stream' } })
+    opened()
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader()
+    const parse = parser(event)
+    for (;;) {
+      const { done, value } = await reader.read()
+      if (done) return
+      clearTimeout(timer)
+      timer = setTimeout(stop, SILENCE_MS)
+      parse(value)
+    }
+  } catch (error) {
+    if (error.status) throw error
+    throw new Error(navigator.onLine ? 'no answer from the ground station' : 'this device is offline')
+  } finally {
+    clearTimeout(timer)
+    signal.removeEventListener('abort', stop)
+    window.removeEventListener('offline', stop)
+  }
+}
+
+/** A function that takes the text of a stream piece by piece and calls event([name, data]) for each event. */
+export function parser(event) {
+  let rest = ''
+  return text => {
+    const blocks = (rest + text.replaceAll('\r', '')).split('\n\n')
+    rest = blocks.pop()
+    for (const block of blocks) {
+      let name = 'message'
+      const data = []
+      for (const row of block.split('\n')) {
+        if (row.startsWith('event:')) name = row.slice(6).trim()
+        else if (row.startsWith('data:')) data.push(row.slice(5).trimStart())
+      }
+      if (data.length) event([name, JSON.parse(data.join('\n'))])
+    }
+  }
+}
+
+const pause = (ms, signal) => new Promise(resolve => {
+  const timer = setTimeout(resolve, ms)
+  signal.addEventListener('abort', () => (clearTimeout(timer), resolve()))
+  window.addEventListener('online', resolve, { once: true })
+})

@@ -1,0 +1,112 @@
+"""The page as a browser gets it: complete, small, kept for good, and nothing in it from anywhere else."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from serving import serving
+
+from gcs.api.page import router
+from gcs.api.security import Guard
+
+MOST_BYTES = 1_000_000
+
+
+class Document(HTMLParser):
+    """Addresses that a document loads, and scripts that stand in it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.plots: list[str] = []
+        self.inline = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag == "script":
+            self.inline |= "src" not in given
+        self.inline |= any(name.startswith("on") for name in given) or tag == "style"
+        address = given.get("src") if tag == "script" else given.get("href") if tag == "link" else None
+        if address and not address.startswith("data:"):
+            self.loaded.append(address)
+        if given.get("name") == "plots":
+            self.plots = (given["content"] or "").split()
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    """A browser without the token that the service demands."""
+    app = FastAPI()
+    app.add_middleware(Guard, token="token-of-the-page-test")
+    app.include_router(router)
+    with serving(app) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def document(client: httpx.Client) -> Document:
+    return Document(client.get("/").text)
+
+
+def test_everything_that_the_page_loads_is_there_below_a_megabyte(client: httpx.Client, document: Document) -> None:
+    total = len(client.get("/").content)
+    addresses = dict.fromkeys([*document.loaded, *document.plots])
+    assert len(addresses) > 10
+    for address in addresses:
+        with client.stream("GET", address, headers={"Accept-Encoding": "gzip"}) as answer:
+            assert answer.status_code == 200, address
+            assert answer.headers["content-encoding"] == "gzip"
+            packed = b"".join(answer.iter_raw())
+        plain = client.get(address, headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert gzip.decompress(packed) == plain.content
+        total += len(packed)
+    assert total < MOST_BYTES
+
+
+def test_files_are_kept_for_good_and_the_document_never(client: httpx.Client, document: Document) -> None:
+    assert client.get("/").headers["cache-control"] == "no-cache"
+    for address in (document.loaded[0], document.plots[0]):
+        assert re.fullmatch(r"/page/[0-9a-f]{16}/[\w.-]+", address)
+        assert "immutable" in client.get(address).headers["cache-control"]
+        other = re.sub(r"/[0-9a-f]{16}/", "/0000000000000000/", address)
+        assert client.get(other).status_code == 404
+    assert client.get("/page/x/..%2f..%2fsettings.py").status_code in (401, 404)
+
+
+def test_no_script_stands_in_the_document_and_none_comes_from_elsewhere(
+    client: httpx.Client, document: Document
+) -> None:
+    assert not document.inline
+    assert all(address.startswith("/page/") for address in [*document.loaded, *document.plots])
+    rules = dict(rule.split(maxsplit=1) for rule in client.get("/").headers["content-security-policy"].split("; "))
+    assert rules["default-src"] == "'none'"
+    assert rules["script-src"] == rules["connect-src"] == "'self'"
+    assert rules["frame-ancestors"] == rules["base-uri"] == "'none'"
+
+
+def test_modules_import_only_modules_that_are_there(client: httpx.Client, document: Document) -> None:
+    modules = {Path(address).name: address for address in document.loaded if address.endswith(".js")}
+    for name, address in modules.items():
+        text = client.get(address).text
+        named = re.findall(r"from '([^']*)'", text)
+        assert {f"./{other}" for other in modules} >= set(named), name
+        assert not re.search(r"https?://(?!www\.w3\.org)", text), name
+        assert "innerHTML" not in text, name
+
+
+def test_the_plotting_library_is_served_without_importing_it() -> None:
+    program = "import json, sys, gcs.api.page as p; p.load_assets(); print(json.dumps('bokeh' in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) is False
