@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import subprocess
 import sys
 import threading
@@ -25,6 +26,8 @@ from gcs.settings import Settings
 _log = logging.getLogger(__name__)
 
 _QUEUE_BYTES = 1 << 20
+# Threads of a library that waits in a loop for matrices of size ten cost more than the matrices.
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _LOOK_S = 0.25
 _LOST_S = 2.0
 _STOP_TIMEOUT_S = 3.0
@@ -139,7 +142,8 @@ class LiveFeed:
     def _run_once(self) -> None:
         """One life of the process."""
         self._failure = ""
-        with subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        environment = {**os.environ, **_ONE_THREAD}
+        with subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment) as process:
             self._process = process
             assert process.stdin is not None
             assert process.stdout is not None

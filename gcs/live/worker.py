@@ -14,6 +14,7 @@ import time
 
 from gcs.errors import GcsError
 from gcs.links.datagrams import Batch
+from gcs.live.estimates import EstimateReports
 from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Unpacker
 from gcs.live.signals import Samples, SignalStream
@@ -47,6 +48,7 @@ class LiveProcess:
         self._newest: dict[str, tuple[float, int]] = {}
         self._told_s = -1.0
         self._fresh = False
+        self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
     def take(self, record: Batch | str) -> None:
         """A batch of a link, or the id of the flight that is recorded now."""
@@ -65,11 +67,15 @@ class LiveProcess:
         self._messages.restart()
         self._signals = SignalStream(self._signals_of)
         self._newest = {}
+        if self._estimates is not None:
+            self._estimates = EstimateReports(self._signals_of)
 
     def _keep(self, samples: dict[str, Samples], received_ns: int) -> None:
         for name, found in samples.items():
             self._newest[name] = (float(found.values[-1]), received_ns)
         self._fresh = True
+        if self._estimates is not None:
+            self._estimates.take(samples, received_ns)
 
     def report(self, now_s: float) -> None:
         """Tell what is due."""
@@ -80,6 +86,9 @@ class LiveProcess:
                 for name, (value, received_ns) in self._newest.items()
             }
             tell("signals", time_s=self._messages.newest_s, system=self._messages.system, signals=known)
+        report = None if self._estimates is None else self._estimates.due(now_s)
+        if report is not None:
+            tell("estimate", identification=report)
 
 
 def run(live: LiveProcess) -> None:

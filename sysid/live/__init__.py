@@ -1,0 +1,1 @@
+"""Identification while the aircraft flies: samples in, coefficients with error bars out."""

@@ -1,0 +1,116 @@
+"""Has the model changed? The last seconds' equations under the coefficients that were known before.
+
+For each coefficient j of an axis the residuals e of the last seconds are explained by a step d of that coefficient
+alone: d = sum(x_j e) / sum(x_j^2), and d^2 over its variance is the generalised likelihood ratio, twice its logarithm.
+A change is told where the likeliest one is beyond doubt, is a large share of the coefficient, and explains most of the
+residuals, twice in a row. Its time is where the likelihood of "from here on" is largest (the CUSUM's own estimate).
+Source: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, sections 2.2 and 2.4.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.flight import Array
+from sysid.live.recursive import RATE_HZ
+
+WINDOW_S = 2.5
+_MEMORY_S = 8.0
+_BEFORE_S = 3.0  # what is known counts as it was this long ago
+_RATIO = 60.0
+_SHARE = 0.25
+_EXPLAINED = 0.6
+_KNOWN = 0.15  # relative standard error of a coefficient whose change can be told
+_NOISE_MEMORY = 100.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """A coefficient that has changed. before, after: its values. time_s: since when."""
+
+    time_s: float
+    axis: str
+    coefficient: str
+    before: float
+    after: float
+
+
+class ChangeDetector:
+    """Watches one axis. names: P coefficients, the constant's among them."""
+
+    def __init__(self, axis: str, names: Sequence[str]) -> None:
+        self._axis, self._names = axis, tuple(names)
+        self.restart()
+
+    def restart(self) -> None:
+        """What is known begins anew."""
+        self._samples: deque[tuple[float, Array]] = deque(maxlen=round(_MEMORY_S * RATE_HZ))
+        self._known: deque[tuple[float, Array, Array]] = deque()
+        self._variance = np.nan
+        self._suspect = ""
+
+    def add(self, time_s: float, columns: Array) -> None:
+        """Take one decimated sample: terms, weight, left side."""
+        self._samples.append((time_s, columns))
+
+    def check(self, time_s: float, values: Array, covariance: Array) -> Change | None:
+        """What has changed by now, if anything; values, covariance: the coefficients as known now."""
+        self._known.append((time_s, values, covariance))
+        while len(self._known) > 1 and self._known[1][0] <= time_s - _BEFORE_S:
+            self._known.popleft()
+        at, theta, P = self._known[0]
+        if at > time_s - _BEFORE_S + 0.5 or len(self._samples) < RATE_HZ * WINDOW_S:
+            return None
+        times = np.array([entry[0] for entry in self._samples])
+        columns = np.array([entry[1] for entry in self._samples])
+        X, residuals = columns[:, :-2], columns[:, -1] - columns[:, :-2] @ theta
+        recent = times > time_s - WINDOW_S
+        self._learn_noise(residuals[times < time_s - _BEFORE_S])
+        if not np.isfinite(self._variance):
+            return None
+        found = self._likeliest(X[recent], residuals[recent], theta, P)
+        if found is None:
+            self._suspect = ""
+            return None
+        j, step = found
+        suspect, self._suspect = self._suspect, self._names[j]
+        if suspect != self._names[j]:
+            return None
+        since = self._since(times, X[:, j], residuals, step)
+        return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step))
+
+    def _learn_noise(self, residuals: Array) -> None:
+        if residuals.size < RATE_HZ:
+            return
+        now = float(np.mean(residuals**2))
+        self._variance = now if np.isnan(self._variance) else self._variance + (now - self._variance) / _NOISE_MEMORY
+
+    def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array) -> tuple[int, float] | None:
+        total = float(residuals @ residuals)
+        best: tuple[float, int, float] = (_RATIO, -1, 0.0)
+        for j, name in enumerate(self._names):
+            known = np.sqrt(P[j, j]) < _KNOWN * abs(theta[j])
+            if name.endswith("_0") or not known:
+                continue
+            x = X[:, j] - np.mean(X[:, j])
+            e = residuals - np.mean(residuals)
+            power = float(x @ x)
+            if power <= 0.0:
+                continue
+            step = float(x @ e) / power
+            uncertain = X.T @ x / power
+            ratio = step**2 / (self._variance / power + float(uncertain @ P @ uncertain))
+            explained = step**2 * power / max(float(e @ e), 1e-300)
+            if ratio > best[0] and abs(step) > _SHARE * abs(theta[j]) and explained > _EXPLAINED:
+                best = (ratio, j, step)
+        if best[1] < 0 or total < 4.0 * self._variance * residuals.size:
+            return None
+        return best[1], best[2]
+
+    def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
+        gain = residuals**2 - (residuals - step * x) ** 2 - self._variance
+        return float(times[int(np.argmax(np.cumsum(gain[::-1])[::-1]))])

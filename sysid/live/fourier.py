@@ -1,0 +1,34 @@
+"""The recursive finite Fourier transform: one rotation and one addition for each line and sample.
+
+X(w) += x[k] exp(-j w k T), so that the transform of all samples so far is there at any time.
+Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", AIAA-99-4043, 1999.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.flight import Array
+
+Complex = NDArray[np.complex128]
+
+
+class RecursiveFourier:
+    """Transforms of n columns at M frequencies, Hz, of samples `interval_s` apart."""
+
+    def __init__(self, frequencies_hz: Array, interval_s: float, columns: int) -> None:
+        self._step = -2j * np.pi * frequencies_hz * interval_s
+        self.count = 0
+        self.values: Complex = np.zeros((frequencies_hz.size, columns), np.complex128)
+
+    def add(self, samples: Array) -> None:
+        """Take samples (k, n) that follow those before."""
+        index = self.count + np.arange(samples.shape[0])
+        self.values += np.exp(np.outer(self._step, index)) @ samples
+        self.count += samples.shape[0]
+
+    def restart(self) -> None:
+        """Forget all samples."""
+        self.values[:] = 0.0
+        self.count = 0

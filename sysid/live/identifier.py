@@ -1,0 +1,316 @@
+"""Live identification: contract signals in as they come, what is known of the aircraft out at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim_vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.terms import parse_term
+from sim_vehicle.vehicle import Vehicle
+from sysid.coefficients import AXES
+from sysid.equations import MOMENTS
+from sysid.flight import Array
+from sysid.live.air import AirFilter, SensorError
+from sysid.live.changes import Change, ChangeDetector
+from sysid.live.equations import BIASES, LiveEquations
+from sysid.live.excitation import Coefficient, judged
+from sysid.live.recursive import Decimator, RecursiveLeastSquares
+from sysid.live.sentences import change_sentence, sensor_warnings
+from sysid.live.spectral import AxisEstimator, Estimate
+from sysid.live.thrust import LiveThrust
+from sysid.live.timebase import Rows, TimeBase
+from sysid.structure import LONGITUDINAL_AXES, default_structure, helpful_manoeuvre, usual_size
+
+_CORE = ("ax", "ay", "az", "p", "q", "r", "alpha", "airspeed", "air_density")
+_OPTIONAL = ("beta", "phi", "theta", "psi")
+_SPARSE = ("vn", "ve", "vd")
+# How long signals gather before it is settled which of them this aircraft has.
+_GATHER_S = 1.5
+# Rows are worked on in pieces of this length, which cost hardly more than one row does.
+_PIECE_S = 0.15
+_NOISE_MEMORY = 300.0  # rows
+# Sum of the squares of the fourth difference's weights: the variance of white noise in it.
+_FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+_VANES = ("alpha", "beta")
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """What is known at `time_s`. Dictionaries are by name; least_squares: value and standard error."""
+
+    time_s: float
+    coefficients: dict[str, Coefficient]
+    least_squares: dict[str, tuple[float, float]]
+    sensors: dict[str, SensorError]
+    changes: tuple[Change, ...]
+    warnings: tuple[str, ...]
+
+    def sentences(self) -> list[str]:
+        """Each change in words."""
+        return [change_sentence(change) for change in self.changes]
+
+
+@dataclass
+class _Axis:
+    """One axis of the model: its terms and everything that estimates them."""
+
+    names: tuple[str, ...]
+    estimator: AxisEstimator
+    decimator: Decimator
+    squares: RecursiveLeastSquares
+    detector: ChangeDetector
+    estimate: Estimate | None = None
+
+
+@dataclass
+class _VaneNoise:
+    """Variance of a vane's white noise, by the fourth difference, in which motion does not show."""
+
+    tail: Array = field(default_factory=lambda: np.empty(0))
+    variance: float = np.nan
+    count: int = 0
+
+    def take(self, values: Array, *, continues: bool) -> None:
+        joined = np.concatenate([self.tail, values]) if continues else values
+        self.tail = joined[-4:]
+        if joined.size < 5:
+            return
+        squares = np.convolve(joined, _FOURTH, mode="valid") ** 2 / float(_FOURTH @ _FOURTH)
+        self.count += squares.size
+        share = min(squares.size / min(self.count, _NOISE_MEMORY), 1.0)
+        mean = float(np.mean(squares))
+        self.variance = mean if np.isnan(self.variance) else self.variance + share * (mean - self.variance)
+
+
+class LiveIdentifier:
+    """Coefficients of all six axes while samples come. vehicle: what is known before the flight."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        surfaces = [DEFLECTION_SIGNALS[name] for name in vehicle.controls if name != "throttle"]
+        self._surfaces = tuple(surfaces)
+        self._names = default_structure(surfaces)
+        self._thrust = LiveThrust(vehicle.propulsion)
+        self._base: TimeBase | None = None
+        self._waiting: list[Mapping[str, tuple[Array, Array]]] = []
+        self._seen: dict[str, float] = {}
+        self._begun: float | None = None
+        self._refused: dict[str, tuple[str, str]] = {}
+        self._axes: dict[str, _Axis] = {}
+        self._equations: LiveEquations | None = None
+        self._air = AirFilter(vehicle.environment.gravity)
+        self._noise = {name: _VaneNoise() for name in _VANES}
+        self._changes: list[Change] = []
+        self._sparse: dict[str, list[tuple[float, float]]] = {name: [] for name in _SPARSE}
+        self._worked = -np.inf
+        self.time_s = -np.inf
+
+    def take(self, samples: Mapping[str, tuple[Array, Array]]) -> None:
+        """Take samples as they come: signal -> stamps (s) and values (SI). Late and repeated ones are left out."""
+        for name, (time_s, values) in samples.items():
+            if not time_s.size:
+                continue
+            self._seen[name] = float(time_s[-1])
+            if name in self._sparse:
+                self._sparse[name] += zip(time_s.tolist(), values.tolist(), strict=True)
+        if self._base is None:
+            self._waiting.append(samples)
+            if "az" in samples and self._begun is None:
+                self._begun = float(samples["az"][0][0])
+            if self._begun is None or self._seen.get("az", -np.inf) < self._begun + _GATHER_S:
+                return
+            self._settle()
+            return
+        self._base.add(samples)
+        if self._seen.get("az", -np.inf) > self._worked + _PIECE_S:
+            self._work()
+
+    def report(self) -> LiveReport:
+        """What is known now, by all samples that have come."""
+        if self._base is not None:
+            self._work()
+        for axis, one in self._axes.items():
+            self._update(axis, one)
+        errors = self._air.errors() if self._air.rows else {}
+        coefficients = dict(self._unknown())
+        squares = {}
+        for axis, one in self._axes.items():
+            if one.estimate is not None:
+                for i, _ in enumerate(one.names):
+                    value, std = self._corrected(axis, one, one.estimate, i, errors)
+                    coefficients[one.names[i]] = judged(one.estimate, i, value, std)
+            for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True):
+                if std < usual_size(name):
+                    squares[name] = (float(value), float(std))
+        ordered = {name: coefficients[name] for name in self._names if name in coefficients}
+        told = {name: error for name, error in errors.items() if error.told}
+        warnings = (*sensor_warnings(told), *self._lost())
+        return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings)
+
+    def _settle(self) -> None:
+        """Decide by the first seconds which signals this aircraft has, and so which axes can be estimated."""
+        there = set(self._seen)
+        missing = [name for name in _CORE if name not in there]
+        moment_only = self._thrust.source(there) is None
+        lateral = "beta" in there
+        for name in self._names:
+            term = parse_term(name)
+            lost = [factor for factor in term.factors if factor in self._surfaces and factor not in there]
+            if missing:
+                self._refused[name] = (f"there is no {', '.join(missing)}", "")
+            elif term.axis not in LONGITUDINAL_AXES and not lateral:
+                self._refused[name] = ("there is no sideslip vane (beta)", "")
+            elif term.axis in ("CL", "CD") and moment_only:
+                self._refused[name] = ("thrust is neither measured nor told by [propulsion]", "")
+            elif lost:
+                self._refused[name] = (f"there is no {', '.join(lost)}: its servo's output does not come", "")
+        if missing:
+            # Once more a while later: a sensor may be switched on after the radio.
+            self._begun = self._seen["az"]
+            self._waiting.clear()
+            return
+        names = [name for name in self._names if name not in self._refused]
+        thrust = self._thrust.source(there)
+        needed = [*_CORE, *(name for name in _OPTIONAL if name in there)]
+        needed += [name for name in (*self._surfaces, thrust or "") if name in there]
+        self._base = TimeBase(list(dict.fromkeys(needed)))
+        grouped = {axis: [parse_term(name) for name in names if name.startswith(f"{axis}_")] for axis in AXES}
+        terms = {axis: chosen for axis, chosen in grouped.items() if chosen}
+        self._equations = LiveEquations(self._vehicle, terms, self._thrust.moving_mass)
+        for samples in self._waiting:
+            self._base.add(samples)
+        self._waiting.clear()
+        self._work()
+
+    def _make_axes(self, interval_s: float) -> None:
+        assert self._equations is not None
+        for axis, terms in self._equations.terms.items():
+            names = tuple(term.name for term in terms)
+            noisy = [term.factors[0] if term.factors in (("alpha",), ("beta",)) else "" for term in terms]
+            scales = np.array([usual_size(name) for name in names])
+            self._axes[axis] = _Axis(
+                names,
+                AxisEstimator(names, noisy, interval_s, BIASES.get(axis, ())),
+                Decimator(interval_s, len(names) + len(BIASES.get(axis, ())) + 2),
+                RecursiveLeastSquares(scales),
+                ChangeDetector(axis, names),
+            )
+
+    def _work(self) -> None:
+        assert self._base is not None
+        assert self._equations is not None
+        self._worked = self._seen["az"]
+        for rows in self._base.rows():
+            rows = self._thrust.added(rows)
+            if not self._axes:
+                self._make_axes(rows.interval_s)
+            self.time_s = float(rows.time_s[-1])
+            for name in _VANES:
+                if name in rows.columns:
+                    self._noise[name].take(rows.columns[name], continues=rows.continues)
+            self._filter(rows)
+            time_s, sides = self._equations.take(rows)
+            for axis, columns in sides.items():
+                self._add(self._axes[axis], time_s, columns, rows.continues)
+
+    def _add(self, axis: _Axis, time_s: Array, columns: Array, continues: bool) -> None:
+        if not continues:
+            axis.decimator.restart()
+        axis.estimator.add(columns)
+        filtered, places = axis.decimator.take(columns)
+        constant = [i for i, name in enumerate(axis.names) if name.endswith("_0")]
+        for at, row in zip(time_s[places].tolist(), filtered, strict=True):
+            x = row[: len(axis.names)].copy()
+            x[constant] = row[-2]
+            axis.squares.add(x, float(row[-1]))
+            axis.detector.add(at, np.append(x, row[-2:]))
+
+    def _filter(self, rows: Rows) -> None:
+        """Wind and sensor errors, where attitude is known."""
+        if not rows.continues:
+            self._air.restart_motion()
+        columns = rows.columns
+        if any(name not in columns for name in ("phi", "theta", "psi")):
+            return
+        assert self._equations is not None
+        corrected = self._equations.corrected(columns)
+        noise = self._vane_noise()
+        names = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "V", "alpha")
+        table = {name: corrected[name].tolist() for name in names}
+        beta = corrected.get("beta")
+        for k, at in enumerate(rows.time_s.tolist()):
+            row = {name: values[k] for name, values in table.items()}
+            row["beta"] = float(beta[k]) if beta is not None else np.nan
+            for name, found in self._sparse.items():
+                row[name] = np.nan
+                while found and found[0][0] <= at + 0.5 * rows.interval_s:
+                    stamp, value = found.pop(0)
+                    if stamp > at - 0.1:
+                        row[name] = value
+            self._air.take(row, rows.interval_s, noise)
+
+    def _vane_noise(self) -> dict[str, float]:
+        return {name: one.variance for name, one in self._noise.items() if np.isfinite(one.variance)}
+
+    def _update(self, axis: str, one: _Axis) -> None:
+        errors = self._air.errors() if self._air.rows else {}
+        # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
+        biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
+        one.estimate = one.estimator.estimate(self._vane_noise(), biases)
+        if one.estimate is None:
+            return
+        assert self._equations is not None
+        if axis in MOMENTS:
+            values, std = one.estimate.values, one.estimate.std
+            good = {n: v for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
+            self._equations.learn_jumps(good)
+        change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance)
+        if change is not None:
+            self._changes.append(change)
+            one.estimator.restart()
+            one.detector.restart()
+            one.estimate = None
+
+    def _corrected(
+        self, axis: str, one: _Axis, estimate: Estimate, index: int, errors: Mapping[str, SensorError]
+    ) -> tuple[float, float]:
+        """A coefficient and its standard error, with what the live sensor errors make of it."""
+        value, variance = float(estimate.values[index]), float(estimate.covariance[index, index])
+        factors = parse_term(one.names[index]).factors
+        for vane in _VANES:
+            error = errors.get(f"{vane}_scale")
+            if factors == (vane,) and error is not None and error.told:
+                variance = variance * (1.0 + error.value) ** 2 + (value * error.std) ** 2
+                value *= 1.0 + error.value
+        if not factors and errors:
+            shift, doubt = self._bias_in_constant(axis, one, errors)
+            value, variance = value + shift, variance + doubt
+        return value, float(np.sqrt(max(variance, 0.0)))
+
+    def _bias_in_constant(self, axis: str, one: _Axis, errors: Mapping[str, SensorError]) -> tuple[float, float]:
+        """What takes the vanes' biases off a constant, and the variance that their errors leave."""
+        gains: dict[str, float] = {}
+        assert one.estimate is not None
+        for vane in _VANES:
+            if f"{axis}_{vane}" in one.names:
+                gains[f"{vane}_bias"] = float(one.estimate.values[one.names.index(f"{axis}_{vane}")])
+        shift = sum(gain * errors[name].value for name, gain in gains.items())
+        doubt = sum((gain * errors[name].std) ** 2 for name, gain in gains.items())
+        return shift, doubt
+
+    def _unknown(self) -> dict[str, Coefficient]:
+        """Every coefficient before anything is known of it."""
+        found = {}
+        for name in self._names:
+            why, fly = self._refused.get(name, ("the flight has only begun", helpful_manoeuvre(name)))
+            found[name] = Coefficient(name, np.nan, np.inf, False, why, fly)
+        return found
+
+    def _lost(self) -> list[str]:
+        if self._base is None:
+            return []
+        missing = self._base.missing()
+        return [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []

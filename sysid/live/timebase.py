@@ -1,0 +1,151 @@
+"""Samples that come as they come -> rows on the stamps of the accelerometer.
+
+A row is made once every signal has reached its stamp, or when the accelerometer is so far ahead that the others will
+hardly come any more. A lost sample of the accelerometer is interpolated; a longer gap begins a new run of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.flight import Array
+from sysid.timebase import ANGLES, GAP_S, is_held
+
+BASE = "az"
+# How far the accelerometer may run ahead of a signal before the row is made without it.
+_PATIENCE_S = 0.08
+_FIRST_SAMPLES = 12
+_KEPT_S = 1.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """N rows without gaps. time_s: (N,). columns: name -> (N,). continues: whether the first one follows the last."""
+
+    interval_s: float
+    time_s: Array
+    columns: dict[str, Array]
+    continues: bool
+
+
+@dataclass
+class _Track:
+    """The last samples of one signal."""
+
+    time_s: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty(0))
+    gap_s: float = GAP_S
+
+    def add(self, time_s: Array, values: Array, *, angle: bool) -> None:
+        fresh = time_s > self.newest
+        if not fresh.all():
+            time_s, values = time_s[fresh], values[fresh]
+        if angle and values.size:
+            before = self.values[-1:] if self.values.size else values[:1]
+            values = np.unwrap(np.concatenate([before, values]))[1:]
+        self.time_s = np.concatenate([self.time_s, time_s])
+        self.values = np.concatenate([self.values, values])
+        if self.gap_s == GAP_S and self.time_s.size > _FIRST_SAMPLES:
+            self.gap_s = max(GAP_S * 1.001, 2.5 * float(np.median(np.diff(self.time_s))))
+
+    @property
+    def newest(self) -> float:
+        return float(self.time_s[-1]) if self.time_s.size else -np.inf
+
+    def trim(self, before_s: float) -> None:
+        first = max(int(np.searchsorted(self.time_s, before_s)) - 1, 0)
+        if first:
+            self.time_s, self.values = self.time_s[first:], self.values[first:]
+
+    def at(self, stamps: Array, *, held: bool) -> Array:
+        """(N,) values at the stamps, NaN where no sample is near."""
+        if not self.time_s.size:
+            return np.full(stamps.size, np.nan)
+        after = np.searchsorted(self.time_s, stamps + 1e-6, side="right")
+        before = np.maximum(after - 1, 0)
+        values = self.values[before] if held else np.interp(stamps, self.time_s, self.values)
+        upper = self.time_s[np.minimum(after, self.time_s.size - 1)]
+        lower = self.time_s[before]
+        inside = (after > 0) & ((upper - lower <= self.gap_s) | (stamps - lower <= 1e-6))
+        near = (after == self.time_s.size) & (stamps - lower <= self.gap_s)
+        return np.where(inside & (after < self.time_s.size) | near, values, np.nan)
+
+
+class TimeBase:
+    """Makes rows of the `needed` signals, which must all be there, and of `others`, which may be NaN."""
+
+    def __init__(self, needed: Sequence[str], others: Sequence[str] = ()) -> None:
+        self._needed = tuple(needed)
+        self._tracks = {name: _Track() for name in (*needed, *others, BASE)}
+        self.interval_s: float | None = None
+        self._last = -np.inf
+
+    def add(self, samples: Mapping[str, tuple[Array, Array]]) -> None:
+        """Take samples: name -> stamps (s, ascending) and values. Signals nobody asked for are left out."""
+        for name, (time_s, values) in samples.items():
+            if name in self._tracks:
+                self._tracks[name].add(time_s, values, angle=name in ANGLES)
+
+    def missing(self) -> list[str]:
+        """Needed signals of which nothing has come, or nothing lately."""
+        now = self._tracks[BASE].newest
+        return [name for name in self._needed if self._tracks[name].newest < now - 10.0 * GAP_S]
+
+    def rows(self) -> list[Rows]:
+        """The rows that are complete now, cut at gaps."""
+        base = self._tracks[BASE]
+        if self.interval_s is None:
+            if base.time_s.size < _FIRST_SAMPLES:
+                return []
+            self.interval_s = float(np.median(np.diff(base.time_s)))
+        present = [self._tracks[name].newest for name in self._needed if self._tracks[name].time_s.size]
+        ready = max(min(present, default=-np.inf), base.newest - _PATIENCE_S)
+        stamps = base.time_s[(base.time_s > self._last + 1e-6) & (base.time_s <= ready + 1e-6)]
+        if not stamps.size:
+            return []
+        stamps = self._filled(stamps)
+        columns = {name: track.at(stamps, held=is_held(name)) for name, track in self._tracks.items()}
+        pieces = self._cut(stamps, columns)
+        self._last = float(stamps[-1])
+        for track in self._tracks.values():
+            track.trim(self._last - _KEPT_S)
+        return pieces
+
+    def _filled(self, stamps: Array) -> Array:
+        """With the stamps of single lost samples put in."""
+        assert self.interval_s is not None
+        whole = np.concatenate([[self._last], stamps]) if np.isfinite(self._last) else stamps
+        steps = np.diff(whole)
+        short = (steps > 1.5 * self.interval_s) & (steps <= GAP_S)
+        if not short.any():
+            return stamps
+        extra = [
+            np.linspace(whole[i], whole[i + 1], round(steps[i] / self.interval_s) + 1)[1:-1]
+            for i in np.flatnonzero(short)
+        ]
+        return np.sort(np.concatenate([stamps, *extra]))
+
+    def _cut(self, stamps: Array, columns: dict[str, Array]) -> list[Rows]:
+        assert self.interval_s is not None
+        good = np.logical_and.reduce([np.isfinite(columns[name]) for name in self._needed])
+        follows = np.diff(stamps, prepend=self._last) <= 1.5 * self.interval_s
+        pieces: list[Rows] = []
+        start = 0
+        while start < stamps.size:
+            if not good[start]:
+                start += 1
+                continue
+            stop = start + 1
+            while stop < stamps.size and good[stop] and follows[stop]:
+                stop += 1
+            continues = bool(follows[start]) and start == 0 and self._unbroken
+            part = {name: values[start:stop] for name, values in columns.items()}
+            pieces.append(Rows(self.interval_s, stamps[start:stop], part, continues))
+            start = stop
+        self._unbroken = bool(good[-1])
+        return pieces
+
+    _unbroken = False
