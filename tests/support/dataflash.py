@@ -11,6 +11,10 @@ LETTERS = {
     **{"n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B"},
 }
 SCALES = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
+BOOT_US = 80_000_000
+# 2024-06-01 12:00:00 UTC, a Saturday, is GPS week 2316, 6 d 12 h 0 min 18 s into it.
+WEEK, WEEK_MS = 2316, (6 * 86_400 + 12 * 3_600 + 18) * 1000
+UTC_US = 1_717_243_200_000_000
 
 
 class DataflashWriter:
@@ -45,3 +49,48 @@ class DataflashWriter:
     def add(self, name: str, *values: float | str) -> None:
         """Append one message."""
         self.data += self.message(name, *values)
+
+
+def a_log(seconds: float = 4.0) -> DataflashWriter:
+    """A plane that rolls, at 50 Hz, with GPS, barometer and airspeed."""
+    log = DataflashWriter()
+    log.declare("PARM", "QNf", "TimeUS,Name,Value")
+    log.declare("MSG", "QZ", "TimeUS,Message")
+    log.declare("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.declare("ATT", "QccccC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,Yaw")
+    log.declare("ARSP", "QBffcffBB", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,Offset,U,H")
+    log.declare("BARO", "QBffcf", "TimeUS,I,Alt,Press,Temp,CRt")
+    log.declare("GPS", "QBIHBcLLeffffB", "TimeUS,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U")
+    log.declare("RCOU", "QHHHH", "TimeUS,C1,C2,C3,C4")
+    log.declare("AOA", "Qff", "TimeUS,AOA,SSA")
+    log.declare("RPM", "Qff", "TimeUS,rpm1,rpm2")
+    log.declare("EV", "QB", "TimeUS,Id")
+    log.declare("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn")
+    log.declare("ODD", "Qf", "TimeUS,Secret")
+    log.add("PARM", BOOT_US, "SYSID_THISMAV", 7.0)
+    log.add("PARM", BOOT_US, "TRIM_ARSPD_CM", 1500.0)
+    log.add("MSG", BOOT_US, "ArduPlane V4.5.1 (deadbeef) and more than fifty letters")
+    log.add("MODE", BOOT_US, 5, 5, 0)
+    for i in range(round(50 * seconds)):
+        now = BOOT_US + 20_000 * i
+        t = 0.02 * i
+        log.add("IMU", now, 0, 0.1 * t, -0.2, 0.3, 0.5, -0.25, -9.75 + t)
+        log.add("IMU", now + 5, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)
+        log.add("ATT", now + 10, 0.0, 10.0 * t, 0.0, -2.5, 350.0)
+        log.add("RCOU", now + 20, 1500 + i, 1400, 1100, 1600)
+        log.add("AOA", now + 30, 3.0, -1.0)
+        log.add("RPM", now + 40, 5000.0 + i, 0.0)
+        if i % 5 == 0:
+            log.add("ARSP", now + 50, 0, 15.5, 147.0, 21.0, 150.0, 3.0, 1, 1)
+            log.add("BARO", now + 60, 0, 12.0, 94_144.25, 15.5, 0.0)
+            log.add("BARO", now + 61, 1, 12.0, 1.0, 1.0, 0.0)
+            log.add("ODD", now + 70, 42.0)
+        if i % 10 == 0:
+            elapsed = (now - BOOT_US) // 1000
+            place = (-35.3626277, 149.1653034, 588.82, 12.5, 90.0)
+            log.add("GPS", now, 3, WEEK_MS + elapsed, WEEK, 11, 0.77, *place, -0.5, 0.0, 1)
+        if i == 50:
+            log.add("EV", now + 80, 10)
+        if i == 150:
+            log.add("EV", now + 80, 11)
+    return log

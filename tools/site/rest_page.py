@@ -20,8 +20,8 @@ _METHODS = ("get", "post", "put", "patch", "delete")
 _HEAD = """# REST
 
 Generated from the service's own description ([openapi.json](openapi.json)), which a running service gives at
-`/openapi.json`. Errors are `application/problem+json` with `title`, `status` and `detail`.
-With a token (`GCS_TOKEN` or `--token-file`) every address but `/`, `/docs`, `/openapi.json` and `/api/health` asks for
+`/openapi.json`. How to use it: [REST with curl](../howto/rest.md). Errors are `application/problem+json` with `title`,
+`status` and `detail`. With a token (`GCS_TOKEN` or `--token-file`) every address that tells of flights asks for
 `Authorization: Bearer TOKEN`.
 """
 
