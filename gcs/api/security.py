@@ -14,6 +14,8 @@ from gcs.settings import is_loopback
 
 # The page and the description of the interface hold no data; all else is closed unless it is named here.
 _OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json", "/api/health"})
+# The scripts and styles of /docs lie behind this.
+DESCRIPTION_FILES = "/docs-files"
 
 
 class Guard:
@@ -45,7 +47,7 @@ class Guard:
             if is_loopback(host.hostname or ""):
                 return None
             return 403, "without a token the service answers only to localhost; set GCS_TOKEN to serve others"
-        if scope["path"] in _OPEN_PATHS or scope["path"].startswith(PREFIX):
+        if scope["path"] in _OPEN_PATHS or scope["path"].startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
             return None
         scheme, _, given = headers.get("authorization", "").partition(" ")
         right = hmac.compare_digest(given.strip().encode(), self._token.encode())
