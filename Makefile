@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
+.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
 
 setup: $(VENV)/.ready
 
@@ -38,7 +38,12 @@ $(VENV)/.interop: $(VENV)/.ready
 	touch $@
 
 interop: $(VENV)/.interop $(VENV)/.docs
+	@command -v chromium >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium)
 	$(BIN)/python -m pytest tests/interop
+
+# The pictures of docs/page.md, made anew by the browser tests.
+page-pictures: $(VENV)/.interop
+	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py
 
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'

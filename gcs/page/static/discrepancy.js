@@ -100,6 +100,7 @@ async function gapBars(place, gap, signal) {
     }
     await level(figure, 1)
     legendAbove(figure)
+    figure.xaxes.forEach(axis => { axis.major_label_orientation = Math.PI / 2 })
     const last = drawn.at(-1)
     const worst = names.reduce((a, b) => (ratio(last, a) ?? 0) > (ratio(last, b) ?? 0) ? a : b)
     place.append(await shown(figure, `${USES[use] ?? use}: ${drawn.map(stage => `${STAGES[stage]} up to `

@@ -38,7 +38,7 @@ export function bars(entries, from0 = true) {
 
 const between = entry => {
   const ends = interval(entry)
-  return ends ? ends.map(end => estimate(end, entry.std)).join(' … ') : NONE
+  return ends ? ends.map(end => estimate(end, entry.std)).join('\u00a0…\u00a0') : NONE
 }
 
 /** Every coefficient told, with 95 % interval, relative and systematic error. */

@@ -33,7 +33,7 @@ export function estimate(value, std) {
 }
 
 /** value ± standard error. */
-export const plusMinus = entry => entry.std > 0 ? `${estimate(entry.value, entry.std)} ± ${number(entry.std, 2)}`
+export const plusMinus = entry => entry.std > 0 ? `${estimate(entry.value, entry.std)}\u00a0±\u00a0${number(entry.std, 2)}`
   : number(entry.value, 4)
 
 /** The 95 % interval of an estimate; null where it has none. */

@@ -22,8 +22,8 @@ export class Instruments {
     this.ground = svg('g', {}, svg('rect', { x: -300, y: 0, width: 600, height: 400, class: 'earth' }),
       svg('path', { d: 'M-300 0H300', class: 'skyline' }),
       [-30, -20, -10, 10, 20, 30].map(angle => svg('path', { d: `M-18 ${-PER_DEGREE * angle}h36`, class: 'ladder' })))
-    this.picture = svg('svg', { viewBox: '-100 -75 200 150', role: 'img', class: 'horizon', 'aria-label': 'Attitude: not known' },
-      svg('rect', { x: -100, y: -75, width: 200, height: 150, class: 'sky' }), this.ground,
+    this.picture = svg('svg', { viewBox: '-100 -75 200 150', preserveAspectRatio: 'xMidYMid slice', role: 'img', class: 'horizon', 'aria-label': 'Attitude: not known' },
+      svg('rect', { x: -300, y: -400, width: 600, height: 800, class: 'sky' }), this.ground,
       svg('path', { d: 'M-60 0h35l10 12M60 0h-35l-10 12M-3 0h6', class: 'aircraft' }))
     this.element = h('div', { class: 'instruments' }, this.picture,
       h('dl', { class: 'tiles' }, this.tiles.map(tile => tile.element)))

@@ -46,7 +46,7 @@ class LiveView {
     this.identification = new Identification(signal)
     this.links = h('div', {})
     this.data = { state: 'waiting', time_s: null }
-    this.said = new Set()
+    this.stateEvents = 0
   }
 
   /** Take an object of GET /api/live. */
@@ -106,7 +106,10 @@ class LiveView {
       event: (name, data) => {
         if (name === 'signals') this.signals(data)
         else if (name === 'estimate') this.estimate(data)
-        else if (name === 'state') this.state(data)
+        else if (name === 'state') {
+          this.stateEvents += 1
+          this.state(data)
+        }
       },
       state: reason => reason ? this.disconnected(reason) : this.connected(),
     }).catch(error => {
@@ -123,8 +126,12 @@ class LiveView {
     if (this.broken) announce('Connected to the ground station again')
     this.broken = false
     this.instruments.stale(false)
+    const before = this.stateEvents
     try {
-      this.take(await get('/api/live', this.signal))
+      const newest = await get('/api/live', this.signal)
+      // An event that came while this answer was under way is newer than the answer.
+      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight })
+      this.take(newest)
     } catch (error) {
       if (!this.signal.aborted) this.disconnected(error.message)
     }

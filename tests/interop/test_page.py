@@ -1,0 +1,241 @@
+"""The page in Chromium: live while the simulator flies, lost and found, a log taken in, results as REST tells them."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from browser import SIZES, Visitor, chromium
+from node_reader import NodeReader
+from playwright.sync_api import Browser
+from processes import TIMEOUT_S, free_port, run, start
+from traffic import wait_until
+
+FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
+DEMO_S = 900.0
+
+
+@dataclass
+class Ground:
+    """The service on a port that stays its own when it is stopped and started again."""
+
+    data: Path
+    http: int
+    udp: int
+    token: str = ""
+    process: subprocess.Popen[str] | None = field(default=None, repr=False)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.http}"
+
+    def get(self, path: str) -> Any:
+        return httpx.get(self.url + path, timeout=60).raise_for_status().json()
+
+    def start(self) -> None:
+        command = ("serve", "--port", self.http, "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", "iitb-mav",
+                   "--data", self.data, "--silence", 3, "--no-identify")  # fmt: skip
+        self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline().startswith("serving on ")
+
+    def stop(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=TIMEOUT_S)
+        assert self.process.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Flights and results of `gcs demo`: two flights identified, two of an aircraft that hides a stall.
+
+    The variable DEMO_OUTPUT may name the folder of an earlier run.
+    """
+    kept = os.environ.get("DEMO_OUTPUT")
+    folder = Path(kept) if kept else tmp_path_factory.mktemp("demo")
+    if not (folder / "discrepancy.json").exists():
+        demo = start("gcs", ["demo", "--data", folder])
+        _, error = demo.communicate(timeout=DEMO_S)
+        assert demo.returncode == 0, error
+    return folder / "service"
+
+
+@pytest.fixture(scope="module")
+def ground(data: Path) -> Iterator[Ground]:
+    made = Ground(data, free_port(), free_port())
+    made.start()
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(params=list(SIZES))
+def visitor(request: pytest.FixtureRequest, browser: Browser, ground: Ground, node: NodeReader) -> Iterator[Visitor]:
+    made = Visitor(browser, ground.url, node.folder / "node_modules" / "axe-core" / "axe.min.js", request.param)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def flying(ground: Ground) -> Iterator[None]:
+    """A vehicle that flies in real time until the test is over."""
+    simulator = start("sim-vehicle", [*FLY, "--duration", 600, "--out", f"udpout:127.0.0.1:{ground.udp}"])
+    with simulator:
+        try:
+            yield
+        finally:
+            simulator.kill()
+            simulator.communicate(timeout=TIMEOUT_S)
+
+
+def flight_with(ground: Ground, kind: str) -> str:
+    """The flight that has a result of that kind."""
+    return next(str(model["flight_id"]) for model in ground.get("/api/models") if model["kind"] == kind)
+
+
+def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground, flying: None) -> None:
+    visitor.open("#/live")
+    visitor.wait_for_text(".banner", "Live: flight")
+    visitor.wait_for_plots(3)
+    shown = wait_until(lambda: re.search(r"\d+\.\d", visitor.text(".tile >> nth=0")))
+    assert float(shown[0]) == pytest.approx(ground.get("/api/live")["signals"]["airspeed"]["value"], abs=4.0)
+    (link,) = ground.get("/api/links")
+    assert link["url"] in visitor.text("main")
+    visitor.page.wait_for_timeout(15_000 if os.environ.get("PAGE_PICTURES") else 1000)
+    visitor.check("live")
+    ground.stop()
+    visitor.wait_for_text(".banner", "connection to the ground station is lost")
+    visitor.check("lost")
+    ground.start()
+    visitor.wait_for_text(".banner", "Live: flight")
+    visitor.check()
+
+
+def test_a_silent_vehicle_is_told(visitor: Visitor, ground: Ground) -> None:
+    visitor.open("#/live")
+    wait_until(lambda: ground.get("/api/live")["state"] != "live")
+    visitor.wait_for_text(".banner", "links below")
+    visitor.check()
+
+
+def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_path: Path) -> None:
+    log = tmp_path / "a <b>log.tlog"
+    done = run("sim-vehicle", "fly", "--manoeuvre", "elevator-3211", "--seed", 6, "--record", log)
+    assert done.returncode == 0, done.stderr
+    visitor.open("#/flights")
+    visitor.check("flights")
+    broken = tmp_path / "notes.tlog"
+    broken.write_bytes(b"no telemetry" * 100)
+    visitor.page.set_input_files("input[type=file]", broken)
+    visitor.page.click("button.main")
+    visitor.wait_for_text("main", "notes.tlog was not taken:")
+    visitor.page.set_input_files("input[type=file]", log)
+    visitor.page.click("button.main")
+    visitor.wait_for_text("main", f"{log.name} is in the list")
+    visitor.page.click("text=open it")
+    visitor.wait_for_plots(5)
+    assert log.name in visitor.text("h1")
+    assert visitor.page.locator("main b").count() == 0
+    visitor.check("flight")
+    visitor.page.select_option("select >> nth=0", "ee")
+    visitor.page.click("button:text-is('Identify')")
+    visitor.page.click("a:text-is('See the result')")
+    visitor.wait_for_plots(4)
+    newest = ground.get("/api/models")[0]
+    value = ground.get(f"/api/models/{newest['id']}")["coefficients"]["CL_alpha"]["value"]
+    assert f"{value:.2f}" in visitor.text("tr:has(code:text-is('CL_alpha'))")
+    visitor.check()
+
+
+def test_zooming_asks_for_what_is_seen(visitor: Visitor, ground: Ground) -> None:
+    visitor.open(f"#/flights/{flight_with(ground, 'identify')}?signals=q")
+    visitor.wait_for_plots(1)
+    whole = visitor.text("output")
+    with visitor.page.expect_response(lambda answer: "/signals?" in answer.url) as asked:
+        visitor.page.click("button[aria-label='Zoom in']")
+    series = asked.value.json()["signals"]["q"]
+    wait_until(lambda: visitor.text("output") != whole)
+    low, high = (float(number) for number in re.findall(r"[\d.]+", visitor.text("output")))
+    assert low - 0.1 * (high - low) < series["time"][0] < series["time"][-1] < high + 0.1 * (high - low)
+    assert visitor.page.evaluate("location.hash").count("start=") == 1
+
+
+def test_a_model_stands_there_with_its_error_bars(visitor: Visitor, ground: Ground) -> None:
+    flight = flight_with(ground, "identify")
+    visitor.open(f"#/flights/{flight}/model")
+    visitor.wait_for_plots(4)
+    result = ground.get(f"/api/flights/{flight}/identification")
+    assert visitor.page.locator("table:has-text('Coefficients.') tbody tr").count() == len(
+        [entry for entry in result["model"]["coefficients"].values() if "value" in entry]
+    )
+    assert result["validation"]["reason"] in visitor.text(".remark")
+    with visitor.page.expect_download() as download:
+        visitor.page.click("text=Model (JSON)")
+    assert '"model/1"' in Path(download.value.path()).read_text(encoding="utf-8").replace(" ", "")
+    visitor.check("model")
+
+
+def test_a_discrepancy_is_told_in_a_sentence_and_bars(visitor: Visitor, ground: Ground) -> None:
+    flight = flight_with(ground, "discrepancy")
+    visitor.open(f"#/flights/{flight}/discrepancy")
+    visitor.wait_for_plots(4)
+    result = ground.get(f"/api/flights/{flight}/discrepancy")
+    assert result["sentence"] in visitor.text(".remark")
+    assert all(effect["name"] in visitor.text("table >> nth=0") for effect in result["effects"])
+    visitor.page.locator("h2:text-is('The gap')").scroll_into_view_if_needed()
+    visitor.check("discrepancy")
+
+
+def test_two_models_and_two_flights_are_compared(visitor: Visitor, ground: Ground) -> None:
+    visitor.open("#/compare")
+    visitor.wait_for_text("table", "CL_alpha")
+    visitor.wait_for_plots(1)
+    visitor.check("compare")
+
+
+def test_the_keyboard_reaches_the_views_and_the_focus_follows(visitor: Visitor) -> None:
+    visitor.open("#/live")
+    assert visitor.page.evaluate("document.activeElement.tagName") == "H1"
+    visitor.page.focus("a[href='#/flights']")
+    visitor.page.keyboard.press("Enter")
+    visitor.wait_for_text("h1", "Flights")
+    wait_until(lambda: visitor.page.evaluate("document.activeElement.textContent") == "Flights")
+    assert visitor.page.title() == "Flights – Ground station"
+    assert visitor.text("nav [aria-current]") == "Flights"
+
+
+def test_a_token_is_asked_for_and_kept(browser: Browser, node: NodeReader, tmp_path: Path) -> None:
+    guarded = Ground(tmp_path, free_port(), free_port(), token="token-of-the-browser-test")
+    guarded.start()
+    visitor = Visitor(browser, guarded.url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "phone")
+    try:
+        visitor.open("#/flights")
+        assert visitor.text("h1") == "Token needed"
+        visitor.check("token")
+        visitor.page.fill("input[type=password]", "not the right token")
+        visitor.page.click("button:text-is('Open')")
+        visitor.wait_for_text("[role=alert]", "did not accept")
+        visitor.page.fill("input[type=password]", guarded.token)
+        visitor.page.click("button:text-is('Open')")
+        visitor.wait_for_text("main", "There is no flight yet")
+        visitor.check()
+        visitor.open("#/live")
+        visitor.wait_for_text(".banner", "Waiting for the first message")
+        visitor.check()
+    finally:
+        visitor.close()
+        guarded.stop()
