@@ -151,13 +151,18 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     assert log.name in visitor.text("h1")
     assert visitor.page.locator("main b").count() == 0
     visitor.check("flight")
+    visitor.page.click("summary:text-is('More settings')")
     visitor.page.select_option("select >> nth=0", "ee")
     visitor.page.click("button:text-is('Identify')")
     visitor.page.click("a:text-is('See the result')")
     visitor.wait_for_plots(4)
     newest = ground.get("/api/models")[0]
-    value = ground.get(f"/api/models/{newest['id']}")["coefficients"]["CL_alpha"]["value"]
-    assert f"{value:.2f}" in visitor.text("tr:has(code:text-is('CL_alpha'))")
+    entry = ground.get(f"/api/models/{newest['id']}")["coefficients"]["CL_alpha"]
+    told = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")[1].split("\xa0±\xa0")
+    assert [float(number) for number in told] == [
+        pytest.approx(entry["value"], abs=0.1 * entry["std"]),
+        pytest.approx(entry["std"], rel=0.05),
+    ]
     visitor.check()
 
 
