@@ -85,7 +85,21 @@ class LiveView {
   signals(event) {
     this.data.time_s = event.time_s
     this.instruments.show(event.signals)
-    this.plots.add(event)
+    if (this.plots.knows(event.signals)) this.plots.add(event)
+    else this.askUnits()
+  }
+
+  /** Events carry no units, the snapshot does. */
+  async askUnits() {
+    if (this.asking) return
+    this.asking = true
+    try {
+      this.plots.units((await get('/api/live', this.signal)).signals)
+    } catch (error) {
+      if (!this.signal.aborted) announce(error.message)
+    } finally {
+      this.asking = false
+    }
   }
 
   estimate(found, why) {

@@ -7,7 +7,6 @@ import { keepQuery } from './router.js'
 
 const WINDOW_S = 60
 const EVERY_MS = 200
-const RAD = new Set(['alpha', 'beta', 'phi', 'theta', 'psi', 'de', 'da', 'dr', 'p', 'q', 'r', 'alpha2', 'beta2'])
 const USUAL = [['airspeed'], ['alpha', 'beta'], ['phi', 'theta']]
 
 /** Plots of airspeed, flow angles and attitude, and of the signals that the user chooses. */
@@ -26,6 +25,11 @@ export class LivePlots {
   /** Units by signal, as GET /api/live tells them. */
   units(signals) {
     for (const [name, entry] of Object.entries(signals)) this.unitOf[name] = entry.unit
+  }
+
+  /** Whether the units of all these signals are known. */
+  knows(signals) {
+    return Object.keys(signals).every(name => name in this.unitOf)
   }
 
   /** Take an event of signals. */
@@ -59,7 +63,7 @@ export class LivePlots {
   }
 
   shownUnit(name) {
-    return shownUnit(this.unitOf[name] ?? (RAD.has(name) ? 'rad' : ''))
+    return shownUnit(this.unitOf[name])
   }
 
   /** The panels that the signals at hand make. */
