@@ -9,6 +9,7 @@ absorbed. All by filter error, in calm air too: a model that lacks something sti
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -34,10 +35,11 @@ from sysid.location import locate
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
-from sysid.search import Named, Search, extend, sharpen
+from sysid.search import Named, Search, extend, settle, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
+from sysid.thrust_errors import with_thrust_errors
 
 Progress = Callable[[float, str], None]
 
@@ -49,8 +51,9 @@ NUISANCE = (
 )  # fmt: skip
 BENCH = {"airspeed_bias": 0.02, "airspeed_scale": 0.002}
 WIND = ("wind_north", "wind_east", "wind_down")
-# Beyond so many times that size it is an effect of its own (`airspeed_error`) and must compete with the others.
+# Beyond so many times that size it is an effect of its own and must compete with the others.
 BENCH_LIMIT = 5.0
+_AIRSPEED = "airspeed_error"
 # Integration steps per sample: with servos that lag, fewer are off by several standard errors of a calm flight.
 SUB_STEPS = 5
 MAX_EFFECTS = 3
@@ -132,7 +135,9 @@ def discrepancy(
         "before": fixed_model(base.problem, base.refitted, base.before, compatible),
     }
     found = search.result is not base.before
-    stages["after"] = fixed_model(base.problem, search.model, search.result, compatible) if found else stages["before"]
+    stages["after"] = (
+        fixed_model(search.problem, search.model, search.result, compatible) if found else stages["before"]
+    )
     progress(0.75, "the gap on the flights used")
     generator = np.random.default_rng(seed)
     gaps = {"estimation": stage_gaps(base.problem.motion, prepared, stages, compatible, generator)}
@@ -141,7 +146,7 @@ def discrepancy(
     if held_out:
         progress(0.85, "the gap on the other flights")
         models = {"given": model, "before": base.refitted, "after": search.model}
-        gaps["validation"], series["validation"] = _held_out_gaps(held_out, base, models, shown, generator)
+        gaps["validation"], series["validation"] = _held_out_gaps(held_out, search.problem, models, shown, generator)
     # What coefficients fitted again explain is not where an effect is missing.
     stage_before = "given" if verdict == "parameter_error" else "before"
     where = _where(base.problem, prepared, stages, stage_before) if verdict != "none" else []
@@ -173,7 +178,7 @@ def _fitted_again(used: _Flights, model: Model) -> _Baseline:
     before = _followed(used, problem, model, names, effects)
     used.progress(0.24, "timing of the commands")
     problem, before = _timed(problem, model, names, effects, before)
-    if any(abs(before.value(name)) > BENCH_LIMIT * std for name, std in BENCH.items() if name in problem.sensors):
+    if _is_beyond_bench(before, problem):
         problem = _without_bench(problem)
         start = {name: value for name, value in before.values().items() if name not in BENCH}
         before = fitted(problem, model, names, effects, start, used.compatible.gust_sigma)
@@ -223,7 +228,7 @@ def _problem(prepared: Sequence[Prepared], vehicle: Vehicle, compatible: Compati
     problem = make_problem(prepared, vehicle, compatible, [*NUISANCE, *BENCH, *WIND], MAX_RUN_S, ground=True)
     start = {name: 0.0 if name in BENCH else value for name, value in problem.sensors.items()}
     priors = {name: (0.0, std) for name, std in BENCH.items() if name in start}
-    return replace(problem, sensors=start, priors=priors, sub_steps=SUB_STEPS)
+    return with_thrust_errors(replace(problem, sensors=start, priors=priors, sub_steps=SUB_STEPS), prepared)
 
 
 def _without_bench(problem: Problem) -> Problem:
@@ -241,12 +246,12 @@ def _is_fitted(effect: str, parameter: str) -> bool:
 
 
 def _without(base: _Baseline) -> Search:
-    return Search(base.refitted, list(base.names), list(base.effects), base.before)
+    return Search(base.problem, base.refitted, list(base.names), list(base.effects), base.before)
 
 
 def _left(base: _Baseline, search: Search) -> str:
     """What the search's model leaves unexplained, in words; empty for nothing."""
-    found = left_over(base.problem, search.setting, search.imprecise)
+    found = left_over(search.problem, search.setting, search.imprecise)
     return "; ".join(f"{name} ({why})" for name, why in found.items())
 
 
@@ -255,12 +260,34 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
     search = _without(base)
     while len(search.named) < MAX_EFFECTS:
         begin, width = 0.3 + 0.4 * len(search.named) / MAX_EFFECTS, 0.4 / MAX_EFFECTS
-        if not extend(base.problem, search, partial(_part_of, used.progress, begin, width)):
+        if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
+        _with_bench(used, search)
     if search.named and _is_rough(search.result):
         used.progress(0.72, "standard errors in turbulence")
-        sharpen(base.problem, search)
+        sharpen(search)
     return search
+
+
+def _with_bench(used: _Flights, search: Search) -> None:
+    """Estimate what a bench leaves of the airspeed's error again, where the model now explains the flight with that."""
+    problem = replace(
+        _problem(used.prepared, used.vehicle, used.compatible), command_first=search.problem.command_first
+    )
+    if problem.sensors.keys() == search.problem.sensors.keys() or search.named[-1].candidate.effect.name == _AIRSPEED:
+        return
+    known = search.result
+    flight = build_filter(problem, search.model, search.coefficients, search.effects)
+    with suppress(EstimationError):
+        result = flight.solve(known.values(), known.turbulence, known=known)
+        if not _is_beyond_bench(result, problem):
+            search.problem = problem
+            settle(search, result)
+
+
+def _is_beyond_bench(result: FilterErrorResult, problem: Problem) -> bool:
+    """Whether the airspeed is further off than a bench calibration leaves it."""
+    return any(abs(result.value(name)) > BENCH_LIMIT * std for name, std in BENCH.items() if name in problem.sensors)
 
 
 def _is_rough(result: FilterErrorResult) -> bool:
@@ -307,17 +334,15 @@ def _moved(base: _Baseline) -> tuple[float, float]:
 
 def _held_out_gaps(
     held_out: Sequence[Prepared],
-    base: _Baseline,
+    problem: Problem,
     models: Mapping[str, Model],
     shown: Sequence[str],
     generator: np.random.Generator,
 ) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
     """On flights held out sensor errors alone are fitted for each stage: they change with every power-up."""
     checked = check_compatibility(held_out)
-    other = replace(
-        _problem(held_out, base.problem.vehicle, checked), command_first=base.problem.command_first
-    )  # fmt: skip
-    other = other if set(BENCH) & set(base.problem.sensors) else _without_bench(other)
+    other = replace(_problem(held_out, problem.vehicle, checked), command_first=problem.command_first)
+    other = other if set(BENCH) & set(problem.sensors) else _without_bench(other)
     best = _own_errors(other, models["after"], checked)
     stages = {}
     for name, model in models.items():

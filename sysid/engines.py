@@ -95,14 +95,15 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
 
 
 def finished(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
-    """The fit with noise and turbulence of its own; as it was where that loses the flight."""
+    """The fit with noise and turbulence of its own; as it was where that leads nowhere."""
     values = rough.values()
     model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
     flight = build_filter(problem, model, *_free(base, candidate))
     try:
-        return flight.solve(values, rough.turbulence, brief=True)
+        found = flight.solve(values, rough.turbulence, near=rough, brief=True)
     except EstimationError:
         return rough
+    return found if found.cost < rough.cost else rough
 
 
 def _free(base: Setting, candidate: Candidate) -> tuple[list[str], list[tuple[str, str]]]:

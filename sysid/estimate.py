@@ -29,6 +29,7 @@ from sysid.parameterisation import (
     effect_parameter,
     free_states,
     sensor_error,
+    thrust_error,
 )
 from sysid.prior import Gaussian
 from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
@@ -81,7 +82,7 @@ class Problem:
     record (N, 9) the same at every sample, reconstructed from the measurements.
     sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
     known: coefficients and effect parameters known before the flight. delays: those of sysid.late.DELAYS to estimate,
-    with start values, s.
+    with start values, s. thrust_errors: rows of every record's `thrust_doubt`, if filter error is to estimate them.
     """
 
     vehicle: Vehicle
@@ -95,6 +96,7 @@ class Problem:
     known: Gaussian | None = None
     paths: tuple[Array, ...] = ()
     delays: Mapping[str, float] = field(default_factory=dict)
+    thrust_errors: int = 0
 
 
 def excited_motion(records: Sequence[Record]) -> Motion:
@@ -180,6 +182,7 @@ def predictor_of(
         mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
         parameters.append(replace(entry, prior_mean=mean, prior_std=std))
     parameters += [delay_parameter(name) for name in problem.delays]
+    parameters += [thrust_error(k) for k in range(problem.thrust_errors)]
     return Predictor(
         flatten(problem.vehicle, model),
         parameters,

@@ -101,12 +101,14 @@ class FilterError(FilteredFlight):
         progress: Callable[[int, float], None] = lambda iteration, cost: None,
         max_iterations: int = MAX_ITERATIONS,
         known: FilterErrorResult | None = None,
+        near: FilterErrorResult | None = None,
         brief: bool = False,
     ) -> FilterErrorResult:
         """Estimate from parameter values and a first guess of the turbulence.
 
         known: an estimate whose noise of the outputs is kept, and the turbulence as given: a short way to a cost that
-        can be compared with others found so, without the information that variances carry. brief: noise and turbulence
+        can be compared with others found so, without the information that variances carry. near: an estimate whose
+        noise lets the filter follow the flight from these values, to start from. brief: noise and turbulence
         are estimated, but beside the parameters, not together with them: near the estimate in a fifth of the time.
 
         Raises EstimationError where the filter diverges.
@@ -116,13 +118,13 @@ class FilterError(FilteredFlight):
         iteration = calls = 0
         search_s = _BRIEF_S if brief else SEARCH_S
         if known is None:
-            noise, linear, found, turbulence = self._begun(theta, turbulence, search_s)
+            noise, linear, found, turbulence = self._begun(theta, turbulence, search_s, near)
         else:
             noise, calls = known.sigma[self.columns] ** 2, _NOISE_ROUNDS
             linear, found = settled_path(self, theta, noise, turbulence)
         damping, cost, last = 0.0, self._cost(found, theta), np.zeros(theta.size)
-        near = False
-        while iteration < max_iterations and not near:
+        settled = False
+        while iteration < max_iterations and not settled:
             iteration += 1
             step, covariance = self._step(found, theta, damping)
             step = step if calls < _NOISE_ROUNDS or damping > 0.0 else _lengthened(step, last, covariance)
@@ -144,7 +146,7 @@ class FilterError(FilteredFlight):
             damping = 0.1 * damping if damping > 1e-4 else 0.0
             theta, linear, found, cost = trial, trial_linear, trial_found, trial_cost
             progress(iteration, cost)
-            near = calls >= _NOISE_ROUNDS and size < _NEAR
+            settled = calls >= _NOISE_ROUNDS and size < _NEAR
             if size < _NEAR and calls < _NOISE_ROUNDS:
                 calls += 1
                 noise, turbulence = likeliest_noise(self, linear, noise, turbulence, search_s)
@@ -152,14 +154,18 @@ class FilterError(FilteredFlight):
                 cost = self._cost(found, theta)
         covariance = self._step(found, theta, 0.0)[1]
         if known is not None or brief:
-            return self._short(theta, covariance, noise, turbulence, found, cost, iteration, near)
-        return self._joint(theta, covariance, noise, turbulence, iteration, near, progress)
+            return self._short(theta, covariance, noise, turbulence, found, cost, iteration, settled)
+        return self._joint(theta, covariance, noise, turbulence, iteration, settled, progress)
 
     def _begun(
-        self, theta: Array, turbulence: Turbulence, search_s: float
+        self, theta: Array, turbulence: Turbulence, search_s: float, near: FilterErrorResult | None
     ) -> tuple[Array, list[Linear], Pass, Turbulence]:
         """Noise (m,), linearised records, filter pass and turbulence to start from."""
-        first, linear, found = followed(self, theta, turbulence)
+        if near is None:
+            first, linear, found = followed(self, theta, turbulence)
+        else:
+            first = near.sigma[self.columns] ** 2
+            linear, found = settled_path(self, theta, first, turbulence)
         kept = [path.copy() for path in self.paths]
         noise, rough = likeliest_noise(self, linear, first, turbulence, search_s)
         with np.errstate(all="ignore"):

@@ -18,10 +18,11 @@ from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.simulation import effects_flown, pull_of
 from sysid.dryden import Turbulence, gust_system
+from sysid.filter_memory import Memory, System, lags, remember, with_memory
 from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
-from sysid.parameterisation import Predictor, error_gains, sensor_derivative, with_placed_errors
+from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
 from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
 from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
@@ -65,20 +66,7 @@ class Linear:
     left: Array  # (N, m) of the used outputs
     read_x: Array  # (N, m, nf + na)
     read_theta: Array  # (N, m, P)
-
-
-@dataclass(frozen=True)
-class System:
-    """A record as a linear system driven by white noise (sysid.filter_pass.kalman_pass). output: gusts from states."""
-
-    transition: Array
-    drift: Array
-    left: Array
-    observe: Array
-    jump: Array
-    process: Array
-    p_start: Array
-    output: Array
+    memory: Memory | None  # of sensors that lag
 
 
 @dataclass(frozen=True)
@@ -153,7 +141,7 @@ class FilteredFlight:
         for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
             if parameter.kind == "sensor":
                 sensor_derivative(parameter.name, predicted, errors, read_theta[:, :, i])
-            elif parameter.kind != "coefficient":
+            elif parameter.kind == "effect":
                 h = parameter.step * max(1.0, abs(theta[i]))
                 h = -h if theta[i] + h > parameter.high else h
                 moved = theta.copy()
@@ -162,13 +150,16 @@ class FilteredFlight:
                 there = self._predicted(k, other, thrust, *self._surfaces(k, other))
                 step_theta[:, :, i] = _apart(there[0], ahead)[:, free] / h
                 read_theta[:, :, i] = (there[1] - y) * gains / h
+        read_x *= gains[None, :, None]
+        memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
         return Linear(
             drift=_apart(ahead, path.before[1:])[:, free],
             step_x=step_x,
             step_theta=step_theta,
             left=angle_wrap(record.z - predicted)[:, self.columns],
-            read_x=(read_x * gains[None, :, None])[:, self.columns],
+            read_x=read_x[:, self.columns],
             read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
+            memory=memory,
         )
 
     def widened(self, k: int, one: Linear, theta: Array, others: Sequence[FlatModel]) -> Linear:
@@ -190,20 +181,35 @@ class FilteredFlight:
     def _direct(self, flat: FlatModel, record: Record | None) -> tuple[list[int], IntArray, IntArray, Array]:
         """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights."""
         axis = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
-        found: list[tuple[int, int, int, float]] = []
-        for i, parameter in enumerate(self.predictor.parameters if record is not None else ()):
+        found: list[tuple[int, int, int]] = []
+        weights: list[Array] = []
+        parameters = self.predictor.parameters if record is not None else ()
+        same = np.ones(0 if record is None else record.length)
+        for i, parameter in enumerate(parameters):
             if parameter.kind == "coefficient":
                 term = flat.names.index(parameter.name)
-                found.append((i, term, STATE_COLUMNS + int(axis[term]), 1.0))
-            elif parameter.name == "accel_bias_x" and record is not None and record.moving_mass > 0.0:
+                found.append((i, term, STATE_COLUMNS + int(axis[term])))
+                weights.append(same)
+            elif record is not None and parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
                 # The thrust that the bias feigns, beside the bias itself.
-                found.append((i, -1, THRUST_COLUMN, -record.moving_mass))
-        places, terms, columns, weights = zip(*found, strict=True) if found else ((), (), (), ())
-        return list(places), np.array(terms, np.int64), np.array(columns, np.int64), np.array(weights, np.float64)
+                found.append((i, -1, THRUST_COLUMN))
+                weights.append(-record.moving_mass * same)
+            elif record is not None and parameter.kind == "input":
+                found.append((i, -1, THRUST_COLUMN))
+                weights.append(_thrust_error(record, parameter.name))
+        places, terms, columns = zip(*found, strict=True) if found else ((), (), ())
+        return (
+            list(places), np.array(terms, np.int64), np.array(columns, np.int64),
+            np.array(weights).reshape(len(places), same.size),
+        )  # fmt: skip
 
     def _thrust(self, k: int, errors: Mapping[str, float]) -> Array:
         record = self.records[k]
-        return record.thrust[record.start :] + self.predictor.thrust_shift(record, errors)
+        thrust = record.thrust[record.start :] + self.predictor.thrust_shift(record, errors)
+        for name, size in errors.items():
+            if name.startswith(THRUST_ERROR):
+                thrust = thrust + size * _thrust_error(record, name)
+        return thrust
 
     def _effects(self, flat: FlatModel, record: Record) -> Array:
         return effects_flown(effects_at(flat, record), record.thrust[record.start])
@@ -269,7 +275,8 @@ class FilteredFlight:
         drift[:, :nf] = one.drift - np.einsum("kia,ka->ki", one.step_x[:, :, nf:], path.gust_over[:, axes])
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
         process = entry @ gusts.process @ entry.transpose(0, 2, 1)
-        return System(transition, drift, left, observe, jump, process, p_start, gusts.output)
+        system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
+        return system if one.memory is None else with_memory(system, one.memory, nf, path.gust_after[:, axes])
 
     def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
         """One filter pass over all records; with information and slopes if `wanted`."""
@@ -329,6 +336,11 @@ def _come_late(record: Record, group: float, whole: int) -> Array:
         if whole and is_late(int(place), group):
             more[:, j] = read_later(record.z[:, j], whole * record.interval_s, record.interval_s) - record.z[:, j]
     return np.asarray(angle_wrap(np.where(np.isfinite(more), more, 0.0)))
+
+
+def _thrust_error(record: Record, name: str) -> Array:
+    """(N,) N, one standard deviation of an error of the thrust that is a parameter."""
+    return record.thrust_doubt[int(name.removeprefix(THRUST_ERROR)), record.start :]
 
 
 def _heights(record: Record) -> Array:

@@ -85,7 +85,7 @@ def path_slopes(
 
     ahead: (N - 1, 9) its result. axes: gust components that act, na of them. terms, columns, weights: (V,) of every
     unknown the model's term it is the coefficient of (below 0: none), the column of `force_jacobian` it acts through,
-    and a factor. places: among READINGS.
+    and a factor at every sample, (V, N). places: among READINGS.
     Returns the step's derivatives by free states and gusts (N - 1, nf, nf + na) and by the unknowns (N - 1, nf, V),
     and those of the readings (N, m, nf + na), (N, m, V).
     """
@@ -122,7 +122,7 @@ def path_slopes(
             for a in range(na):
                 read_x[k, j, nf + a] = -H[row, axes[a]] if row < _GROUND else 0.0
             for t in range(count):
-                read_v[k, j, t] = weights[t] * H[row, columns[t]] * (products[terms[t]] if terms[t] >= 0 else 1.0)
+                read_v[k, j, t] = weights[t, k] * H[row, columns[t]] * (products[terms[t]] if terms[t] >= 0 else 1.0)
         if k + 1 == n:
             break
         for i in range(9):
@@ -149,7 +149,8 @@ def path_slopes(
                 direct[i, na + t] = 0.0
                 if row < 6:
                     product = products[terms[t]] if terms[t] >= 0 else 1.0
-                    direct[i, na + t] = dt * weights[t] * R[row, columns[t]] * product
+                    weight = 0.5 * (weights[t, k] + weights[t, k + 1])
+                    direct[i, na + t] = dt * weight * R[row, columns[t]] * product
         second = inner @ inner
         third = second @ inner
         fourth = second @ second

@@ -17,7 +17,6 @@ from sysid.flight import Array
 from sysid.late import (
     COMMAND_DELAY,
     DELAY_STEP_S,
-    DELAYS,
     LONGEST_S,
     commands_of,
     delay_derivative,
@@ -28,6 +27,9 @@ from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
 _STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
+
+# Followed by a row of `Record.thrust_doubt`: an error of the thrust that is estimated.
+THRUST_ERROR = "thrust_error_"
 
 STILL_AIR = np.zeros((0, 3))
 # Up to this interval one integration step per sample follows the fast modes of small aircraft, s.
@@ -61,7 +63,7 @@ SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
 class Parameter:
     """One estimated number.
 
-    kind: "coefficient", "effect", "sensor", "delay". low, high: bounds. prior_std: standard deviation of a
+    kind: "coefficient", "effect", "sensor", "delay", "input". low, high: bounds. prior_std: standard deviation of a
     Gaussian prior about `prior_mean`, infinite for none. difference: step for difference quotients, where the kind's
     usual one does not do.
     """
@@ -97,6 +99,11 @@ def delay_parameter(name: str) -> Parameter:
     return Parameter(name, "delay", -LONGEST_S, LONGEST_S)
 
 
+def thrust_error(index: int) -> Parameter:
+    """How much of an error of the thrust there is (a row of `Record.thrust_doubt`), in its standard deviations."""
+    return Parameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
+
+
 def effect_parameter(effect: str, parameter: str) -> Parameter:
     """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
     for entry in EFFECTS[effect].parameters:
@@ -116,7 +123,7 @@ def _state_vector(states: Array) -> Array:
 
 
 def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
-    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias; delays among `errors` are left to others."""
+    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias, no delays."""
     return with_placed_errors(y[:, OUTPUT_PLACES], errors)
 
 
@@ -124,7 +131,7 @@ def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
     """Readings (N, 15) from ideal OUTPUTS (N, 15): (1 + scale) true + bias."""
     out = y.copy()
     for name, value in errors.items():
-        if name in DELAYS:
+        if name not in SENSOR_ERRORS:
             continue
         output, form, _, _ = SENSOR_ERRORS[name]
         column = OUTPUTS.index(output)

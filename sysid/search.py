@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,8 +45,9 @@ class Named:
 
 @dataclass
 class Search:
-    """State of the search: the model so far, its fit, and the effects named."""
+    """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named."""
 
+    problem: Problem
     model: Model
     coefficients: list[str]
     effects: list[tuple[str, str]]
@@ -64,8 +66,9 @@ class Search:
         return _IMPRECISE * max((one.weight.gain for one in self.named if one.lags), default=0.0)
 
 
-def extend(problem: Problem, search: Search, progress: Progress) -> bool:
+def extend(search: Search, progress: Progress) -> bool:
     """Try to add one effect. Returns whether one was significant and has been added."""
+    problem = search.problem
     choices = candidates(problem, search.model)
     progress(0.0, f"a first look at {len(choices)} effects")
     base = search.setting
@@ -95,17 +98,19 @@ def extend(problem: Problem, search: Search, progress: Progress) -> bool:
     return True
 
 
-def sharpen(problem: Problem, search: Search) -> None:
+def sharpen(search: Search) -> None:
     """Estimate once more where turbulence is, noise and turbulence together with everything else.
 
     Gains that are held fixed make standard errors of sideslip's derivatives up to three times too small
     (sysid.filter_scores). What cannot be scored stays as it is.
     """
-    flight = build_filter(problem, search.model, search.coefficients, search.effects)
-    try:
-        result = flight.solve(search.result.values(), search.result.turbulence)
-    except EstimationError:
-        return
+    flight = build_filter(search.problem, search.model, search.coefficients, search.effects)
+    with suppress(EstimationError):
+        settle(search, flight.solve(search.result.values(), search.result.turbulence))
+
+
+def settle(search: Search, result: FilterErrorResult) -> None:
+    """Take another estimate of the same model."""
     search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
     search.result = result
     search.model = model_of(

@@ -67,14 +67,15 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck
 def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     """What is said of flights whose delays stay as they are, since a sensor's lag may be the effect that is looked for.
 
-    Vanes that lag, or are not moved to the centre of gravity, can make the sign of a single signal look wrong: that is
-    told and does not stop. Raises SignalError where the data cannot be used.
+    Vanes that lag, or are not moved to the centre of gravity, can make the sign of a single signal look wrong, and an
+    attitude that lags the scale of the rates: that is told and does not stop. Raises SignalError where the data cannot be used.
     """
     found = _found(prepared, vehicle)
-    _stop_at_unusable([one for one in found if one.kind != "sign" or len(one.signals) > 1], flights_named(prepared))
+    doubtful = [one for one in found if one.kind in ("sign", "scale") and len(one.signals) == 1]
+    _stop_at_unusable([one for one in found if one not in doubtful], flights_named(prepared))
     late = [Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay"]
-    told = [one.sentence for one in found if one.kind not in ("delay", "sign")]
-    told += [f"perhaps {one.sentence}" for one in found if one.kind == "sign"]
+    told = [one.sentence for one in found if one.kind != "delay" and one not in doubtful]
+    told += [f"perhaps {one.sentence}" for one in doubtful]
     return [*told, *(delay_sentence(one, False) for one in late)]
 
 

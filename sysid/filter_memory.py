@@ -1,0 +1,144 @@
+"""Sensors that remember, as states of the filter.
+
+A sensor with a lag, or one that comes late by a part of a sample, reads y_k = m_k + c1 x_k of what is there, x, with a
+memory m_{k+1} = a y_k + c0 x_k = a m_k + (a c1 + c0) x_k (the motion taken as straight between samples: exact for a
+first-order lag of a ramp). A filter that takes such a sensor as prompt believes it too much: m is a state of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import exp, floor
+
+import numpy as np
+
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.sensor_time_skew import is_late
+from sysid.flight import Array, IntArray
+from sysid.records import OUTPUT_PLACES, OUTPUTS
+
+# Effects that lag, and the outputs that they act on.
+_LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
+_SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
+# Of a sensor's whole travel, which its memory at the start may be off by.
+_START_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How one output remembers. column: of OUTPUTS. decay, old, new: a, c0 and c1 of the module."""
+
+    column: int
+    decay: float
+    old: float
+    new: float
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The outputs of a record that remember, L of them.
+
+    columns: (L,) among the outputs used. decay: (L,) a; taken: (L,) a c1 + c0. slopes: (N, L, nf + na) of what is there
+    by free states and gusts. start: (L,) standard deviations of the memory at the start.
+    """
+
+    columns: IntArray
+    decay: Array
+    taken: Array
+    slopes: Array
+    start: Array
+
+
+def lags(effects: Array, interval_s: float) -> list[Lag]:
+    """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
+    found: dict[int, Lag] = {}
+    late = float(effects[_DELAY]) / interval_s if effects[_SKEW] != 0.0 else 0.0
+    part = late - floor(late)
+    for column, place in enumerate(OUTPUT_PLACES):
+        if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
+            found[column] = Lag(column, 0.0, part, 1.0 - part)
+    for name, outputs in _LAGS.items():
+        tau = float(effects[slot(name, "tau")]) if effects[slot(name)] != 0.0 else 0.0
+        if tau > 0.0:
+            decay = exp(-interval_s / tau)
+            held = tau / interval_s * (1.0 - decay)
+            for column in (OUTPUTS.index(output) for output in outputs):
+                found[column] = Lag(column, decay, held - decay, 1.0 - held)
+    return list(found.values())
+
+
+def remember(
+    found: Sequence[Lag], columns: IntArray, z: Array, read_x: Array, read_theta: Array, direct: Sequence[int]
+) -> Memory | None:
+    """The memory of the outputs in use; what prompt sensors would read is changed to what these do, in place.
+
+    columns: (m,) of OUTPUTS in use. z: (N, 15) measured. read_x: (N, 15, nf + na), read_theta: (N, 15, P) slopes of
+    prompt readings by states and parameters. direct: parameters whose slopes are those of prompt readings; all others
+    are those of what is read, memory included.
+    """
+    used = [lag for lag in found if lag.column in columns]
+    if not used:
+        return None
+    slopes = read_x[:, [lag.column for lag in used]]
+    start = []
+    for lag in used:
+        read_x[:, lag.column] *= lag.new
+        prompt = read_theta[:, lag.column, direct]
+        before = np.concatenate((prompt[:1], prompt[:-1]))
+        # Only sensors that come late, whose decay is 0, read forces, which parameters change at once.
+        read_theta[:, lag.column, direct] = lag.new * prompt + lag.old * before
+        start.append(_START_SHARE * float(np.ptp(z[np.isfinite(z[:, lag.column]), lag.column])))
+    return Memory(
+        np.array([int(np.flatnonzero(columns == lag.column)[0]) for lag in used]),
+        np.array([lag.decay for lag in used]),
+        np.array([lag.decay * lag.new + lag.old for lag in used]),
+        np.ascontiguousarray(slopes),
+        np.maximum(start, 1e-6),
+    )
+
+
+@dataclass(frozen=True)
+class System:
+    """A record as a linear system driven by white noise (sysid.filter_pass.kalman_pass). output: gusts from states."""
+
+    transition: Array
+    drift: Array
+    left: Array
+    observe: Array
+    jump: Array
+    process: Array
+    p_start: Array
+    output: Array
+
+
+def with_memory(system: System, memory: Memory, states: int, gusts: Array) -> System:
+    """The system with a state more for every memory. states: free states, before gusts. gusts: (N, na) of the path."""
+    steps, nx = system.drift.shape
+    count = memory.columns.size
+    size = nx + count
+    transition, process = np.zeros((steps, size, size)), np.zeros((steps, size, size))
+    transition[:, :nx, :nx], process[:, :nx, :nx] = system.transition, system.process
+    mine = np.arange(nx, size)
+    by_gusts = memory.slopes[:, :, states:]
+    transition[:, nx:, :states] = (memory.taken[:, None] * memory.slopes[:, :, :states])[:-1]
+    transition[:, nx:, states:nx] = (memory.taken[:, None] * by_gusts @ system.output)[:-1]
+    transition[:, mine, mine] = memory.decay
+    # Gusts are whole, not deviations: what the path took of them comes off again.
+    drift = -memory.taken * np.einsum("kla,ka->kl", by_gusts, gusts)[:-1]
+    observe = np.zeros((*system.observe.shape[:2], size))
+    observe[:, :, :nx] = system.observe
+    observe[:, memory.columns, mine] = 1.0
+    p_start = np.zeros((size, size))
+    p_start[:nx, :nx] = system.p_start
+    p_start[mine, mine] = memory.start**2
+    return replace(
+        system,
+        transition=transition,
+        drift=np.concatenate((system.drift, drift), axis=1),
+        observe=observe,
+        jump=np.concatenate((system.jump, np.zeros((system.jump.shape[0], count))), axis=1),
+        process=process,
+        p_start=p_start,
+        output=np.concatenate((system.output, np.zeros((system.output.shape[0], count))), axis=1),
+    )

@@ -1,0 +1,57 @@
+"""What is not known of measured thrust, as parameters beside the model's: its noise's, and its bench curve's.
+
+The equations of motion take thrust as exact. A curve that is wrong by a thousandth, or the slow noise that no smoothing
+takes off, would look like a small error of the thrust, of the mass or of the drag in a long flight. Each is an unknown
+of one standard deviation about zero (errors of inputs as parameters with priors: Maine & Iliff, NASA RP-1168, section
+5.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.calibration import Calibration
+from sysid.estimate import Problem
+from sysid.flight import Array
+from sysid.prepare import Prepared
+from sysid.records import Record
+
+# A part of an error that is smaller than this everywhere moves nothing, N.
+_LEAST_N = 1e-6
+
+
+def with_thrust_errors(problem: Problem, prepared: Sequence[Prepared]) -> Problem:
+    """The problem with errors of its thrust to be estimated by filter error.
+
+    Those of a bench curve are common to all flights that went through it, those of the noise a stretch's own.
+    """
+    stretches: dict[tuple[str, int], int] = {}
+    for record in problem.records:
+        stretches.setdefault((record.flight, record.stretch), record.thrust_doubt.shape[0])
+    curves = {flight.data.name: flight.calibrations.get("thrust") for flight in prepared}
+    rows = [_rows(record, stretches, curves) for record in problem.records]
+    kept = np.any([np.abs(one).max(axis=1, initial=0.0) > _LEAST_N for one in rows], axis=0)
+    records = tuple(
+        replace(record, thrust_doubt=np.ascontiguousarray(one[kept]))
+        for record, one in zip(problem.records, rows, strict=True)
+    )
+    return replace(problem, records=records, thrust_errors=int(kept.sum()))
+
+
+def _rows(record: Record, stretches: dict[tuple[str, int], int], curves: dict[str, Calibration | None]) -> Array:
+    """(K, M) every error of any record's thrust, as this record has it."""
+    rows = []
+    for stretch, count in stretches.items():
+        own = stretch == (record.flight, record.stretch)
+        rows.append(record.thrust_doubt if own else np.zeros((count, record.thrust.size)))
+    distinct: list[Calibration] = []
+    for curve in curves.values():
+        if curve is None or curve in distinct:
+            continue
+        distinct.append(curve)
+        modes = curve.error_modes(record.thrust)
+        rows.append(modes if curves[record.flight] == curve else np.zeros_like(modes))
+    return np.concatenate(rows)
