@@ -27,6 +27,8 @@ _CLOSE = 12.5
 _LITTLE = 150.0
 # Share of the best gain below which a candidate is out of the race.
 _SHARE_OF_BEST = 0.5
+# Rounds of a fit that has far to go.
+_ROUNDS = 4
 _LEAST_GUSTS = 0.02  # m/s, to start from
 # Starts of a candidate, as shares of what its score promises: a size too large may lie over the hill.
 _SHARES = (1.0, 0.3)
@@ -96,14 +98,19 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
 
 def finished(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
     """The fit with noise and turbulence of its own; as it was where that leads nowhere."""
-    values = rough.values()
-    model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
-    flight = build_filter(problem, model, *_free(base, candidate))
-    try:
-        found = flight.solve(values, rough.turbulence, near=rough, brief=True)
-    except EstimationError:
-        return rough
-    return found if found.cost < rough.cost else rough
+    best = rough
+    for _ in range(_ROUNDS):
+        values = best.values()
+        model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
+        flight = build_filter(problem, model, *_free(base, candidate))
+        with suppress(EstimationError):
+            found = flight.solve(values, best.turbulence, near=best, brief=True)
+            gained = best.cost - found.cost
+            best = found if gained > 0.0 else best
+            if gained > _LITTLE and not found.converged:
+                continue
+        break
+    return best
 
 
 def _free(base: Setting, candidate: Candidate) -> tuple[list[str], list[tuple[str, str]]]:

@@ -22,7 +22,7 @@ from sysid.records import OUTPUT_PLACES, OUTPUTS
 _LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
 _SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
 # Of a sensor's whole travel, which its memory at the start may be off by.
-_START_SHARE = 0.1
+_START_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,14 @@ class Lag:
 class Memory:
     """The outputs of a record that remember, L of them.
 
-    columns: (L,) among the outputs used. decay: (L,) a; taken: (L,) a c1 + c0. slopes: (N, L, nf + na) of what is there
-    by free states and gusts. start: (L,) standard deviations of the memory at the start.
+    columns: (L,) among the outputs used. decay: (L,) a; taken: (L,) a c1 + c0; held: (L,) a + c0. slopes: (N, L,
+    nf + na) of what is there by free states and gusts. start: (L,) standard deviations of the memory at the start.
     """
 
     columns: IntArray
     decay: Array
     taken: Array
+    held: Array
     slopes: Array
     start: Array
 
@@ -93,6 +94,7 @@ def remember(
         np.array([int(np.flatnonzero(columns == lag.column)[0]) for lag in used]),
         np.array([lag.decay for lag in used]),
         np.array([lag.decay * lag.new + lag.old for lag in used]),
+        np.array([lag.decay + lag.old for lag in used]),
         np.ascontiguousarray(slopes),
         np.maximum(start, 1e-6),
     )
@@ -126,6 +128,8 @@ def with_memory(system: System, memory: Memory, states: int, gusts: Array) -> Sy
     transition[:, mine, mine] = memory.decay
     # Gusts are whole, not deviations: what the path took of them comes off again.
     drift = -memory.taken * np.einsum("kla,ka->kl", by_gusts, gusts)[:-1]
+    # At the first sample the path's sensors are at rest, before it and after it in two places.
+    drift[0] -= (memory.held - memory.taken) * (memory.slopes[0, :, :states] @ system.jump[0, :states])
     observe = np.zeros((*system.observe.shape[:2], size))
     observe[:, :, :nx] = system.observe
     observe[:, memory.columns, mine] = 1.0

@@ -68,7 +68,8 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     """What is said of flights whose delays stay as they are, since a sensor's lag may be the effect that is looked for.
 
     Vanes that lag, or are not moved to the centre of gravity, can make the sign of a single signal look wrong, and an
-    attitude that lags the scale of the rates: that is told and does not stop. Raises SignalError where the data cannot be used.
+    attitude that lags the scale of the rates: that is told and does not stop. Raises SignalError where the data cannot
+    be used.
     """
     found = _found(prepared, vehicle)
     doubtful = [one for one in found if one.kind in ("sign", "scale") and len(one.signals) == 1]

@@ -1,0 +1,70 @@
+"""Sensors that remember, as states of the filter: against the dense Gaussian likelihood of the readings themselves."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sim_vehicle.effects import SLOT_COUNT, slot
+from sim_vehicle.effects.sensor import ramp_lag
+from sysid.filter_memory import Lag, Memory, System, lags, with_memory
+from sysid.filter_pass import kalman_pass
+from sysid.records import OUTPUTS
+
+DT, TAU = 0.02, 0.05
+
+
+def lagged(values: np.ndarray, tau: float) -> np.ndarray:
+    """Readings of a sensor at rest before the first value, by the simulator's own lag."""
+    out = values.copy()
+    for k in range(1, values.size):
+        out[k] = ramp_lag(values[k - 1], values[k], out[k - 1], DT, tau)
+    return out
+
+
+def the_lag() -> Lag:
+    """The lag of the vanes, as the filter has it."""
+    effects = np.zeros(SLOT_COUNT)
+    effects[slot("vane_lag")], effects[slot("vane_lag", "tau")] = 1.0, TAU
+    return next(lag for lag in lags(effects, DT) if lag.column == OUTPUTS.index("alpha"))
+
+
+def test_the_filter_gives_the_dense_likelihood_of_a_lagging_sensor() -> None:
+    """A random walk seen through a lag: covariance of all readings at once, by the simulator's lag of every unit step."""
+    n, walk, noise, start = 40, 0.3, 0.05, 1e-5
+    lag = the_lag()
+    generator = np.random.default_rng(4)
+    shape = np.column_stack([lagged((np.arange(n) >= k).astype(float), TAU) for k in range(n)])
+    first = np.full(n, 2.0)
+    spread = shape @ np.diag([0.5**2, *([walk**2] * (n - 1))]) @ shape.T + noise**2 * np.eye(n)
+    readings = first + np.linalg.cholesky(spread) @ generator.standard_normal(n)
+    one = np.ones((n - 1, 1, 1))
+    system = System(
+        one, np.zeros((n - 1, 1)), (readings - first)[:, None], lag.new * np.ones((n, 1, 1)), np.zeros((n, 1)),
+        walk**2 * one, np.array([[0.5**2]]), np.zeros((0, 1)),
+    )  # fmt: skip
+    taken = lag.decay * lag.new + lag.old
+    memory = Memory(
+        np.array([0]), np.array([lag.decay]), np.array([taken]), np.array([lag.decay + lag.old]),
+        np.ones((n, 1, 1)), np.array([start]),
+    )  # fmt: skip
+    whole = with_memory(system, memory, 1, np.zeros((n, 0)))
+    # A sensor at rest has read what was there: its memory varies with the first value.
+    rest = 1.0 - lag.new
+    whole.p_start[:] = 0.5**2 * np.outer([1.0, rest], [1.0, rest])
+    found = kalman_pass(
+        whole.transition, whole.drift, np.zeros((n - 1, 2, 0)), whole.left, whole.observe, np.zeros((n, 1, 0)),
+        whole.jump, np.array([noise**2]), whole.process, whole.p_start, False,
+    )  # fmt: skip
+    exact = stats.multivariate_normal(first, spread).logpdf(readings) + 0.5 * n * np.log(2.0 * np.pi)
+    assert found[0] == pytest.approx(exact, abs=1e-6)
+
+
+def test_a_sensor_that_comes_late_by_a_part_of_a_sample_reads_between_two() -> None:
+    """The memory of a reading that comes 2.25 samples late is a quarter of the sample before."""
+    effects = np.zeros(SLOT_COUNT)
+    effects[slot("sensor_time_skew")] = 1.0
+    effects[slot("sensor_time_skew", "delay")] = 2.25 * DT
+    effects[slot("sensor_time_skew", "group")] = 2.0
+    found = {OUTPUTS[lag.column]: lag for lag in lags(effects, DT)}
+    assert set(found) == {"p", "q", "r", "ax", "ay", "az"}
+    assert (found["q"].decay, found["q"].old, found["q"].new) == pytest.approx((0.0, 0.25, 0.75))
