@@ -25,6 +25,7 @@ from sysid.identify import Identification, identify
 from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.signalcheck import SignalCheck
+from sysid.thrust_errors import with_thrust_errors
 
 VEHICLE = load_vehicle("iitb-mav")
 TRUTH = read_model("iitb-mav")
@@ -153,11 +154,13 @@ def test_gusts_have_the_variance_and_the_memory_of_the_simulators() -> None:
 
 def test_slopes_along_a_path_are_those_of_its_predictions() -> None:
     prepared = [prepare(gusty_flight(0.2, 3), VEHICLE)]
-    problem = make_problem(prepared, VEHICLE, check_compatibility(prepared))
+    problem = with_thrust_errors(make_problem(prepared, VEHICLE, check_compatibility(prepared)), prepared)
+    assert problem.thrust_errors > 0
     names = ["CL_0", "CL_alpha", "CL_q", "CL_de", "CD_0", "CD_k", "Cm_alpha", "Cm_q", "Cl_p", "Cl_da", "Cn_beta"]
     model = Model("test", {name: TRUTH.coefficients.get(name, TRUTH.coefficients["CL_0"]) for name in names})
     filtered = build_filter(problem, model, names)
-    theta = np.array([{**model.values(), **problem.sensors}[p.name] for p in filtered.predictor.parameters])
+    values = {**model.values(), **problem.sensors}
+    theta = np.array([values.get(p.name, 0.0) for p in filtered.predictor.parameters])
     here = filtered.linearised(0, theta)
     for i, parameter in enumerate(filtered.predictor.parameters):
         step = 1e-5

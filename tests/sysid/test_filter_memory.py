@@ -29,7 +29,7 @@ def the_lag() -> Lag:
 
 
 def test_the_filter_gives_the_dense_likelihood_of_a_lagging_sensor() -> None:
-    """A random walk seen through a lag: covariance of all readings at once, by the simulator's lag of every unit step."""
+    """A random walk seen through a lag: covariance of all readings at once, unit by unit."""
     n, walk, noise, start = 40, 0.3, 0.05, 1e-5
     lag = the_lag()
     generator = np.random.default_rng(4)
