@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design clean
+.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -117,6 +117,10 @@ campaign-discrepancy: setup
 	$(BIN)/python tests/campaign/discrepancy.py --seeds $(or $(SEEDS),$(if $(FULL),20,5)) \
 	  --sizes $(or $(SIZES),$(if $(FULL),3,2)) --effects $(or $(EFFECTS),all) --part $(or $(PART),single) \
 	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(WORKERS),--workers $(WORKERS))
+
+# Live identification over many flights: about 20 s each and worker; what is there is kept. POST=1 compares with post-flight.
+campaign-live: setup
+	$(BIN)/python tests/campaign/live.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) $(if $(POST),--post)
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info demo-output campaign-output

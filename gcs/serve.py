@@ -21,6 +21,7 @@ from gcs.errors import GcsError, ServiceError
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
 from gcs.live.feed import LiveFeed
+from gcs.live.telemetry import EstimateTelemetry
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
 from gcs.station.provenance import provenance
@@ -132,6 +133,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             voice = StationVoice(settings.link.own_key)
             live = LiveFeed(settings, recorder.live_flights)
             station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
+            live.on_estimate = EstimateTelemetry(station.tell_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)

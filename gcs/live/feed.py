@@ -55,7 +55,7 @@ class LiveState:
 class LiveFeed:
     """Runs the live process. flights: gives the ids of the flights being recorded. worker: the command that runs it.
 
-    on_estimate: called with each identification report, from a thread of this feed.
+    on_estimate: called with each identification report and the flight's time, s, from a thread of this feed.
     """
 
     def __init__(
@@ -63,11 +63,10 @@ class LiveFeed:
         settings: Settings,
         flights: Callable[[], Sequence[str]],
         worker: Sequence[str] = (sys.executable, "-m", "gcs.live.worker"),
-        on_estimate: Callable[[dict[str, Any]], None] = lambda report: None,
     ) -> None:
         self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
         self._flights = flights
-        self._on_estimate = on_estimate
+        self.on_estimate: Callable[[dict[str, Any], float], None] | None = None
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         self._changed = threading.Condition()
@@ -220,4 +219,5 @@ class LiveFeed:
                 old.signals_number,
                 old.estimate_number + 1,
             )
-            self._on_estimate(report["identification"])
+            if old.time_s is not None and self.on_estimate is not None:
+                self.on_estimate(report["identification"], old.time_s)

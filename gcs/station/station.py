@@ -148,6 +148,15 @@ class Station:
             except Exception as error:
                 self._report(error)
 
+    def tell_stations(self, frames: Sequence[bytes]) -> None:
+        """Say something of this station's own to the other ground stations; nothing of it is passed on from here."""
+        if self._forwarder is None or not frames:
+            return
+        for frame in frames:
+            self._forwarder.note_own(frame)
+        for link in self.forward:
+            link.send_frames(list(frames))
+
     def _say(self, frame: bytes) -> None:
         if self._forwarder is not None:
             self._forwarder.note_own(frame)

@@ -19,8 +19,8 @@ class StationVoice:
     key: signs every frame made here. Frames of others never pass through here, so none of them is ever signed.
     """
 
-    def __init__(self, key: bytes | None = None) -> None:
-        self._sender = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+    def __init__(self, key: bytes | None = None, component: int = COMPONENT) -> None:
+        self._sender = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=component)
         self._lock = threading.Lock()
         self._stamps = SigningClock()
         if key is not None:

@@ -22,6 +22,7 @@ STATES = (
     *("u", "v", "w", "accel_bias_x", "accel_bias_y", "accel_bias_z", "wind_north", "wind_east", "wind_down"),
     *("airspeed_scale", "alpha_bias", "alpha_scale", "beta_bias", "beta_scale"),
 )
+_DRIVING = ("ax", "ay", "az", "p", "q", "r", "phi", "theta")
 _GYRO = ("gyro_bias_p", "gyro_bias_q", "gyro_bias_r")
 _WIND_DRIFT = 0.05  # m/s in a second
 _AIR_DRIFT = 0.02  # m/s in a second, of the air that the aircraft flies through, and the accelerometer's noise
@@ -57,6 +58,7 @@ class AirFilter:
         self._x = np.zeros(len(STATES))
         self._P = np.diag(self._prior**2)
         self._before: dict[str, float] | None = None
+        self._earlier: dict[str, float] | None = None
         self._attitude = np.zeros(3)
         self._gyro = np.zeros(3)
         self._gyro_P = np.diag([_ATTITUDE_NOISE**2] * 3 + [0.02**2] * 3)
@@ -74,7 +76,14 @@ class AirFilter:
             self._start(row)
             return
         self.rows += 1
-        middle = {name: 0.5 * (before[name] + row[name]) for name in ("ax", "ay", "az", "p", "q", "r", "phi", "theta")}
+        # The mean over the interval by the parabola through three samples: a straight line loses (w T)^2 / 12 of an
+        # oscillation, 0.4 % of a short period of 1.7 Hz, which looks like a scale of the vane.
+        earlier, self._earlier = self._earlier or before, before
+        weights = (5.0, 8.0, -1.0) if earlier is not before else (6.0, 6.0, 0.0)
+        middle = {
+            name: (weights[0] * row[name] + weights[1] * before[name] + weights[2] * earlier[name]) / 12.0
+            for name in _DRIVING
+        }
         self._turn(middle, row, interval_s)
         self._advance(middle, interval_s)
         self._take_air(row, vane_noise)
@@ -82,7 +91,7 @@ class AirFilter:
 
     def restart_motion(self) -> None:
         """Rows after a gap: the motion is unknown again, the errors are not."""
-        self._before = None
+        self._before = self._earlier = None
 
     def errors(self) -> dict[str, SensorError]:
         """Every error by name, as in results of identification."""

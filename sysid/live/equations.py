@@ -50,6 +50,8 @@ class LiveEquations:
         self._pressure: float | None = None
         # Angular accelerations' jumps for each unit of a command's, by rate and command, rad/s^2; from the estimates.
         self.jumps: dict[str, dict[str, float]] = {}
+        # Sensor errors as they are known now, for the lift in the polar.
+        self.biases: dict[str, float] = {}
 
     def take(self, rows: Rows) -> tuple[Array, dict[str, Array]]:
         """Times (K,) of the equations that these rows complete, and for each axis (K, P + B + 2): terms, what unit
@@ -103,7 +105,10 @@ class LiveEquations:
         arms = {"Cl": body.b, "Cm": body.c, "Cn": body.b}
         lengths = {"p": body.b, "q": body.c, "r": body.b}
         factors = {name: data[name] * length / (2.0 * data["V"]) for name, length in lengths.items()}
-        factors |= {"alpha": data["alpha"], "CL": forces["CL"]}
+        # A bias of lift would stand squared in the polar, where no column can take it off again.
+        known = zip(BIASES["CL"], self._bias_columns("CL", data, weight, forces), strict=True)
+        bias = sum((self.biases.get(name, 0.0) * column for name, column in known), np.zeros(weight.size))
+        factors |= {"alpha": data["alpha"], "CL": forces["CL"] - bias / weight}
         if "beta" in data:
             factors["beta"] = data["beta"]
         bends = self._bends(data, factors)
@@ -118,7 +123,8 @@ class LiveEquations:
                 left = change + _means(weight * still[axis])
                 columns = [self._over_interval(term, data, factors, weight, bends) for term in terms]
                 ones = _means(weight)
-            sides[axis] = np.column_stack([*columns, *self._bias_columns(axis, data, weight, forces), ones, left])
+            biased = [column[1:-2] for column in self._bias_columns(axis, data, weight, forces)]
+            sides[axis] = np.column_stack([*columns, *biased, ones, left])
         return sides
 
     def _bias_columns(self, axis: str, data: FlightData, weight: Array, forces: Mapping[str, Array]) -> list[Array]:
@@ -136,7 +142,7 @@ class LiveEquations:
             columns.append(columns[-1] * alpha)
         else:
             columns = [np.full(alpha.size, force)]
-        return [column[1:-2] for column in columns]
+        return columns
 
     def _at_sample(self, term: Term, data: FlightData, factors: dict[str, Array], weight: Array) -> Array:
         product = weight[1:-2]

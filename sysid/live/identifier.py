@@ -104,6 +104,7 @@ class LiveIdentifier:
         self._air = AirFilter(vehicle.environment.gravity)
         self._noise = {name: _VaneNoise() for name in _VANES}
         self._changes: list[Change] = []
+        self._settled: dict[str, float] = {}
         self._sparse: dict[str, list[tuple[float, float]]] = {name: [] for name in _SPARSE}
         self._worked = -np.inf
         self.time_s = -np.inf
@@ -212,6 +213,9 @@ class LiveIdentifier:
                 if name in rows.columns:
                     self._noise[name].take(rows.columns[name], continues=rows.continues)
             self._filter(rows)
+            if self._air.rows:
+                told = {name: error.value for name, error in self._air.errors().items() if error.told}
+                self._equations.biases = told
             time_s, sides = self._equations.take(rows)
             for axis, columns in sides.items():
                 self._add(self._axes[axis], time_s, columns, rows.continues)
@@ -265,8 +269,8 @@ class LiveIdentifier:
         assert self._equations is not None
         if axis in MOMENTS:
             values, std = one.estimate.values, one.estimate.std
-            good = {n: v for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
-            self._equations.learn_jumps(good)
+            self._settled |= {n: float(v) for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
+            self._equations.learn_jumps(self._settled)
         change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance)
         if change is not None:
             self._changes.append(change)

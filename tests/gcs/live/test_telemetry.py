@@ -1,0 +1,44 @@
+"""Live estimates on MAVLink, read by pymavlink."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from traffic import decode
+
+from gcs.live.telemetry import EstimateTelemetry
+
+REPORT = {
+    "coefficients": {
+        "CL_alpha": {"value": 2.45, "std": 0.01, "unit": "1/rad", "known": True},
+        "Cm_de": {"value": 1.6, "std": 0.01, "unit": "1/rad", "known": True},
+        "Cl_r": {"known": False, "why": "r has hardly moved", "fly": "rudder-multisine"},
+    },
+    "changes": [],
+    "warnings": ["airspeed reads 8% low against GPS and wind: check the pitot tube and its calibration"],
+}
+
+
+def test_known_coefficients_are_said_once_a_second_and_each_text_once() -> None:
+    said: list[bytes] = []
+    telemetry = EstimateTelemetry(said.extend)
+    for tenth in range(0, 30, 4):  # three seconds
+        warning = f"airspeed reads {8 + tenth % 3}% low against GPS and wind: check the pitot tube and its calibration"
+        telemetry.take({**REPORT, "warnings": [warning]}, 100.0 + tenth / 10.0)
+    messages = decode(b"".join(said))
+    values = [m for m in messages if m.get_type() == "NAMED_VALUE_FLOAT"]
+    assert [m.name for m in values] == ["CL_alpha", "Cm_de"] * 3
+    assert values[0].value == pytest.approx(2.45)
+    assert values[2].time_boot_ms == 101_200
+    texts = [m for m in messages if m.get_type() == "STATUSTEXT"]
+    assert [m.chunk_seq for m in texts] == [0, 1]
+    assert "".join(m.text for m in texts) == REPORT["warnings"][0]
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in messages} == {(255, mavlink.MAV_COMP_ID_USER1)}
+
+
+def test_a_change_is_said_as_critical() -> None:
+    said: list[bytes] = []
+    change = {"time_s": 40.2, "axis": "Cm", "coefficient": "Cm_de", "text": "elevator answers at half since 40.2 s"}
+    EstimateTelemetry(said.extend).take({"coefficients": {}, "changes": [change], "warnings": []}, 42.0)
+    (message,) = decode(b"".join(said))
+    assert (message.text, message.severity) == (change["text"], mavlink.MAV_SEVERITY_CRITICAL)
