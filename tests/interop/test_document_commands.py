@@ -86,7 +86,7 @@ def script(page: list[Block]) -> str:
     """One shell script of all blocks; it prints a line in front of each block's output."""
     lines = ["set -eu", "PIDS=()"]
     for number, block in enumerate(page):
-        lines.append(f'echo "@@ {number}"')
+        lines.append(f"printf '\\n@@ {number}\\n'")
         if block.way == "run":
             assert block.language == "sh", f"{block.name}: commands with prompts have a test of their own"
             lines.append(block.text)
@@ -94,7 +94,7 @@ def script(page: list[Block]) -> str:
             log = f"background-{number}.log"
             lines += [f"{block.text.strip()} > {log} 2>&1 &", "PIDS+=($!)"]
             lines.append(f'until grep -q "serving on" {log}; do kill -0 "${{PIDS[-1]}}"; sleep 0.2; done')
-    lines.append('echo "@@ end"')
+    lines.append("printf '\\n@@ end\\n'")
     lines.append('for PID in "${PIDS[@]}"; do kill -INT "$PID"; wait "$PID"; done')
     return "\n".join(lines) + "\n"
 

@@ -40,6 +40,13 @@ def test_no_page_fetches_anything_from_outside(site: Path) -> None:
         assert not re.search(r"@import|url\([\"']?(?:https?:)?//", style.read_text(encoding="utf-8")), style
 
 
+def test_equations_are_set(site: Path) -> None:
+    methods = (site / "methods.html").read_text(encoding="utf-8")
+    assert methods.count("<math ") >= 4
+    assert methods.count("<mtr>") == 5  # three lines of kinematics, two of coefficients
+    assert "arithmatex" not in methods
+
+
 def test_the_reference_holds_every_command_address_effect_and_module(site: Path) -> None:
     from gcs.cli import build_parser
 

@@ -6,6 +6,7 @@ import html
 import re
 
 from latex2mathml.converter import convert
+from mkdocs.exceptions import PluginError
 
 # What arithmatex (generic) leaves: \( \) inside a span, \[ \] inside a div.
 _FOUND = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -18,5 +19,7 @@ def as_mathml(page: str) -> str:
 
 def _equation(found: re.Match[str]) -> str:
     tag, kind, latex = found.groups()
-    display = "block" if kind == "[" else "inline"
-    return f'<{tag} class="equation">{convert(html.unescape(latex), display=display)}</{tag}>'
+    set_as = convert(html.unescape(latex), display="block" if kind == "[" else "inline")
+    if "&</" in set_as or "\\" in set_as:  # what the converter does not know it leaves standing
+        raise PluginError(f"this equation cannot be set: {latex}")
+    return f'<{tag} class="equation">{set_as}</{tag}>'
