@@ -36,7 +36,7 @@ export class Identification {
     const known = names.filter(name => found.coefficients[name].known)
     this.state.replaceChildren(h('p', {}, `${known.length} of ${names.length} coefficients known. `, speed(found)))
     this.tables.replaceChildren(...[coefficients(found), sensors(found)].filter(Boolean))
-    for (const name of MAIN.filter(one => found.coefficients[one]?.known)) this.keep(name, found.coefficients[name], time)
+    for (const name of MAIN.filter(one => Number.isFinite(found.coefficients[one]?.value))) this.keep(name, found.coefficients[name], time)
   }
 
   keep(name, { value, std }, time) {
@@ -73,8 +73,15 @@ export class Identification {
 function speed(found) {
   const { newest, median, p95 } = found.latency_ms ?? {}
   if (!Number.isFinite(median)) return ''
+  const share = Number.isFinite(found.cpu_share) ? `, ${percent(found.cpu_share)} of one core` : ''
   return `From message to estimate ${number(newest, 2)} ms (median ${number(median, 2)}, 95 % below ${number(p95, 2)}), `
-    + `${number(found.updates_per_s, 2)} estimates/s, ${percent(found.cpu_share)} of one core.`
+    + `${number(found.updates_per_s, 2)} estimates/s${share}.`
+}
+
+/** The estimate; a first idea of one that is not known yet stands in brackets. */
+function value(entry) {
+  if (!Number.isFinite(entry.value)) return NONE
+  return entry.known ? plusMinus(entry) : `(${plusMinus(entry)})`
 }
 
 function coefficients(found) {
@@ -82,7 +89,7 @@ function coefficients(found) {
   return table('Coefficients in flight (frequency domain), with recursive least squares for comparison',
     ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
     Object.entries(found.coefficients).map(([name, entry]) => [h('code', {}, name),
-      entry.known ? plusMinus(entry) : NONE, Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
+      value(entry), Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
       entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? '']))
 }
 
