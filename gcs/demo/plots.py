@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ def _gap(axes: Any, found: dict[str, Any]) -> None:
     axes.set_yscale("log")
     axes.set_ylabel("RMS gap over 5 s windows, in units of the noise floor")
     effects = ", ".join(f"{e['title']} ({100 * e['probability']:.0f} %)" for e in found["effects"]) or "no effect"
-    axes.set_title(f"Missing effect found: {effects}\n(gap on a flight that nothing was fitted to)", fontsize=11)
+    title = "\n".join(textwrap.wrap(f"Missing effect found: {effects}", 70))
+    axes.set_title(f"{title}\n(gap on a flight that nothing was fitted to)", fontsize=11)
     axes.legend(fontsize=8)
     axes.grid(axis="y", alpha=0.3)
