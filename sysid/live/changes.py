@@ -21,6 +21,7 @@ from sysid.live.recursive import RATE_HZ
 WINDOW_S = 2.5
 _MEMORY_S = 8.0
 _BEFORE_S = 3.0  # what is known counts as it was this long ago
+_LEARNED_S = 6.0  # of flight, before which standard errors are too young to call anything known
 _RATIO = 60.0
 _SHARE = 0.25
 _EXPLAINED = 0.6
@@ -52,9 +53,11 @@ class ChangeDetector:
         self._known: deque[tuple[float, Array, Array]] = deque()
         self._variance = np.nan
         self._suspect = ""
+        self._begun = np.inf
 
     def add(self, time_s: float, columns: Array) -> None:
         """Take one decimated sample: terms, weight, left side."""
+        self._begun = min(self._begun, time_s)
         self._samples.append((time_s, columns))
 
     def check(self, time_s: float, values: Array, covariance: Array) -> Change | None:
@@ -63,7 +66,7 @@ class ChangeDetector:
         while len(self._known) > 1 and self._known[1][0] <= time_s - _BEFORE_S:
             self._known.popleft()
         at, theta, P = self._known[0]
-        if at > time_s - _BEFORE_S + 0.5 or len(self._samples) < RATE_HZ * WINDOW_S:
+        if at < self._begun + _LEARNED_S or at > time_s - _BEFORE_S + 0.5 or len(self._samples) < RATE_HZ * WINDOW_S:
             return None
         times = np.array([entry[0] for entry in self._samples])
         columns = np.array([entry[1] for entry in self._samples])

@@ -18,7 +18,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 WAYS = {
     "run": "run as it stands, in the page's order, in one folder; must end with 0",
     "background": "started, stopped with Ctrl-C at the end of the page; must end with 0",
-    "make": "targets that set up, test or measure for minutes to hours: they exist, and their scripts take --help",
+    "make": "targets that set up, test or measure for minutes to hours: they exist, and so do their scripts",
     "hardware": "needs a device or an autopilot: read by the command's parser",
     "system": "changes the computer: only its syntax is checked",
     "data": "needs data that is not part of the project: read by the command's parser",
