@@ -103,8 +103,8 @@ def flying(ground: Ground) -> Iterator[None]:
 
 
 def flight_with(ground: Ground, kind: str) -> str:
-    """The flight that has a result of that kind."""
-    return next(str(model["flight_id"]) for model in ground.get("/api/models") if model["kind"] == kind)
+    """The demonstration's flight with a result of that kind: the oldest, before those that fly meanwhile."""
+    return [str(model["flight_id"]) for model in ground.get("/api/models") if model["kind"] == kind][-1]
 
 
 def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground, flying: None) -> None:
