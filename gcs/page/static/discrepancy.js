@@ -1,8 +1,9 @@
 // The result of a discrepancy analysis: the verdict, what is missing, and how far the gap shrinks.
 
-import { field, h, listing, remark, select, table } from './dom.js'
+import { field, h, listing, remark, select, table, there } from './dom.js'
 import { NONE, number, percent, plusMinus, probability, shownUnit, signalName } from './format.js'
 import { modelLink } from './identification.js'
+import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
 import { band, BLACK, bokeh, COLOURS, legendAbove, level, line, plot, shown, source } from './plots.js'
 
@@ -20,16 +21,15 @@ const UNITS = {
   V: 'm/s', alpha: 'rad', beta: 'rad', p: 'rad/s', q: 'rad/s', r: 'rad/s', phi: 'rad', theta: 'rad',
   ax: 'm/s^2', ay: 'm/s^2', az: 'm/s^2',
 }
-const there = (...nodes) => nodes.filter(Boolean)
 
 /** The tab of a flight's discrepancy. result: null where no analysis has ended. */
 export function discrepancy(page, result, summary, signal) {
   const id = encodeURIComponent(summary.id)
   if (!result) {
-    const failed = summary.jobs.find(job => job.kind === 'discrepancy' && job.error)
-    page.append(remark('note', h('p', {}, failed ? `The last analysis failed: ${failed.error}`
-      : 'No model has been questioned by this flight.'),
-    h('p', {}, h('a', { class: 'button', href: `#/flights/${id}` }, 'Question a model'))))
+    page.append(nothingYet(summary, 'discrepancy', {
+      failed: 'The last analysis failed', missing: 'No model has been questioned by this flight.',
+      start: 'Question a model',
+    }))
     return
   }
   const [kind, words] = VERDICTS[result.verdict] ?? ['note', result.verdict]

@@ -52,3 +52,6 @@ export const select = (choices, chosen, change) => h('select', { change: event =
 
 /** A boxed remark: kind is 'good', 'bad', 'note'. */
 export const remark = (kind, ...children) => h('div', { class: `remark ${kind}` }, ...children)
+
+/** Those of the nodes that are there. */
+export const there = (...nodes) => nodes.filter(Boolean)

@@ -1,9 +1,10 @@
 // The result of an identification: validation, coefficients, sensors, residuals.
 
 import { get } from './api.js'
-import { field, h, listing, remark, select, table } from './dom.js'
+import { field, h, listing, remark, select, table, there } from './dom.js'
 import { coefficientTable, refusedTable, sensorTable } from './estimates.js'
 import { estimate, NONE, number } from './format.js'
+import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
 import { gaps, legendAbove, level, line, plot, shown, source, BLUE, RED } from './plots.js'
 
@@ -17,10 +18,10 @@ const BREAK = 5
 export function identification(page, result, summary, signal) {
   const id = encodeURIComponent(summary.id)
   if (!result) {
-    const failed = summary.jobs.find(job => job.kind === 'identify' && job.error)
-    page.append(remark('note', h('p', {}, failed ? `The last identification failed: ${failed.error}`
-      : 'No model has been identified from this flight.'),
-    h('p', {}, h('a', { class: 'button', href: `#/flights/${id}` }, 'Start an identification'))))
+    page.append(nothingYet(summary, 'identify', {
+      failed: 'The last identification failed', missing: 'No model has been identified from this flight.',
+      start: 'Start an identification',
+    }))
     return
   }
   const found = result.validation
@@ -43,8 +44,6 @@ export function identification(page, result, summary, signal) {
   )
   modelLink(page.querySelector('#model-download'), summary.id, 'identify', signal)
 }
-
-const there = (...nodes) => nodes.filter(Boolean)
 
 /** Put the download of the newest model of that flight and kind in a place. */
 export async function modelLink(place, flight, kind, signal) {

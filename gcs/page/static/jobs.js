@@ -135,3 +135,10 @@ function told(job) {
       href: `#/flights/${encodeURIComponent(job.flight_id)}/${TABS[job.kind]}` }, 'See the result')),
   ].filter(Boolean)
 }
+
+/** What stands where a flight has no result of a kind yet. words: what failed, what is missing, what to press. */
+export function nothingYet(summary, kind, { failed, missing, start }) {
+  const job = summary.jobs.find(one => one.kind === kind && one.error)
+  return remark('note', h('p', {}, job ? `${failed}: ${job.error}` : missing),
+    h('p', {}, h('a', { class: 'button', href: `#/flights/${encodeURIComponent(summary.id)}` }, start)))
+}
