@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.dryden import DEFAULT_LENGTH_M, Turbulence
 from sysid.filter_path import FilteredFlight, Linear
-from sysid.filter_variances import variance_pass
+from sysid.filter_variances import variance_gradient, variance_pass
 from sysid.flight import Array
 
 FAINT = 0.003  # m/s, below any sensor
 SEARCH_S = 60.0  # of flight, from which noise and turbulence are estimated
 _STEPS = 15
 _NUDGE = 1e-5
+# Change of a logarithm beyond which the information of another place leads astray.
+_STALE = 2.0
+# Of log likelihood, and its share of all that was gained, below which a step is the last one.
+_ENOUGH, _LITTLE = 0.05, 0.003
 
 
 @dataclass(frozen=True)
@@ -76,30 +80,62 @@ def likeliest_noise(
     eta, damping = known.eta(noise, turbulence), 1e-3
     value, downhill, information = _scores(flight, linear[:chosen], eta, known, turbulence)
     value -= known.cost(eta)
+    scored, first = eta, value
     for _ in range(_STEPS):
+        slope = downhill - known.weight * (eta - known.middle)
         curvature = information + np.diag(known.weight + damping * np.diag(information) + 1e-9)
-        step = np.linalg.solve(curvature, downhill - known.weight * (eta - known.middle))
-        trial = np.clip(eta + np.clip(step, -1.5, 1.5), known.low, known.high)
-        tried = _scores(flight, linear[:chosen], trial, known, turbulence)
+        trial = np.clip(eta + np.clip(np.linalg.solve(curvature, slope), -1.5, 1.5), known.low, known.high)
+        tried = _gradient(flight, linear[:chosen], trial, known, turbulence)
         gained = tried[0] - known.cost(trial) - value
-        if not gained > -1e-6:
+        step = trial - eta
+        promised = float(slope @ step - 0.5 * step @ (information + np.diag(known.weight)) @ step)
+        kept = gained > -1e-6
+        if kept:
+            eta, value, downhill = trial, value + gained, tried[1]
+            if gained < max(_ENOUGH, _LITTLE * (value - first)):
+                break
+        if gained > 0.5 * promised:
+            damping *= 0.3
+        elif not kept and np.array_equal(eta, scored):
             damping = max(10.0 * damping, 1e-2)
             if damping > 1e6:
                 break
-            continue
-        eta, value, downhill, information = trial, value + gained, tried[1], tried[2]
-        damping *= 0.1
-        if gained < 0.05:
-            break
+        elif not kept:
+            damping = max(damping, 1e-2)
+        # Information of another place leads astray far from it.
+        if np.max(np.abs(eta - scored)) > _STALE or (not kept and not np.array_equal(eta, scored)):
+            _, downhill, information = _scores(flight, linear[:chosen], eta, known, turbulence)
+            scored = eta
     return known.values(eta, turbulence)
+
+
+def _gradient(
+    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
+) -> tuple[float, Array]:
+    """Log likelihood and gradient of the logarithms of noise variances and turbulence."""
+    likelihood, gradient = 0.0, np.zeros(eta.size)
+    for arguments in _arguments(flight, linear, eta, known, turbulence):
+        passed = variance_gradient(*arguments)
+        likelihood, gradient = likelihood + passed[0], gradient + passed[1]
+    return float(likelihood) if np.isfinite(likelihood) else -np.inf, gradient
 
 
 def _scores(
     flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
 ) -> tuple[float, Array, Array]:
     """Log likelihood, gradient and information of the logarithms of noise variances and turbulence."""
-    noise, here = known.values(eta, turbulence)
     likelihood, gradient, information = 0.0, np.zeros(eta.size), np.zeros((eta.size, eta.size))
+    for arguments in _arguments(flight, linear, eta, known, turbulence):
+        passed = variance_pass(*arguments)
+        likelihood, gradient, information = likelihood + passed[0], gradient + passed[1], information + passed[2]
+    return float(likelihood) if np.isfinite(likelihood) else -np.inf, gradient, information
+
+
+def _arguments(
+    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
+) -> Iterator[tuple[Array, ...]]:
+    """What the passes of `sysid.filter_variances` take, record by record."""
+    noise, here = known.values(eta, turbulence)
     for k, one in enumerate(linear):
         system = flight.system(k, one, here)
         moved = [
@@ -109,9 +145,7 @@ def _scores(
             np.array([(getattr(other, part) - getattr(system, part)) / _NUDGE for other in moved])
             for part in ("transition", "process", "p_start")
         ]
-        passed = variance_pass(
+        yield (
             system.transition, system.drift, system.left, system.observe, system.jump, noise, system.process,
             system.p_start, *change,
         )  # fmt: skip
-        likelihood, gradient, information = likelihood + passed[0], gradient + passed[1], information + passed[2]
-    return float(likelihood) if np.isfinite(likelihood) else -np.inf, gradient, information

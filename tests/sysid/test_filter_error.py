@@ -19,7 +19,7 @@ from sysid.estimate import build_filter
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_pass import kalman_pass
 from sysid.filter_start import settled_path
-from sysid.filter_variances import variance_pass
+from sysid.filter_variances import variance_gradient, variance_pass
 from sysid.flight import Array, FlightSignals
 from sysid.identify import Identification, identify
 from sysid.posing import make_problem
@@ -135,6 +135,21 @@ def test_scores_of_variances_are_the_slopes_of_the_dense_likelihood() -> None:
     assert information.shape == (3, 3)
     assert np.all(np.linalg.eigvalsh(information) > 0.0)
     assert np.trace(information) == pytest.approx(float(np.trace(np.array(expected))), rel=1.0)
+
+
+def test_the_way_back_gives_the_same_gradient_as_the_filter_differentiated() -> None:
+    system, rng = Small(4), np.random.default_rng(7)
+    system.left[3, 1] = np.nan
+    half = rng.normal(size=(2, *system.transition.shape))
+    changes = [0.1 * half, half @ half.transpose(0, 1, 3, 2), np.broadcast_to(np.eye(3), (2, 3, 3)).copy()]
+    arguments = (
+        system.transition, system.drift, system.left, system.observe, system.jump, system.noise, system.process,
+        system.start, *changes,
+    )  # fmt: skip
+    likelihood, gradient, _ = variance_pass(*arguments)
+    again, short = variance_gradient(*arguments)
+    assert again == pytest.approx(likelihood, rel=1e-12)
+    np.testing.assert_allclose(short, gradient, rtol=1e-9, atol=1e-9)
 
 
 def test_gusts_have_the_variance_and_the_memory_of_the_simulators() -> None:
