@@ -353,21 +353,31 @@ def runge_kutta_step(
 
     slopes: (6,) rates of u v w p q r that are imposed, NaN where they follow from the equations; (0,) where all do.
     """
+    runge_kutta_along(x, surfaces, surfaces, surfaces, thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W,
+                      scratch)  # fmt: skip
+
+
+@jit
+def runge_kutta_along(
+    x: Array, first: Array, middle: Array, last: Array, thrust: float, wind: Array, gust: Array, rho: float, step: float,
+    slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array,
+) -> None:  # fmt: skip
+    """`runge_kutta_step` with surfaces that move: (4,) at its begin, in its middle and at its end."""
     k1, k2, k3, k4, y = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     n = x.size
-    derivatives(x, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k1)
+    derivatives(x, first, thrust, wind, gust, rho, P, E, C, F, K, T, W, k1)
     _lead(slopes, k1)
     for i in range(n):
         y[i] = x[i] + 0.5 * step * k1[i]
-    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k2)
+    derivatives(y, middle, thrust, wind, gust, rho, P, E, C, F, K, T, W, k2)
     _lead(slopes, k2)
     for i in range(n):
         y[i] = x[i] + 0.5 * step * k2[i]
-    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k3)
+    derivatives(y, middle, thrust, wind, gust, rho, P, E, C, F, K, T, W, k3)
     _lead(slopes, k3)
     for i in range(n):
         y[i] = x[i] + step * k3[i]
-    derivatives(y, surfaces, thrust, wind, gust, rho, P, E, C, F, K, T, W, k4)
+    derivatives(y, last, thrust, wind, gust, rho, P, E, C, F, K, T, W, k4)
     _lead(slopes, k4)
     for i in range(n):
         x[i] += step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])

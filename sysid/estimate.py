@@ -42,6 +42,9 @@ QUIET_SURFACE = math.radians(0.6)
 # One that moves by less than this stood still, rad.
 STILL_SURFACE = math.radians(0.05)
 # Log likelihood by which the other timing of the commands must be better.
+# Steps of the filter over a sample, along which surfaces move as they do; more where they jump or turn between samples.
+_FILTER_STEPS, _UNEVEN_STEPS = 1, 4
+_UNEVEN = ("actuator_delay", "actuator_rate_limit", "actuator_backlash")
 TIMING_MARGIN = 5.0
 LONGITUDINAL_STATES = ("u", "w", "q", "theta")
 
@@ -155,6 +158,9 @@ def build(
     sigma: Array | None = None,
 ) -> OutputError:
     """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
+    if COMMAND_DELAY in problem.delays:
+        # A command that changes between samples asks for more steps.
+        problem = replace(problem, sub_steps=2 * problem.sub_steps)
     predictor = predictor_of(problem, model, coefficients, effects)
     return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, _known(problem, predictor))
 
@@ -163,6 +169,8 @@ def build_filter(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> FilterError:
     """The same problem with turbulence as process noise."""
+    uneven = COMMAND_DELAY in problem.delays or any(effect.name in _UNEVEN for effect in model.effects)
+    problem = replace(problem, sub_steps=_UNEVEN_STEPS if uneven else _FILTER_STEPS)
     predictor = predictor_of(problem, model, coefficients, effects)
     return FilterError(predictor, problem.paths, problem.motion.outputs, _known(problem, predictor))
 
@@ -188,8 +196,7 @@ def predictor_of(
         parameters,
         problem.records,
         command_first=problem.command_first,
-        # A command that changes between samples asks for more of them.
-        sub_steps=problem.sub_steps * (2 if COMMAND_DELAY in problem.delays else 1),
+        sub_steps=problem.sub_steps,
     )
 
 

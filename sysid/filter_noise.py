@@ -14,10 +14,11 @@ from sysid.flight import Array
 
 FAINT = 0.003  # m/s, below any sensor
 SEARCH_S = 60.0  # of flight, from which noise and turbulence are estimated
-_STEPS = 15
+_STEPS = 30
 _NUDGE = 1e-5
-# Change of a logarithm beyond which the information of another place leads astray.
-_STALE = 2.0
+_REACH = 1.5  # of a logarithm, the longest step
+# What a step that loses is shortened by, and its share from which on there is no way up any more.
+_SHORTER, _SHORTEST = 0.4, 1e-3
 # Of log likelihood, and its share of all that was gained, below which a step is the last one.
 _ENOUGH, _LITTLE = 0.05, 0.003
 
@@ -77,36 +78,45 @@ def likeliest_noise(
         chosen, total = chosen + 1, total + record.length * record.interval_s
         if total >= search_s:
             break
-    eta, damping = known.eta(noise, turbulence), 1e-3
-    value, downhill, information = _scores(flight, linear[:chosen], eta, known, turbulence)
-    value -= known.cost(eta)
-    scored, first = eta, value
+    eta = known.eta(noise, turbulence)
+    value, slope, curvature = _scores(flight, linear[:chosen], eta, known, turbulence)
+    value, slope = value - known.cost(eta), slope - known.weight * (eta - known.middle)
+    curvature += np.diag(known.weight + 1e-9)
+    first, share = value, 1.0
     for _ in range(_STEPS):
-        slope = downhill - known.weight * (eta - known.middle)
-        curvature = information + np.diag(known.weight + damping * np.diag(information) + 1e-9)
-        trial = np.clip(eta + np.clip(np.linalg.solve(curvature, slope), -1.5, 1.5), known.low, known.high)
-        tried = _gradient(flight, linear[:chosen], trial, known, turbulence)
-        gained = tried[0] - known.cost(trial) - value
-        step = trial - eta
-        promised = float(slope @ step - 0.5 * step @ (information + np.diag(known.weight)) @ step)
-        kept = gained > -1e-6
-        if kept:
-            eta, value, downhill = trial, value + gained, tried[1]
-            if gained < max(_ENOUGH, _LITTLE * (value - first)):
+        free = ~(((eta <= known.low) & (slope < 0.0)) | ((eta >= known.high) & (slope > 0.0)))
+        step = np.zeros(eta.size)
+        step[free] = share * np.linalg.solve(curvature[np.ix_(free, free)], slope[free])
+        trial = np.clip(eta + np.clip(step, -_REACH, _REACH), known.low, known.high)
+        there, downhill = _gradient(flight, linear[:chosen], trial, known, turbulence)
+        gained, downhill = there - known.cost(trial) - value, downhill - known.weight * (trial - known.middle)
+        if np.isfinite(gained):
+            curvature = _curved(curvature, trial - eta, slope - downhill)
+        if not gained > -1e-6:
+            share *= _SHORTER
+            if share < _SHORTEST:
                 break
-        if gained > 0.5 * promised:
-            damping *= 0.3
-        elif not kept and np.array_equal(eta, scored):
-            damping = max(10.0 * damping, 1e-2)
-            if damping > 1e6:
-                break
-        elif not kept:
-            damping = max(damping, 1e-2)
-        # Information of another place leads astray far from it.
-        if np.max(np.abs(eta - scored)) > _STALE or (not kept and not np.array_equal(eta, scored)):
-            _, downhill, information = _scores(flight, linear[:chosen], eta, known, turbulence)
-            scored = eta
+            continue
+        eta, value, slope, share = trial, value + gained, downhill, 1.0
+        if gained < max(_ENOUGH, _LITTLE * (value - first)):
+            break
     return known.values(eta, turbulence)
+
+
+def _curved(curvature: Array, step: Array, bent: Array) -> Array:
+    """Curvature (n, n) corrected by how much the slope bent along a step: BFGS, damped so that it stays positive.
+
+    The expected information is what a right model has; far from the top of a wrong one's likelihood it can be off by
+    any factor. Source: Nocedal & Wright, "Numerical Optimization", procedure 18.2 (Powell's damping).
+    """
+    along = curvature @ step
+    whole = float(step @ along)
+    if not whole > 0.0:
+        return curvature
+    seen = float(step @ bent)
+    share = 1.0 if seen >= 0.2 * whole else 0.8 * whole / (whole - seen)
+    mixed = share * bent + (1.0 - share) * along
+    return np.asarray(curvature - np.outer(along, along) / whole + np.outer(mixed, mixed) / float(step @ mixed))
 
 
 def _gradient(

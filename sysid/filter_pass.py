@@ -14,30 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
-from sim_vehicle.dynamics import derivatives, runge_kutta_step
-from sim_vehicle.effects import START_TIME
+from sim_vehicle.dynamics import derivatives, runge_kutta_along
+from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
 from sim_vehicle.jit import jit
-from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.sensing import read_sensors
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _TIME = int(Aux.time)
+_LAG, _TAU, _RATE = slot("actuator_lag"), slot("actuator_lag", "tau"), slot("actuator_rate_limit")
+_MOTOR, _MOTOR_TAU, _OWN_TAU = slot("motor_lag"), slot("motor_lag", "tau"), int(Par.motor_tau)
 
 
 @jit
 def run_actuators(
     commands: Array, start: int, length: int, dt: float, sub_steps: int, command_first: bool, P: Array, E: Array,
-    mean: Array, seen: Array,
+    over: Array, seen: Array,
 ) -> None:  # fmt: skip
     """Surfaces and throttle along a record, which no state acts on.
 
-    commands: (M, 4). mean: (length, sub_steps, 4) result, what the motion feels. seen: (length, 4) result, what sensors
-    see at the samples.
+    commands: (M, 4). over: (length, sub_steps, 3, 4) result, what the motion feels at the begin, in the middle and at
+    the end of every step, its mean by Simpson's rule the true one. seen: (length, 4) result, what sensors see at the
+    samples.
     """
-    actuators, middle, end = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4)
+    actuators, mean, end, before = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
+    servos = (E[_LAG] != 0.0 and E[_TAU] > 0.0) or E[_RATE] != 0.0
+    motor = (E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_OWN_TAU]) > 0.0
     step = dt / sub_steps
     start_actuators(commands[0], actuators)
     surfaces_at_rest(commands[0], E, end)
@@ -47,9 +52,15 @@ def run_actuators(
             if command_first:
                 surfaces_after_command(commands, k, dt, E, seen[k - start])
         for i in range(sub_steps):
-            advance_actuators(commands, k, i * step, step, dt, P, E, actuators, middle, end)
+            before[:] = end
+            advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
             if k >= start:
-                mean[k - start, i] = middle
+                for c in range(4):
+                    # What neither lags nor is limited in rate jumps, and is its mean all along.
+                    moves = motor if c == 3 else servos
+                    first, last = (before[c], end[c]) if moves else (mean[c], mean[c])
+                    over[k - start, i, 0, c], over[k - start, i, 2, c] = first, last
+                    over[k - start, i, 1, c] = 1.5 * mean[c] - 0.25 * (first + last)
 
 
 @jit
@@ -79,10 +90,10 @@ def _from_simulation(x: Array, s: Array) -> None:
 
 @jit
 def _step(
-    s: Array, gust: Array, mean: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
+    s: Array, gust: Array, over: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
     C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Nine states one sample later. mean: (sub_steps, 4). thrust: N, NaN where it follows from the throttle.
+    """Nine states one sample later. over: (sub_steps, 3, 4). thrust: N, NaN where it follows from the throttle.
 
     x: state of the simulation, of which the angle that a lagging lift feels, x[13], is carried on.
     """
@@ -90,9 +101,10 @@ def _step(
     felt = x[13]
     to_simulation(s, x)
     x[13] = felt
-    sub_steps = mean.shape[0]
+    sub_steps = over.shape[0]
     for i in range(sub_steps):
-        runge_kutta_step(x, mean[i], thrust, still, gust, rho, dt / sub_steps, slopes, P, E, C, F, K, T, W, scratch)
+        runge_kutta_along(x, over[i, 0], over[i, 1], over[i, 2], thrust, still, gust, rho, dt / sub_steps, slopes, P, E,
+                          C, F, K, T, W, scratch)  # fmt: skip
     _from_simulation(x, out)
 
 
@@ -119,7 +131,7 @@ def _read(
 
 @jit
 def predict_path(
-    before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, mean: Array,
+    before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, over: Array,
     seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array,
     C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray,
 ) -> tuple[Array, Array]:  # fmt: skip
@@ -127,7 +139,7 @@ def predict_path(
 
     before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
     gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
-    the others are imposed if `held`. mean: (N, sub, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
+    the others are imposed if `held`. over: (N, sub, 3, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
     from the throttle. heights: (N,) m above the ground, 0 where none is known. lagging: whether some sensor lags. A
     lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
     readings, as a prediction may be, though not of the filter's state.
@@ -161,7 +173,7 @@ def predict_path(
                 if i < 6:
                     slopes[i] = np.nan
         W[_TIME] = E[START_TIME] + (k + 0.5) * dt
-        _step(after[k], gust_over[k], mean[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F, K, T,
+        _step(after[k], gust_over[k], over[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F, K, T,
               x, W, scratch, ahead[k])  # fmt: skip
     return ahead, y
 

@@ -122,13 +122,13 @@ class FilteredFlight:
         record, path, free = self.records[k], self.paths[k], self.free[k]
         flat, errors = self.predictor.apply(theta)
         thrust = self._thrust(k, errors)
-        mean, seen = self._surfaces(k, flat)
-        ahead, y = self._predicted(k, flat, thrust, mean, seen)
+        over, seen = self._surfaces(k, flat)
+        ahead, y = self._predicted(k, flat, thrust, over, seen)
         gains = error_gains(errors)
         predicted = with_placed_errors(y, errors)
         places, terms, columns, weights = self._direct(flat, record if slopes else None)
         step_x, step_v, read_x, read_v = path_slopes(
-            path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], mean, seen, thrust,
+            path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
             record.rho[record.start :], _heights(record), record.interval_s, flat.P,
             _prompt(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
             np.arange(len(OUTPUTS)),
@@ -215,16 +215,16 @@ class FilteredFlight:
         return effects_flown(effects_at(flat, record), record.thrust[record.start])
 
     def _surfaces(self, k: int, flat: FlatModel) -> tuple[Array, Array]:
-        """What the motion feels (N, sub, 4) and what sensors see (N, 4) of the surfaces along a record."""
+        """What the motion feels (N, sub, 3, 4) and what sensors see (N, 4) of the surfaces along a record."""
         record, sub_steps = self.records[k], self.predictor.sub_steps
-        mean, seen = np.empty((record.length, sub_steps, 4)), np.empty((record.length, 4))
+        over, seen = np.empty((record.length, sub_steps, 3, 4)), np.empty((record.length, 4))
         commands = held_by_dead_band(record.commands, record, flat.E)
         run_actuators(commands, record.start, record.length, record.interval_s, sub_steps,
-                      self.predictor.command_first, flat.P, flat.E, mean, seen)  # fmt: skip
-        return mean, seen
+                      self.predictor.command_first, flat.P, flat.E, over, seen)  # fmt: skip
+        return over, seen
 
     def _predicted(
-        self, k: int, flat: FlatModel, thrust: Array, mean: Array, seen: Array, read_ahead: bool = True
+        self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
         """One step ahead and what is read. read_ahead: see `_come_late`; else readings that come late are expected so,
         which keeps their noise out of what is compared with them.
@@ -236,7 +236,7 @@ class FilteredFlight:
 
         def along(before: Array, gust_before: Array) -> tuple[Array, Array]:
             return predict_path(
-                before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], mean, seen, thrust,
+                before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, thrust,
                 record.rho[record.start :], _heights(record), record.interval_s, bool(record.held.size), lagging,
                 flat.P, effects, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
             )  # fmt: skip

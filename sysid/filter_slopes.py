@@ -78,7 +78,7 @@ def _rates_by_states(s: Array, gravity: float, R: Array, Q: Array, A: Array) -> 
 @jit
 def path_slopes(
     before: Array, gust_before: Array, after: Array, gust_over: Array, ahead: Array, free: IntArray, axes: IntArray,
-    mean: Array, seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, P: Array, E: Array, C: Array,
+    over: Array, seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, P: Array, E: Array, C: Array,
     F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, weights: Array, places: IntArray,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Derivatives of what `sysid.filter_pass.predict_path` gives for the same arguments.
@@ -130,8 +130,9 @@ def path_slopes(
             middle[i] = after[k, i] + 0.5 * ((apart + pi) % (2.0 * pi) - pi if i == 6 or i == 8 else apart)
         for i in range(4):
             surfaces[i] = 0.0
-            for sub in range(mean.shape[1]):
-                surfaces[i] += mean[k, sub, i] / mean.shape[1]
+            for sub in range(over.shape[1]):
+                surfaces[i] += (over[k, sub, 0, i] + 4.0 * over[k, sub, 1, i] + over[k, sub, 2, i]) / 6.0
+            surfaces[i] /= over.shape[1]
         pull = 0.5 * (thrust[k] + thrust[k + 1])
         W[_TIME] = E[START_TIME] + (k + 0.5) * dt
         to_simulation(middle, x)
