@@ -29,6 +29,7 @@ _LITTLE = 150.0
 _SHARE_OF_BEST = 0.5
 # Rounds of a fit that has far to go.
 _ROUNDS = 4
+_TRIAL_STEPS = 12
 _LEAST_GUSTS = 0.02  # m/s, to start from
 # Starts of a candidate, as shares of what its score promises: a size too large may lie over the hill.
 _SHARES = (1.0, 0.3)
@@ -73,7 +74,7 @@ def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start
         start = known.values() | {candidate.parameter(name): value for name, value in values.items()}
         with suppress(EstimationError):
             flight = build_filter(problem, extended(base.model, candidate, values), *_free(base, candidate))
-            found = flight.solve(start, known.turbulence, known=known)
+            found = flight.solve(start, known.turbulence, known=known, max_iterations=_TRIAL_STEPS)
             best = found if best is None or found.cost < best.cost else best
         if best is not None and best.cost < known.cost:
             break

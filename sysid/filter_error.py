@@ -19,7 +19,7 @@ from sysid.errors import EstimationError
 from sysid.filter_noise import FAINT, SEARCH_S, Surroundings, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass, Path
 from sysid.filter_scores import Scores, joint_scores
-from sysid.filter_start import followed, settled_path
+from sysid.filter_start import followed, follows, settled_path
 from sysid.flight import Array
 from sysid.output_error import autocorrelation, prior_knowledge
 from sysid.parameterisation import Parameter, Predictor
@@ -170,7 +170,7 @@ class FilterError(FilteredFlight):
         noise, rough = likeliest_noise(self, linear, first, turbulence, search_s)
         with np.errstate(all="ignore"):
             linear, found = settled_path(self, theta, noise, rough)
-        if np.isfinite(found.information).all():
+        if follows(found):
             return noise, linear, found, rough
         # The likeliest noise about that path loses the flight: the larger one, which follows it, until the model is
         # better.

@@ -8,13 +8,10 @@ found; the paths it has run away on are not kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
-from sysid.filter_noise import likeliest_noise
 from sysid.filter_path import FilteredFlight, Linear, Pass
 from sysid.flight import Array
 
@@ -22,6 +19,8 @@ from sysid.flight import Array
 _GROWTH = (1.0, 1e2, 1e4, 1e6, 1e8)
 # Mean square of the innovations over their variances up to which the filter follows: 1 where all is as assumed.
 _FOLLOWS = 25.0
+# Rounds in which that much more noise is brought down to what the innovations show.
+_ROUNDS = 3
 
 
 def settled_path(
@@ -46,12 +45,13 @@ def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tu
         noise = growth * told
         with np.errstate(all="ignore"):
             linear, found = settled_path(flight, theta, noise, turbulence)
-        if _follows(found):
+        if _follows_on_the_whole(found):
             if growth > 1.0:
                 # What the highest frequencies showed is disproved: it is no prior knowledge of the noise either.
                 flight.noise = noise
-                noise, _ = likeliest_noise(flight, linear, noise, turbulence)
-                linear, found = settled_path(flight, theta, noise, turbulence)
+                for _ in range(_ROUNDS):
+                    noise = noise * _misfits(found)
+                    linear, found = settled_path(flight, theta, noise, turbulence)
             return noise, linear, found
     flight.paths = kept
     raise EstimationError(
@@ -60,13 +60,22 @@ def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tu
     )
 
 
-def _follows(found: Pass) -> bool:
-    if not (np.isfinite(found.likelihood) and np.isfinite(found.information).all()):
-        return False
-    return _misfit(found.innovations, found.variances) < _FOLLOWS
+def follows(found: Pass) -> bool:
+    """Whether the filter stays with the flight in every output."""
+    return _is_number(found) and bool(np.max(_misfits(found)) < _FOLLOWS)
 
 
-def _misfit(innovations: Sequence[Array], variances: Sequence[Array]) -> float:
+def _follows_on_the_whole(found: Pass) -> bool:
+    return _is_number(found) and bool(np.mean(_misfits(found)) < _FOLLOWS)
+
+
+def _is_number(found: Pass) -> bool:
+    finite = bool(np.isfinite(found.likelihood) and np.isfinite(found.information).all())
+    return finite and bool(np.isfinite(_misfits(found)).all())
+
+
+def _misfits(found: Pass) -> Array:
+    """(m,) mean squares of every output's innovations over their variances."""
     with np.errstate(all="ignore"):
-        squares = [np.nanmean(nu**2 / variance) for nu, variance in zip(innovations, variances, strict=True)]
-    return float(np.max(squares)) if np.isfinite(squares).all() else float("inf")
+        ratios = [nu**2 / variance for nu, variance in zip(found.innovations, found.variances, strict=True)]
+        return np.asarray(np.nanmean(np.concatenate(ratios), axis=0))
