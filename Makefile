@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -99,6 +99,10 @@ campaign-design: setup
 
 campaign-jsbsim: setup
 	$(BIN)/python tests/campaign/other_engine.py
+
+# Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
+campaign-jsbsim-effects: setup
+	$(BIN)/python tests/campaign/jsbsim_effects.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1)
 
 campaign-bad-flights: setup
 	$(BIN)/python tests/campaign/bad_flights.py

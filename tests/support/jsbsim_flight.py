@@ -7,7 +7,7 @@ names of coefficients are used: trim, motion, forces, commands and sensor errors
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,12 +18,14 @@ from jsbsim_twin import (
     NEWTON_PER_POUND_FORCE,
     SLUG,
     Array,
+    Lag,
     function,
     linear_coefficients,
     load_twin,
     product,
     regressor,
     set_inputs,
+    settle,
     write_twin,
 )
 from scipy import optimize
@@ -90,12 +92,13 @@ _TABULATED = ("CL_0", "CL_alpha", "CD_0", "CD_k", "Cm_0", "Cm_alpha", "Cm_de", "
 
 @dataclass(frozen=True)
 class Aircraft:
-    """An aircraft in JSBSim: what its vehicle file says, and the functions of its six coefficients."""
+    """An aircraft in JSBSim: what its vehicle file says, the functions of its six coefficients, and its lags."""
 
     name: str
     vehicle: Vehicle
     model: Model
     functions: Mapping[str, str]
+    lags: tuple[Lag, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -188,12 +191,22 @@ def multisine(times: Array, size: float, first: int, generator: np.random.Genera
     return size * ramp * waves[int(np.argmax([wave.std() for wave in waves]))]
 
 
-def fly(folder: Path, aircraft: Aircraft, seed: int, seconds: float = SECONDS) -> Flown:
-    """Trim and fly one flight in JSBSim; the multisines' phases and sizes come from the seed."""
-    write_twin(folder, aircraft.vehicle, aircraft.model, aircraft.functions)
+def fly(
+    folder: Path,
+    aircraft: Aircraft,
+    seed: int,
+    seconds: float = SECONDS,
+    density: float | None = None,
+    resolution: float = 0.0,
+) -> Flown:
+    """Trim and fly one flight in JSBSim; the multisines' phases and sizes come from the seed.
+
+    density: kg/m^3, None for JSBSim's standard atmosphere. resolution: step of the commands, rad, 0 for none.
+    """
+    write_twin(folder, aircraft.vehicle, aircraft.model, aircraft.functions, aircraft.lags)
     generator = np.random.default_rng([seed, 1])
     times = np.arange(round(seconds / TICK) + 1) * TICK
-    alpha, de, thrust = _trim(folder)
+    alpha, de, thrust = _trim(folder, aircraft.lags, density)
     size = generator.uniform(0.8, 1.2, 4)
     slow = np.clip(times, 0.0, 1.0) * np.sin(2.0 * np.pi * times / 13.0 + generator.uniform(0.0, 2.0 * np.pi))
     given = {
@@ -202,8 +215,9 @@ def fly(folder: Path, aircraft: Aircraft, seed: int, seconds: float = SECONDS) -
         "dr": multisine(times, 0.06 * size[2], 2, generator),
         "throttle": thrust / FULL_THRUST * (1.0 + 0.35 * size[3] * slow),
     }
-    twin = load_twin(folder, _start(alpha), STEP, None)
+    twin = load_twin(folder, _start(alpha), STEP, density)
     set_inputs(twin, np.array([de, 0.0, 0.0]), thrust)
+    settle(twin, aircraft.lags)
     assert twin.run_ic()
     before = now = _ideal(twin, aircraft.vehicle)
     rows, flown = [], []
@@ -215,6 +229,8 @@ def fly(folder: Path, aircraft: Aircraft, seed: int, seconds: float = SECONDS) -
         # A weak hold of bank and pitch keeps the flight where the sensors work; it acts on what was read just before.
         command["da"] += 0.06 * rows[-1]["phi"]
         command["de"] += 0.10 * (rows[-1]["theta"] - alpha)
+        if resolution:
+            command = {name: round(value / resolution) * resolution for name, value in command.items()}
         flown.append({**command, "thrust": pull})
         for part in range(BLOCKS):
             # A motor that follows the throttle with a lag of the first order; its mean over the block acts.
@@ -243,12 +259,13 @@ def _start(alpha: float) -> Array:
     return start
 
 
-def _trim(folder: Path) -> tuple[float, float, float]:
+def _trim(folder: Path, lags: Sequence[Lag], density: float | None) -> tuple[float, float, float]:
     """Angle of attack, elevator (rad) and thrust (N) of level flight, by JSBSim's own accelerations."""
 
     def accelerations(unknown: Array) -> Array:
-        twin = load_twin(folder, _start(float(unknown[0])), STEP, None)
+        twin = load_twin(folder, _start(float(unknown[0])), STEP, density)
         set_inputs(twin, np.array([unknown[1], 0.0, 0.0]), float(unknown[2]))
+        settle(twin, lags)
         assert twin.run_ic()
         get = twin.get_property_value
         u, w = (get(f"accelerations/{name}dot-ft_sec2") * FT for name in "uw")

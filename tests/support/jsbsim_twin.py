@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import jsbsim
@@ -41,6 +42,26 @@ _PROPERTIES = {
     "dr": "fcs/rudder-pos-rad",
     "CL": "aero/twin/CL",
 }
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A property that follows an expression with a lag of the first order.
+
+    follows: expression of JSBSim's. start: property with the value that it begins at. share: of the way that it goes in
+    one step, 1 - exp(-step / tau). JSBSim's own lag filter begins at 0, far from any trim.
+    """
+
+    name: str
+    follows: str
+    start: str
+    share: float
+
+
+def settle(twin: jsbsim.FGFDMExec, lags: Iterable[Lag]) -> None:
+    """Begin lags where they end in steady flight; initial conditions and inputs must be set."""
+    for lag in lags:
+        twin.set_property_value(lag.name, twin.get_property_value(lag.start))
 
 
 def _value(x: float) -> str:
@@ -147,10 +168,17 @@ def _mass_balance(vehicle: Vehicle) -> str:
     return f"<mass_balance>{text}</mass_balance>"
 
 
-def write_twin(folder: Path, vehicle: Vehicle, model: Model, coefficients: Mapping[str, str] | None = None) -> None:
+def write_twin(
+    folder: Path,
+    vehicle: Vehicle,
+    model: Model,
+    coefficients: Mapping[str, str] | None = None,
+    lags: Iterable[Lag] = (),
+) -> None:
     """Write planet and aircraft of a vehicle with a model without effects (alphadot and throttle terms excepted).
 
     coefficients: JSBSim functions of CL CD CY Cl Cm Cn, as `function` gives them, to fly instead of the model's.
+    lags: properties that the functions may use beside JSBSim's own.
     """
     geometry = vehicle.geometry
     assert vehicle.propulsion is not None
@@ -172,12 +200,24 @@ def write_twin(folder: Path, vehicle: Vehicle, model: Model, coefficients: Mappi
     )
     aircraft = (
         f'<fdm_config name="{NAME}" version="2.0" release="BETA">{metrics}{_mass_balance(vehicle)}<ground_reactions/>'
-        f"{thrust}<propulsion/><flight_control/>"
+        f"{thrust}<propulsion/>{_flight_control(lags)}"
         f"{_aerodynamics(vehicle, coefficients or linear_coefficients(vehicle, model))}</fdm_config>"
     )
     (folder / "aircraft" / NAME).mkdir(parents=True, exist_ok=True)
     (folder / "planet.xml").write_text(planet, encoding="utf-8")
     (folder / "aircraft" / NAME / f"{NAME}.xml").write_text(aircraft, encoding="utf-8")
+
+
+def _flight_control(lags: Iterable[Lag]) -> str:
+    """Components that run once a step, before the aerodynamics."""
+    declared = "".join(f'<property value="0.0">{lag.name}</property>' for lag in lags)
+    moved = "".join(
+        f'<fcs_function name="{lag.name}-next"><function><sum>{_property(lag.name)}<product>{_value(lag.share)}'
+        f"<difference>{lag.follows}{_property(lag.name)}</difference></product></sum></function>"
+        f"<output>{lag.name}</output></fcs_function>"
+        for lag in lags
+    )
+    return f'<flight_control name="{NAME}">{declared}<channel name="{NAME}">{moved}</channel></flight_control>'
 
 
 def fly_twin(folder: Path, start: Array, surfaces: Array, thrust: Array, dt: float, density: float | None) -> Array:

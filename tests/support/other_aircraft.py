@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 os.environ.setdefault("MAVLINK20", "1")
 
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 Array = NDArray[np.float64]
@@ -234,12 +235,12 @@ def _imu_messages(kind: str, row: Row, usec: int, ms: int) -> Iterator[Any]:
     yield mavlink.MAVLink_scaled_pressure_message(ms, hecto_pascal, difference, round(celsius * 100.0))
 
 
-def messages(row: Row, kind: str, boot_s: float) -> Iterator[Any]:
-    """Telemetry of one sample. kind: the message that carries specific force and rates."""
+def messages(row: Row, kind: str, boot_s: float, autopilot: int = 0) -> Iterator[Any]:
+    """Telemetry of one sample. kind: the message that carries specific force and rates. autopilot: MAV_AUTOPILOT."""
     usec = round((boot_s + row.time_s) * 1e6)
     ms = usec // 1000
     if usec % 1_000_000 == 0:
-        yield mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, 0, 128, 0, 4, 3)
+        yield mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, autopilot, 128, 0, 4, 3)
     yield from _imu_messages(kind, row, usec, ms)
     yield mavlink.MAVLink_attitude_message(ms, *row.angles.tolist(), *row.rates.tolist())
     yield mavlink.MAVLink_aoa_ssa_message(usec, math.degrees(row.alpha), math.degrees(row.beta))
@@ -255,16 +256,18 @@ def write_tlog(
     kind: str,
     boot_s: float,
     keep: Callable[[Any], bool] = lambda message: True,
+    autopilot: int = 0,
 ) -> None:
     """A telemetry log as a ground station keeps it: reception, us since 1970, in front of each frame.
 
-    keep: which messages are sent. Reception is up to some ms behind, as over a radio.
+    keep: which messages are sent. Reception is up to some ms behind, as over a radio. Written by pymavlink's own
+    writer, which leaves the stamps to whoever logs.
     """
     random = np.random.default_rng(5)
-    sender = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
-    with path.open("wb") as file:
-        for row in rows:
-            received = 1_790_000_000_000_000 + round((row.time_s + 0.004 + random.exponential(0.001)) * 1e6)
-            for message in filter(keep, messages(row, kind, boot_s)):
-                file.write(struct.pack(">Q", received) + message.pack(sender))
-                sender.seq = (sender.seq + 1) % 256
+    log = mavutil.mavlogfile(str(path), write=True, source_system=7, source_component=1)
+    for row in rows:
+        received = 1_790_000_000_000_000 + round((row.time_s + 0.004 + random.exponential(0.001)) * 1e6)
+        for message in filter(keep, messages(row, kind, boot_s, autopilot)):
+            log.write(struct.pack(">Q", received))
+            log.mav.send(message)
+    log.close()

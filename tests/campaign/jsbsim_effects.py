@@ -1,0 +1,115 @@
+"""Are effects named that another engine flies? Run: make campaign-jsbsim-effects
+
+Each flight is JSBSim's, with one effect written in JSBSim's own terms (tests/support/jsbsim_effects.py), sensors of the
+reference paper's Table II and calm air. The job gets its signals, the vehicle file, and a baseline that lacks the
+effect and is off by up to 5 % in every coefficient. One line for each flight is kept in campaign-output/jsbsim-effects,
+in a file named after the sources, so that a campaign that was stopped goes on where it was. Prints a table in markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from jsbsim_effects import NAMES, hidden
+from jsbsim_flight import fly, measure
+from seed_lines import end_line, fingerprint, keyed_lines, progress
+
+from sysid.discrepancy import discrepancy
+from sysid.errors import SysidError
+
+OUTPUT = Path(__file__).resolve().parents[2] / "campaign-output" / "jsbsim-effects"
+SOURCES = ("sysid", "sim_vehicle", "jsbsim_effects", "jsbsim_flight", "jsbsim_twin")
+SECONDS = 20.0
+OFF = 0.05
+HEAD = ("effect", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
+
+
+def one(name: str, seed: int) -> dict[str, Any]:
+    """Fly one effect and ask what is missing: a line of the store."""
+    effect = hidden(name)
+    with tempfile.TemporaryDirectory() as folder:
+        flown = fly(Path(folder), effect.flown, seed, SECONDS)
+    signals, _ = measure(flown, seed, f"{name}-{seed}")
+    line: dict[str, Any] = {"key": f"{name}-{seed}", "effect": name, "seed": seed, "flown": dict(effect.parameters)}
+    began = time.process_time()
+    try:
+        found = discrepancy([signals], effect.vehicle, effect.baseline(seed, OFF))
+    except SysidError as error:
+        line |= {"verdict": f"refused: {error}", "named": [], "reasons": []}
+    else:
+        line |= {"verdict": found["verdict"], "named": found["effects"], "reasons": found["reasons"]}
+    return line | {"cpu_seconds": round(time.process_time() - began, 1)}
+
+
+def is_right(line: Mapping[str, Any]) -> bool:
+    """Whether the effect that was flown is the first that is named."""
+    return bool(line["named"]) and line["named"][0]["name"] == line["effect"]
+
+
+def row(line: Mapping[str, Any]) -> list[str]:
+    """One flight in the table."""
+    flown = ", ".join(f"`{name}` {value:g}" for name, value in line["flown"].items())
+    if not line["named"]:
+        return [f"`{line['effect']}`", flown, line["verdict"], "", "", "", "", f"{line['cpu_seconds']:.0f}"]
+    first, *more = line["named"]
+    estimates = ", ".join(
+        f"`{name}` {entry['value']:.4g} ± {entry['std']:.2g}" for name, entry in first["parameters"].items()
+    )
+    others = [f"{one['name']} {one['probability']:.2f}" for one in first["alternatives"]]
+    others += [f"and {one['name']} {one['probability']:.2f}" for one in more]
+    return [
+        f"`{line['effect']}`", flown, line["verdict"], f"`{first['name']}`", f"{first['probability']:.4g}", estimates,
+        "; ".join(others), f"{line['cpu_seconds']:.0f}",
+    ]  # fmt: skip
+
+
+def table(lines: Sequence[Mapping[str, Any]]) -> str:
+    """Markdown: a row for each flight, and how many were named right."""
+    rows = [HEAD, tuple("---" for _ in HEAD), *(row(line) for line in lines)]
+    told = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+    right = [line for line in lines if is_right(line)]
+    effects = {line["effect"] for line in right}
+    alone = sum(len(line["named"]) == 1 for line in right)
+    return f"{told}\n\n{len(right)} of {len(lines)} flights named right, {alone} of them alone; {len(effects)} effects."
+
+
+def main() -> int:
+    """Fly what is missing and print the table."""
+    parser = argparse.ArgumentParser(description="Naming of missing effects that JSBSim flies.")
+    parser.add_argument("--effects", default="all", help=f"names with commas between, of: {', '.join(NAMES)}")
+    parser.add_argument("--seeds", type=int, default=1, help="flights of each effect (default 1)")
+    parser.add_argument("--table", action="store_true", help="fly nothing, print what is there of these sources")
+    given = parser.parse_args()
+    names = NAMES if given.effects == "all" else tuple(given.effects.split(","))
+    unknown = [name for name in names if name not in NAMES]
+    if unknown:
+        parser.error(f"JSBSim flies no effect {unknown[0]!r}; there are {', '.join(NAMES)}")
+    path = OUTPUT / f"{fingerprint(SOURCES)}.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    end_line(path)
+    wanted = [(name, seed) for seed in range(given.seeds) for name in names]
+    done = keyed_lines(path, "key")
+    missing = [] if given.table else [case for case in wanted if "{}-{}".format(*case) not in done]
+    begin = time.monotonic()
+    for count, (name, seed) in enumerate(missing, 1):
+        line = one(name, seed)
+        done[line["key"]] = line
+        with path.open("a", encoding="utf-8") as store:
+            store.write(json.dumps(line) + "\n")
+        progress(count, len(missing), time.monotonic() - begin)
+    print(table([done[f"{name}-{seed}"] for name, seed in wanted if f"{name}-{seed}" in done]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,192 @@
+"""Effects that a model may lack, written for JSBSim: terms of its functions, lags, masses and forces.
+
+None of this project's effects is used, only their names and those of their parameters. Each flight is of the linear
+aircraft with one effect; the baseline is told everything but that, and every coefficient of it is off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jsbsim_flight import AIRSPEED, STEP, Aircraft, linear_aircraft
+from jsbsim_twin import FT, Lag, function, linear_coefficients, product, regressor
+
+from sim_vehicle.model import Coefficient, Model
+from sim_vehicle.vehicle import Vehicle
+
+_AXIS_END = "</sum></function>"
+_ALPHA = "<property>aero/alpha-rad</property>"
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect in one aircraft.
+
+    name, parameters: as the catalogue calls it, at the values flown. flown: what JSBSim flies. vehicle, model: what is
+    told of it.
+    """
+
+    name: str
+    parameters: Mapping[str, float]
+    flown: Aircraft
+    vehicle: Vehicle
+    model: Model
+
+    def baseline(self, seed: int, share: float) -> Model:
+        """The model that is told with every coefficient off by up to `share`."""
+        generator = np.random.default_rng([seed, 3])
+        values = self.model.values()
+        off = {name: value * (1.0 + share * generator.uniform(-1.0, 1.0)) for name, value in values.items()}
+        return replace(self.model, coefficients={name: Coefficient(value) for name, value in off.items()})
+
+
+def _value(x: float) -> str:
+    return f"<value>{x!r}</value>"
+
+
+def _with_terms(functions: Mapping[str, str], terms: Mapping[str, str]) -> dict[str, str]:
+    """Functions of the coefficients with one more term on some axes."""
+    return {
+        axis: text.removesuffix(_AXIS_END) + terms[axis] + _AXIS_END if axis in terms else text
+        for axis, text in functions.items()
+    }
+
+
+def _lag(name: str, follows: str, start: str, tau: float) -> Lag:
+    return Lag(f"fcs/{name}", follows, start, -math.expm1(-STEP / tau))
+
+
+# Linear terms: axis and regressors of each parameter. The aircraft's own value is flown where it has one.
+_TERMS: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
+    "pitch_damping": {"Cm_q": ("Cm", ("q",))},
+    "pitch_curvature": {"Cm_alpha2": ("Cm", ("alpha", "alpha"))},
+    "lift_pitch_rate": {"CL_q": ("CL", ("q",))},
+    "polar_offset": {"CD_CL": ("CD", ("CL",))},
+    "control_drag": {"CD_de2": ("CD", ("de", "de"))},
+    "lift_alpha_elevator": {"CL_alpha_de": ("CL", ("alpha", "de"))},
+    "dihedral": {"Cl_beta": ("Cl", ("beta",))},
+    "weathercock": {"Cn_beta": ("Cn", ("beta",))},
+    "roll_damping": {"Cl_p": ("Cl", ("p",))},
+    "yaw_damping": {"Cn_r": ("Cn", ("r",))},
+    "adverse_yaw": {"Cn_da": ("Cn", ("da",))},
+    "side_force": {"CY_beta": ("CY", ("beta",))},
+    "sideslip_drag": {"CD_beta2": ("CD", ("beta", "beta"))},
+}
+# Values of what the linear aircraft does not have, within what is usual for its size.
+_VALUES = {"Cm_alpha2": -2.0, "CD_CL": 0.03, "CD_de2": 1.5, "CL_alpha_de": 2.0, "CD_beta2": 1.0}
+
+
+def _term_effect(name: str) -> Hidden:
+    base = linear_aircraft()
+    own = base.model.values()
+    parameters = {key: _VALUES.get(key, own.get(key, 0.0)) for key in _TERMS[name]}
+    rest = _without(base.model, parameters)
+    terms = {
+        axis: product(_value(parameters[key]), *(regressor(factor, base.vehicle) for factor in factors))
+        for key, (axis, factors) in _TERMS[name].items()
+    }
+    functions = _with_terms(linear_coefficients(base.vehicle, rest), terms)
+    return Hidden(name, parameters, Aircraft(name, base.vehicle, rest, functions), base.vehicle, rest)
+
+
+def _without(model: Model, names: Mapping[str, float]) -> Model:
+    return replace(model, coefficients={key: c for key, c in model.coefficients.items() if key not in names})
+
+
+def _stall() -> Hidden:
+    """Lift and drag go over to those of a flat plate: Beard & McLain (2012), eq. (4.9) and (4.10)."""
+    base = linear_aircraft()
+    angle, sharpness = 0.13, 50.0
+
+    def rise(offset: float, sign: float) -> str:
+        shifted = f"<sum>{_ALPHA}{_value(offset)}</sum>"
+        return f"<exp><product>{_value(sign * sharpness)}{shifted}</product></exp>"
+
+    above, below = rise(-angle, -1.0), rise(angle, 1.0)
+    share = (
+        f'<function name="aero/twin/separated"><quotient><sum>{_value(1.0)}{above}{below}</sum><product>'
+        f"<sum>{_value(1.0)}{above}</sum><sum>{_value(1.0)}{below}</sum></product></quotient></function>"
+    )
+    separated, sine = "<property>aero/twin/separated</property>", f"<sin>{_ALPHA}</sin>"
+    plate = product(_value(2.0), sine, f"<abs>{sine}</abs>", f"<cos>{_ALPHA}</cos>")
+    attached = "<property>aero/twin/CL-attached</property>"
+    left = product(f"<difference>{_value(1.0)}{separated}</difference>", attached)
+    blend = share + function("CL", [left, product(separated, plate)])
+    functions = linear_coefficients(base.vehicle, base.model)
+    functions["CL"] = functions["CL"].replace("aero/twin/CL", "aero/twin/CL-attached") + blend
+    drag = product(_value(2.0), separated, f"<pow><abs>{sine}</abs>{_value(3.0)}</pow>")
+    functions = _with_terms(functions, {"CD": drag})
+    flown = Aircraft("stall", base.vehicle, base.model, functions)
+    return Hidden("stall", {"alpha_stall": angle}, flown, base.vehicle, base.model)
+
+
+def _reynolds_drag() -> Hidden:
+    """The drag at zero lift goes with airspeed to the power -n about that of the flight."""
+    base, n = linear_aircraft(), 0.5
+    rest = _without(base.model, {"CD_0": 0.0})
+    ratio = f"<quotient><property>velocities/vt-fps</property>{_value(AIRSPEED / FT)}</quotient>"
+    term = product(_value(base.model.values()["CD_0"]), f"<pow>{ratio}{_value(-n)}</pow>")
+    functions = _with_terms(linear_coefficients(base.vehicle, rest), {"CD": term})
+    flown = Aircraft("reynolds_drag", base.vehicle, base.model, functions)
+    return Hidden("reynolds_drag", {"n": n}, flown, base.vehicle, base.model)
+
+
+def _unsteady_lift() -> Hidden:
+    """Lift follows the angle of attack of before, by a lag."""
+    base, tau = linear_aircraft(), 0.06
+    functions = linear_coefficients(base.vehicle, base.model)
+    functions["CL"] = functions["CL"].replace("aero/alpha-rad", "fcs/felt-alpha")
+    flow = "<property>velocities/w-fps</property><property>velocities/u-fps</property>"
+    lag = _lag("felt-alpha", f"<atan2>{flow}</atan2>", "ic/alpha-rad", tau)
+    flown = Aircraft("unsteady_lift", base.vehicle, base.model, functions, (lag,))
+    return Hidden("unsteady_lift", {"tau": tau}, flown, base.vehicle, base.model)
+
+
+def _actuator_lag() -> Hidden:
+    """The surfaces follow the commands by lags."""
+    base, tau = linear_aircraft(), 0.05
+    surfaces = {"elevator": "elevator-pos-rad", "aileron": "left-aileron-pos-rad", "rudder": "rudder-pos-rad"}
+    functions = linear_coefficients(base.vehicle, base.model)
+    for name, command in surfaces.items():
+        functions = {axis: text.replace(f"fcs/{command}", f"fcs/{name}-lagged") for axis, text in functions.items()}
+    lags = tuple(
+        _lag(f"{name}-lagged", f"<property>fcs/{command}</property>", f"fcs/{command}", tau)
+        for name, command in surfaces.items()
+    )
+    flown = Aircraft("actuator_lag", base.vehicle, base.model, functions, lags)
+    return Hidden("actuator_lag", {"tau": tau}, flown, base.vehicle, base.model)
+
+
+def _thrust_line_offset() -> Hidden:
+    """The force of the thrust acts lower than the vehicle file says."""
+    base, offset = linear_aircraft(), 0.02
+    assert base.vehicle.propulsion is not None
+    x, y, z = base.vehicle.propulsion.line
+    true = replace(base.vehicle, propulsion=replace(base.vehicle.propulsion, line=(x, y, z + offset)))
+    return Hidden("thrust_line_offset", {"z_T": offset}, replace(base, vehicle=true), base.vehicle, base.model)
+
+
+def _mass_error() -> Hidden:
+    """The aircraft weighs more than the vehicle file says; its moments of inertia are as told."""
+    base, scale = linear_aircraft(), 0.05
+    true = replace(base.vehicle, mass=replace(base.vehicle.mass, mass=(1.0 + scale) * base.vehicle.mass.mass))
+    return Hidden("mass_error", {"scale": scale}, replace(base, vehicle=true), base.vehicle, base.model)
+
+
+_OTHERS: dict[str, Callable[[], Hidden]] = {
+    "stall": _stall,
+    "reynolds_drag": _reynolds_drag,
+    "unsteady_lift": _unsteady_lift,
+    "actuator_lag": _actuator_lag,
+    "thrust_line_offset": _thrust_line_offset,
+    "mass_error": _mass_error,
+}
+NAMES = (*_TERMS, *_OTHERS)
+
+
+def hidden(name: str) -> Hidden:
+    """The effect of that name (one of `NAMES`) in JSBSim."""
+    return _OTHERS[name]() if name in _OTHERS else _term_effect(name)
