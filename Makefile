@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -64,6 +64,13 @@ bench-job: setup
 
 bench-peers: $(VENV)/.bench
 	$(BIN)/python benchmarks/peers.py
+
+# Eight hidden effects in calm air and in turbulence, a minute each; what is there is kept. For less: EFFECTS=stall SEEDS=1.
+bench-discrepancy-peers: $(VENV)/.bench
+	$(BIN)/python benchmarks/discrepancy_peers.py $(if $(EFFECTS),--effects $(EFFECTS)) $(if $(SEEDS),--seeds $(SEEDS))
+
+bench-discrepancy-cost: setup
+	$(BIN)/python benchmarks/discrepancy_cost.py
 
 bench-regression: setup
 	$(BIN)/python benchmarks/regression.py
