@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -49,6 +49,10 @@ page-pictures: $(VENV)/.interop
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
 	touch $@
+
+# The example of docs/howto/missing-effect.md: its commands run as they stand there, its pictures made anew (a minute).
+worked-example: setup
+	$(BIN)/python tools/worked_example.py
 
 bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/framing.py

@@ -87,8 +87,9 @@ def residual_curves(result: Result) -> list[str]:
     places = [place for place in result.get("where", []) if place.get("curve")]
     if not places:
         return []
+    model = _MODELS["given" if result.get("verdict") == "parameter_error" else "before"]
     caption = (
-        "Residual coefficients, measured minus model as given, over the variable that each depends on most: means of "
+        f"Residual coefficients, measured minus {model}, over the variable that each depends on most: means of "
         "eight parts of equally many samples with 95 % bands"
     )
     columns = min(3, len(places))

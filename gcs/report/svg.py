@@ -1,4 +1,4 @@
-"""Figures of matplotlib as SVG inside a page."""
+"""Figures of matplotlib as SVG inside a page, and as files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Callable
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -15,6 +16,7 @@ _STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "report", "font.size": 8.0, "font.family": "sans-serif", "axes.grid": True,
     "grid.alpha": 0.3, "axes.axisbelow": True, "lines.linewidth": 0.9, "figure.facecolor": "none",
 }  # fmt: skip
+_DOTS_PER_INCH = 130
 MEASURED, PREDICTED, LIMIT = "#4c78a8", "#c0392b", "#777777"
 
 
@@ -31,6 +33,14 @@ def figure(name: str, caption: str, size: tuple[float, float], draw: Callable[[F
     label = f'<svg role="img" aria-label="{escape(caption)}"'
     inside = _inline(buffer.getvalue(), name).replace("<svg", label, 1)
     return f"<figure>\n{inside}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"
+
+
+def save(path: Path, size: tuple[float, float], draw: Callable[[Figure], None]) -> None:
+    """The same figure as a PNG file on white."""
+    with mpl.rc_context(_STYLE):
+        made = Figure(figsize=size, layout="constrained", facecolor="white")
+        draw(made)
+        made.savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
 
 
 def _inline(svg: str, name: str) -> str:
