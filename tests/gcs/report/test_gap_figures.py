@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from gcs.cli import main
 from gcs.report import gapfigures
+from gcs.report.svg import save
 
 
 def flight(name: str) -> dict[str, Any]:
@@ -131,3 +133,22 @@ def test_the_page_has_the_sentence_and_a_figure_of_each(tmp_path: Path) -> None:
         "θ, deg", "α, deg", "q, deg/s", "V, m/s",
     ]  # fmt: skip
     assert picture.index("θ, deg") < picture.index("α, deg") < picture.index("q, deg/s") < picture.index("V, m/s")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "model"),
+    [("missing_effect", "the model fitted again"), ("unexplained", "the model fitted again"),
+     ("parameter_error", "the model as given")],
+)  # fmt: skip
+def test_the_residual_says_against_which_model_it_is(verdict: str, model: str) -> None:
+    [figure] = gapfigures.residual_curves({**result(), "verdict": verdict})
+    assert f"measured minus {model}, over" in figure
+
+
+def test_a_figure_is_saved_as_a_picture_on_white(tmp_path: Path) -> None:
+    save(tmp_path / "bars.png", (4.0, 2.0), lambda made: gapfigures.draw_bars(made.subplots(), gap()))
+    picture = imread(tmp_path / "bars.png")
+    height, width, _ = picture.shape
+    assert width == 2 * height > 200
+    assert picture[0, 0] == pytest.approx([1.0, 1.0, 1.0, 1.0])
+    assert picture.std() > 0.05
