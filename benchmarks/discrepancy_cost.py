@@ -1,8 +1,9 @@
 """CPU time of the discrepancy job over flight length and number of candidates. Run: make bench-discrepancy-cost
 
-One flight with a hidden effect, the campaign's multisine four times over with rests between, is cut to a quarter, a
-half and so on; then the first quarter is looked at with a catalogue cut to some effects, evenly spread over it. A power
-law is fitted to each: its exponent is 1 where cost grows linearly, and below that where a part of it is fixed.
+One flight with a hidden effect, the campaign's multisine four times over with rests between, is cut to an eighth, a
+quarter and so on; then the first quarter is looked at with a catalogue cut to some effects, evenly spread over it. To
+each a power law is fitted (its exponent is 1 where cost grows linearly, below that where a part is fixed), and a
+straight line.
 """
 
 from __future__ import annotations
@@ -114,14 +115,23 @@ def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
+def straight(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
+    """Fixed seconds, and seconds for each unit of size, of the straight line by least squares."""
+    each, fixed = np.polyfit(sizes, seconds, 1)
+    return float(fixed), float(each)
+
+
 def table(first: str, sizes: Sequence[float], rows: Sequence[Mapping[str, float]]) -> str:
-    """Markdown: CPU seconds by stage over sizes, and the exponents below."""
+    """Markdown: CPU seconds by stage over sizes, and below the exponents and straight lines."""
     columns = ("total", *SHOWN)
     lines = [f"| {first} | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for size, row in zip(sizes, rows, strict=True):
         lines.append(f"| {size:g} | " + " | ".join(f"{row[name]:.1f}" for name in columns) + " |")
     powers = [exponent(sizes, [row[name] for row in rows]) for name in columns]
-    return "\n".join([*lines, "| exponent | " + " | ".join(f"{power:.2f}" for power in powers) + " |"])
+    lines.append("| exponent | " + " | ".join(f"{power:.2f}" for power in powers) + " |")
+    fits = [straight(sizes, [row[name] for row in rows]) for name in columns]
+    lines.append("| straight line | " + " | ".join(f"{fixed:.1f} + {each:.3f} n" for fixed, each in fits) + " |")
+    return "\n".join(lines)
 
 
 def median_of(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:

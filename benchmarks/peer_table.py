@@ -31,8 +31,8 @@ def excess(over: Mapping[str, float], under: Mapping[str, float]) -> float:
 
 
 def closed(before: float, after: float) -> float:
-    """Share of the squared gap above the true model's that a correction closes; negative where it opens it."""
-    return (before**2 - after**2) / (before**2 - 1.0)
+    """Share of the gap above the true model's that a correction closes; negative where it opens it."""
+    return (before - after) / (before - 1.0)
 
 
 def is_right(effect: str, axis: str, factors: Iterable[str]) -> bool:

@@ -7,7 +7,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from discrepancy_cost import catalogue_of, exponent, spread_over, stage_of, table
+from discrepancy_cost import catalogue_of, exponent, spread_over, stage_of, straight, table
 from peer_table import closed, excess, naming, report
 
 from sim_vehicle.effects import EFFECTS
@@ -32,7 +32,8 @@ def test_a_gap_as_the_truth_leaves_it_is_closed():
     assert excess({"q": float("inf"), "az": 0.3}, TRUE) == float("inf")
     assert closed(3.0, 1.0) == 1.0
     assert closed(3.0, 3.0) == 0.0
-    assert closed(3.0, 5.0) == pytest.approx(-2.0)
+    assert closed(3.0, 5.0) == pytest.approx(-1.0)
+    assert closed(3.0, 2.0) == pytest.approx(0.5)
 
 
 def test_terms_are_right_on_the_effects_axis_alone_and_the_baselines_own_are_not_false():
@@ -60,8 +61,10 @@ def test_exponents_are_those_of_the_power_laws():
     stages = ("total", "preparation", "re-fit", "first look", "trials")
     rows = [dict.fromkeys(stages, 2.0 * n**0.5) | {"gap": 3.0 * n} for n in (10.0, 20.0, 40.0)]
     assert exponent((10.0, 20.0, 40.0), [row["gap"] for row in rows]) == pytest.approx(1.0)
-    last = table("flight, s", (10.0, 20.0, 40.0), rows).splitlines()[-1]
-    assert last == "| exponent | 0.50 | 0.50 | 0.50 | 0.50 | 0.50 | 1.00 |"
+    *_, powers, lines = table("flight, s", (10.0, 20.0, 40.0), rows).splitlines()
+    assert powers == "| exponent | 0.50 | 0.50 | 0.50 | 0.50 | 0.50 | 1.00 |"
+    assert lines.endswith("| 0.0 + 3.000 n |") or lines.endswith("| -0.0 + 3.000 n |")
+    assert straight((10.0, 20.0, 40.0), (2.0, 3.0, 5.0)) == pytest.approx((1.0, 0.1))
 
 
 def test_progress_tells_the_stage():
