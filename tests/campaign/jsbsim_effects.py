@@ -31,7 +31,7 @@ OUTPUT = Path(__file__).resolve().parents[2] / "campaign-output" / "jsbsim-effec
 SOURCES = ("sysid", "sim_vehicle", "jsbsim_effects", "jsbsim_flight", "jsbsim_twin")
 SECONDS = 20.0
 OFF = 0.05
-HEAD = ("effect", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
+HEAD = ("effect", "seed", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
 
 
 def one(name: str, seed: int) -> dict[str, Any]:
@@ -59,8 +59,9 @@ def is_right(line: Mapping[str, Any]) -> bool:
 def row(line: Mapping[str, Any]) -> list[str]:
     """One flight in the table."""
     flown = ", ".join(f"`{name}` {value:g}" for name, value in line["flown"].items())
+    head = [f"`{line['effect']}`", str(line["seed"]), flown]
     if not line["named"]:
-        return [f"`{line['effect']}`", flown, line["verdict"], "", "", "", "", f"{line['cpu_seconds']:.0f}"]
+        return [*head, line["verdict"], "", "", "", "", f"{line['cpu_seconds']:.0f}"]
     first, *more = line["named"]
     estimates = ", ".join(
         f"`{name}` {entry['value']:.4g} ± {entry['std']:.2g}" for name, entry in first["parameters"].items()
@@ -68,7 +69,7 @@ def row(line: Mapping[str, Any]) -> list[str]:
     others = [f"{one['name']} {one['probability']:.2f}" for one in first["alternatives"]]
     others += [f"and {one['name']} {one['probability']:.2f}" for one in more]
     return [
-        f"`{line['effect']}`", flown, line["verdict"], f"`{first['name']}`", f"{first['probability']:.4g}", estimates,
+        *head, line["verdict"], f"`{first['name']}`", f"{first['probability']:.4g}", estimates,
         "; ".join(others), f"{line['cpu_seconds']:.0f}",
     ]  # fmt: skip
 
@@ -107,7 +108,8 @@ def main() -> int:
         with path.open("a", encoding="utf-8") as store:
             store.write(json.dumps(line) + "\n")
         progress(count, len(missing), time.monotonic() - begin)
-    print(table([done[f"{name}-{seed}"] for name, seed in wanted if f"{name}-{seed}" in done]))
+    shown = [f"{name}-{seed}" for name in names for seed in range(given.seeds)]
+    print(table([done[key] for key in shown if key in done]))
     return 0
 
 
