@@ -359,8 +359,9 @@ def runge_kutta_step(
 
 @jit
 def runge_kutta_along(
-    x: Array, first: Array, middle: Array, last: Array, thrust: float, wind: Array, gust: Array, rho: float, step: float,
-    slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array,
+    x: Array, first: Array, middle: Array, last: Array, thrust: float, wind: Array, gust: Array, rho: float,
+    step: float, slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array,
+    scratch: Array,
 ) -> None:  # fmt: skip
     """`runge_kutta_step` with surfaces that move: (4,) at its begin, in its middle and at its end."""
     k1, k2, k3, k4, y = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]

@@ -30,6 +30,8 @@ _SHARE_OF_BEST = 0.5
 # Rounds of a fit that has far to go.
 _ROUNDS = 4
 _TRIAL_STEPS = 12
+# Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
+_HILLY, _FIRST_STEPS = ("sensor_time_skew",), 3
 _LEAST_GUSTS = 0.02  # m/s, to start from
 # Starts of a candidate, as shares of what its score promises: a size too large may lie over the hill.
 _SHARES = (1.0, 0.3)
@@ -66,19 +68,35 @@ def fitted(
 
 def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
     """A candidate added, noise and turbulence as they were without it; None where it can be fitted from nowhere."""
-    known = base.result
     best: FilterErrorResult | None = None
     for share in _SHARES:
         sizes = {name: share if candidate.is_size(name) else 1.0 for name in promised}
-        values = within(candidate, {name: sizes[name] * value for name, value in promised.items()})
-        start = known.values() | {candidate.parameter(name): value for name, value in values.items()}
-        with suppress(EstimationError):
-            flight = build_filter(problem, extended(base.model, candidate, values), *_free(base, candidate))
-            found = flight.solve(start, known.turbulence, known=known, max_iterations=_TRIAL_STEPS)
-            best = found if best is None or found.cost < best.cost else best
-        if best is not None and best.cost < known.cost:
+        start = {name: sizes[name] * value for name, value in promised.items()}
+        best = _likelier(best, _trial(problem, base, candidate, start, _TRIAL_STEPS))
+        if best is not None and best.cost < base.result.cost:
             break
+    if candidate.effect.name in _HILLY:
+        begun = [_trial(problem, base, candidate, start, _FIRST_STEPS) for start in candidate.starts]
+        known = [one for one in begun if one is not None]
+        if known:
+            values = min(known, key=lambda one: one.cost).values()
+            start = {name: values[candidate.parameter(name)] for name in candidate.free}
+            best = _likelier(best, _trial(problem, base, candidate, start, _TRIAL_STEPS))
     return best
+
+
+def _trial(problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int) -> FilterErrorResult | None:
+    """A candidate's fit from one start; None where the filter loses the flight from there."""
+    known, values = base.result, within(candidate, dict(start))
+    flight = build_filter(problem, extended(base.model, candidate, values), *_free(base, candidate))
+    with suppress(EstimationError):
+        begin = known.values() | {candidate.parameter(name): value for name, value in values.items()}
+        return flight.solve(begin, known.turbulence, known=known, max_iterations=steps)
+    return None
+
+
+def _likelier(one: FilterErrorResult | None, other: FilterErrorResult | None) -> FilterErrorResult | None:
+    return min((found for found in (one, other) if found is not None), key=lambda found: found.cost, default=None)
 
 
 def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:

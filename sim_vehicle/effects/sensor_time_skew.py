@@ -20,7 +20,7 @@ SENSOR_TIME_SKEW = Effect(
     "sensors that come late",
     Stage.SENSOR,
     (
-        Parameter("delay", "s", 0.0, 0.3, starts=(0.02,)),
+        Parameter("delay", "s", 0.0, 0.3, starts=(0.01, 0.03, 0.05, 0.09, 0.15)),
         Parameter("group", "1", 0.0, len(GROUPS) - 1.0, fitted=False, choices=GROUPS),
     ),
     "hardware that stamps all sensors on one clock; a tap on the airframe",
