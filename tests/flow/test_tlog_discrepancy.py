@@ -110,7 +110,7 @@ def test_logs_of_another_engine_give_the_effect_that_it_flew(tmp_path: Path) -> 
     (tmp_path / "base.json").write_text(json.dumps(model), encoding="utf-8")
     command = [sys.executable, "-m", "gcs", "discrepancy", "fit.tlog", "--validate", "judge.tlog"]
     command += ["--vehicle", "stick.toml", "--model", "base.json", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=280, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=560, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout, parse_constant=no_constant)
     assert_is_discrepancy(found)
