@@ -10,12 +10,15 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+import numpy as np
+
 from sim_vehicle.model import Model
 from sysid.candidates import Candidate, extended, within
 from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build_filter, start_values
 from sysid.filter_error import FilterErrorResult
+from sysid.steps import inverse
 
 Start = Mapping[str, float]
 Effects = Sequence[tuple[str, str]]
@@ -30,6 +33,8 @@ _SHARE_OF_BEST = 0.5
 # Rounds of a fit that has far to go.
 _ROUNDS = 4
 _TRIAL_STEPS = 12
+# Times Wald's statistic that a gain may be: standard errors with gains held fixed are not exact.
+_BORNE_OUT = 4.0
 # Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
 _HILLY, _FIRST_STEPS = ("sensor_time_skew",), 3
 _LEAST_GUSTS = 0.02  # m/s, to start from
@@ -54,6 +59,20 @@ class Finalist:
     candidate: Candidate
     result: FilterErrorResult
     gain: float
+
+    @property
+    def shown(self) -> float:
+        """The gain, as far as the estimates of its sizes bear it out (Wald's statistic).
+
+        A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
+        """
+        names = [self.candidate.parameter(n) for n in self.candidate.sizes if self.candidate.is_size(n)]
+        if len(names) < len(self.candidate.sizes):
+            return self.gain  # a limit has no size that vanishes
+        every = [parameter.name for parameter in self.result.parameters]
+        places = [every.index(name) for name in names]
+        sizes, spread = self.result.theta[places], self.result.covariance[np.ix_(places, places)]
+        return min(self.gain, _BORNE_OUT * float(sizes @ inverse(spread) @ sizes))
 
 
 def fitted(
@@ -116,20 +135,35 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
 
 
 def finished(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
-    """The fit with noise and turbulence of its own; as it was where that leads nowhere."""
-    best = rough
+    """The fit with noise and turbulence of its own; as it was where that leads nowhere.
+
+    Gusts that stood for what was missing can hold a fit that changes them by turns with the rest far short of its best:
+    where some are left, all is estimated together at the end.
+    """
+    best, together = rough, False
     for _ in range(_ROUNDS):
-        values = best.values()
-        model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
-        flight = build_filter(problem, model, *_free(base, candidate))
-        with suppress(EstimationError):
-            found = flight.solve(values, best.turbulence, near=best, brief=True)
-            gained = best.cost - found.cost
-            best = found if gained > 0.0 else best
-            if gained > _LITTLE and not found.converged:
-                continue
-        break
+        found = _again(problem, base, candidate, best, together)
+        gained = best.cost - found.cost if found is not None else 0.0
+        best = found if found is not None and gained > 0.0 else best
+        if gained > _LITTLE and found is not None and (together or not found.converged):
+            continue
+        windy = max(best.turbulence.horizontal, best.turbulence.vertical) > _LEAST_GUSTS
+        if together or not windy or rough.cost - best.cost < _LITTLE:
+            break
+        together = True
     return best
+
+
+def _again(
+    problem: Problem, base: Setting, candidate: Candidate, near: FilterErrorResult, together: bool
+) -> FilterErrorResult | None:
+    """A candidate's fit taken on from where it is, noise and turbulence too; None where the flight is lost."""
+    values = near.values()
+    model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
+    flight = build_filter(problem, model, *_free(base, candidate))
+    with suppress(EstimationError):
+        return flight.solve(values, near.turbulence, near=near, brief=not together)
+    return None
 
 
 def _free(base: Setting, candidate: Candidate) -> tuple[list[str], list[tuple[str, str]]]:

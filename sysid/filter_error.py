@@ -94,6 +94,7 @@ class FilterError(FilteredFlight):
         self.low = np.array([parameter.low for parameter in predictor.parameters])
         self.high = np.array([parameter.high for parameter in predictor.parameters])
 
+    @np.errstate(all="ignore")  # a trial that runs away is refused by its cost
     def solve(
         self,
         values: dict[str, float],

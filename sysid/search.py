@@ -85,7 +85,7 @@ def extend(search: Search, progress: Progress) -> bool:
     progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
     found = finalists(problem, base, sorted(fits, key=lambda item: item[1].cost))
     samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
-    weights = weigh([one.gain for one in found], [len(one.candidate.free) for one in found], samples)
+    weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
     if not is_significant(weights[top], search.tried) or weights[top].gain < search.imprecise:

@@ -14,7 +14,7 @@ STALL = Effect(
     "stall of the wing",
     Stage.AERODYNAMICS,
     (
-        Parameter("alpha_stall", "rad", 0.08, 0.6, starts=(0.17, 0.24)),
+        Parameter("alpha_stall", "rad", 0.08, 0.6, starts=(0.12, 0.17, 0.24)),
         Parameter("sharpness", "1/rad", 10.0, 200.0, default=50.0, fitted=False),
     ),
     "slow deceleration into the stall",
