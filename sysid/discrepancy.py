@@ -60,7 +60,7 @@ MAX_EFFECTS = 3
 # Log likelihood by which the other timing of the commands must be better.
 _TIMING = 5.0
 # Chance of coefficients as far from those given, below which those are wrong.
-_CHANCE = 1e-3
+_CHANCE = 1e-4
 # Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
 # (sysid.search.sharpen), and what those are multiplied with before coefficients are called wrong.
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
@@ -263,7 +263,7 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)
-    if search.named and _is_rough(search.result):
+    if search.named and _is_rough(search.result) and not search.result.together:
         used.progress(0.72, "standard errors in turbulence")
         sharpen(search)
     return search

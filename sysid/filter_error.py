@@ -62,6 +62,11 @@ class FilterErrorResult:
     iterations: int
     converged: bool
 
+    @property
+    def together(self) -> bool:
+        """Whether noise and turbulence were estimated with the parameters, not beside them."""
+        return bool(np.isfinite(self.calm_cost))
+
     def value(self, name: str) -> float:
         """Estimate of a parameter."""
         return float(self.theta[self._index(name)])

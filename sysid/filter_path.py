@@ -17,6 +17,7 @@ from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.simulation import effects_flown, pull_of
+from sysid.accelerometer import at_the_centre, misreads
 from sysid.dryden import Turbulence, gust_system
 from sysid.filter_memory import Memory, System, lags, remember, with_memory
 from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actuators
@@ -33,7 +34,9 @@ _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.
 LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
-_LAGGING, _SKEW = [slot(name) for name in LAGGING], slot("sensor_time_skew")
+_LAGGING = [slot(name) for name in LAGGING]
+_SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
+_AX = OUTPUTS.index("ax")
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
@@ -234,18 +237,28 @@ class FilteredFlight:
         others = with_other_inputs(record.commands, record, effects)[record.start :]
         thrust = pull_of(thrust, others, effects)
 
-        def along(before: Array, gust_before: Array) -> tuple[Array, Array]:
+        def along(
+            before: Array, gust_before: Array, pull: Array, parameters: Array = flat.P, there: Array = effects
+        ) -> tuple[Array, Array]:
             return predict_path(
-                before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, thrust,
+                before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, pull,
                 record.rho[record.start :], _heights(record), record.interval_s, bool(record.held.size), lagging,
-                flat.P, effects, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+                parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
             )  # fmt: skip
 
-        ahead, y = along(path.before, path.gust_before)
+        if record.moving_mass > 0.0 and misreads(flat.P, effects):
+            # The pull was put together with what the accelerometer read, not with what the motor felt.
+            read = along(path.after, path.gust_after, thrust)[1]
+            if effects[_SKEW] != 0.0:
+                late_outputs(read, read.copy(), OUTPUT_PLACES, float(effects[_GROUP]),
+                             float(effects[_DELAY]) / record.interval_s)  # fmt: skip
+            felt = along(path.after, path.gust_after, thrust, *at_the_centre(flat.P, effects))[1]
+            thrust = thrust - record.moving_mass * (read - felt)[:, _AX]
+        ahead, y = along(path.before, path.gust_before, thrust)
         if effects[_SKEW] != 0.0:
-            late, group = (float(effects[slot("sensor_time_skew", name)]) for name in ("delay", "group"))
+            late, group = float(effects[_DELAY]), float(effects[_GROUP])
             whole = floor(late / record.interval_s) if read_ahead else 0
-            known = along(path.after, path.gust_after)[1]
+            known = along(path.after, path.gust_after, thrust)[1]
             late_outputs(y, known, OUTPUT_PLACES, group, late / record.interval_s - whole)
             y = y - _come_late(record, group, whole)
         return ahead, y
