@@ -148,6 +148,10 @@ class FilterError(FilteredFlight):
                 self.paths, damping = kept, max(10.0 * damping, 1e-3)
                 continue
             if not np.isfinite(trial_cost):
+                if brief and iteration > 1:
+                    # No way on from here; what was found so far may still show what is missing.
+                    self.paths = kept
+                    break
                 raise EstimationError(_LOST)
             damping = 0.1 * damping if damping > 1e-4 else 0.0
             theta, linear, found, cost = trial, trial_linear, trial_found, trial_cost
@@ -155,9 +159,10 @@ class FilterError(FilteredFlight):
             settled = calls >= _NOISE_ROUNDS and size < _NEAR
             if size < _NEAR and calls < _NOISE_ROUNDS:
                 calls += 1
-                noise, turbulence = likeliest_noise(self, linear, noise, turbulence, search_s)
-                found = self.filtered(linear, noise, turbulence)
-                cost = self._cost(found, theta)
+                likeliest = likeliest_noise(self, linear, noise, turbulence, search_s)
+                again = self.filtered(linear, *likeliest)
+                if np.isfinite(again.information).all():
+                    (noise, turbulence), found, cost = likeliest, again, self._cost(again, theta)
         covariance = self._step(found, theta, 0.0)[1]
         if known is not None or brief:
             return self._short(theta, covariance, noise, turbulence, found, cost, iteration, settled)
