@@ -56,7 +56,7 @@ class Station:
             found = self.get(f"/api/jobs/{job}")
             return found if found["state"] in ENDED else None
 
-        return wait_until(over)
+        return wait_until(over, 300.0)  # a first use compiles, on a machine that may be busy
 
     def run_job(self, flight: str, **request: Any) -> dict[str, Any]:
         answer = self.client.post(f"/api/flights/{flight}/jobs", json=request)

@@ -76,7 +76,7 @@ def test_starts_for_a_moment_are_the_moments_proposed() -> None:
     assert EFFECTS["configuration_step"].starts(events)[1] == {"dCL": -0.1, "dCD": 0.0, "dCm": 0.0, "time": 7.5}
     starts = EFFECTS["mass_drop"].starts(events)
     assert starts == ({"fraction": 0.02, "time": 3.0}, {"fraction": 0.02, "time": 7.5})
-    assert EFFECTS["stall"].starts(events) == ({"alpha_stall": 0.17}, {"alpha_stall": 0.24})
+    assert EFFECTS["stall"].starts(events) == ({"alpha_stall": 0.12}, {"alpha_stall": 0.17}, {"alpha_stall": 0.24})
 
 
 def test_a_choice_gives_one_variant_for_each_name_and_the_variant_needs_no_more_choice() -> None:
