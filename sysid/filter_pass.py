@@ -17,7 +17,7 @@ from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_a
 from sim_vehicle.dynamics import derivatives, runge_kutta_along
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_inlined
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.sensing import read_sensors
 
@@ -194,6 +194,25 @@ def late_outputs(y: Array, known: Array, places: IntArray, group: float, late: f
             past[k] = after
 
 
+@jit_inlined
+def innovation(s: Array, p: Array, h: Array, left: float, noise: float, hp: Array) -> tuple[float, float]:
+    """One reading's innovation and its variance; hp: (nx,) result, covariance of the state with what is read.
+
+    s, p: (nx,), (nx, nx) expected state and covariance. h: (nx,) reading by state. left: measured, less what a state
+    of zero reads. noise: variance.
+    """
+    nu, big = left, noise
+    for a in range(s.size):
+        total = 0.0
+        for b in range(s.size):
+            total += p[a, b] * h[b]
+        hp[a] = total
+    for a in range(s.size):
+        nu -= h[a] * s[a]
+        big += h[a] * hp[a]
+    return nu, big
+
+
 @jit
 def kalman_pass(
     transition: Array, drift: Array, step_slopes: Array, left: Array, observe: Array, read_slopes: Array, jump: Array,
@@ -228,15 +247,7 @@ def kalman_pass(
             if np.isnan(left[k, j]):
                 continue
             h = observe[k, j]
-            nu, big = left[k, j], noise[j]
-            for a in range(nx):
-                total = 0.0
-                for b in range(nx):
-                    total += p[a, b] * h[b]
-                hp[a] = total
-            for a in range(nx):
-                nu -= h[a] * s[a]
-                big += h[a] * hp[a]
+            nu, big = innovation(s, p, h, left[k, j], noise[j], hp)
             for a in range(nx):
                 gain[a] = hp[a] / big
                 s[a] += gain[a] * nu

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.jit import jit
+from sysid.filter_pass import innovation
 
 Array = NDArray[np.float64]
 
@@ -49,15 +50,7 @@ def variance_pass(
             if np.isnan(left[k, j]):
                 continue
             h = observe[k, j]
-            nu, big = left[k, j], noise[j]
-            for a in range(nx):
-                total = 0.0
-                for b in range(nx):
-                    total += p[a, b] * h[b]
-                hp[a] = total
-            for a in range(nx):
-                nu -= h[a] * s[a]
-                big += h[a] * hp[a]
+            nu, big = innovation(s, p, h, left[k, j], noise[j], hp)
             for a in range(nx):
                 gain[a] = hp[a] / big
             for t in range(count):
@@ -127,15 +120,7 @@ def variance_gradient(
             if np.isnan(left[k, j]):
                 continue
             h = observe[k, j]
-            nu, big = left[k, j], noise[j]
-            for a in range(nx):
-                total = 0.0
-                for b in range(nx):
-                    total += p[a, b] * h[b]
-                hp[a] = total
-            for a in range(nx):
-                nu -= h[a] * s[a]
-                big += h[a] * hp[a]
+            nu, big = innovation(s, p, h, left[k, j], noise[j], hp)
             for a in range(nx):
                 gain = hp[a] / big
                 gains[k, j, a] = gain
