@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.effects.battery_sag import sagged_share
 from sim_vehicle.effects.cg_shift import shift_moment
 from sim_vehicle.effects.elastic_tail import elastic_gain
@@ -119,6 +119,9 @@ def _thrust(thrust: float, throttle: float, V: float, rho: float, time: float, P
         thrust = throttle_thrust(throttle, V, rho, P)
         if E[_SAG] != 0.0:
             thrust *= sagged_share(time, E[_SAG_RATE])
+    elif E[THRUST_SLOPE] != 0.0 or E[THRUST_BEND] != 0.0:
+        faster = V - E[THRUST_AIRSPEED]
+        thrust += (E[THRUST_SLOPE] + E[THRUST_BEND] * faster) * faster
     if E[_LOSS] != 0.0:
         thrust += speed_thrust(throttle, V, P[_VREF], E[_LOSS_K])
     if E[_TSC] != 0.0:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.dynamics import SEA_LEVEL_DENSITY
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.effects.battery_sag import sagged_share
 from sim_vehicle.effects.elastic_tail import elastic_gain
 from sim_vehicle.effects.mass_drop import remaining_mass
@@ -334,6 +334,8 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
     if by_throttle:
         left = sagged_share(W[_TIME], E[_SAG_RATE]) if E[_SAG] != 0.0 else 1.0
         loss += gain * left * speed_slopes(surfaces[3], V, W[_RHO], P)[0]
+    else:
+        loss += gain * (E[THRUST_SLOPE] + 2.0 * E[THRUST_BEND] * (V - E[THRUST_AIRSPEED]))
     if loss != 0.0 or gain != 1.0:
         for j in range(6):
             for z in range(3):

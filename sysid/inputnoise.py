@@ -8,11 +8,12 @@ inputs as nuisance parameters with priors: Maine & Iliff, NASA RP-1168, section 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.atmosphere import SEA_LEVEL_DENSITY
 from sim_vehicle.model import Model
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
@@ -86,11 +87,13 @@ def with_thrust_by_airspeed(
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
 ) -> tuple[Problem, OutputErrorResult]:
-    """The estimate with thrust that follows the airspeed flown again, by the airspeed of the estimate.
+    """The estimate with thrust that follows the airspeed of the simulation.
 
     Where thrust falls with airspeed, noise of the measured airspeed becomes noise of the thrust, which acts like rough
-    air. The airspeed of the simulation has none. problem, model, coefficients, effects: as they were given to `fit`,
-    which gave `result`; the same two come back where no thrust follows the airspeed.
+    air and errs with what it is compared with. How it falls comes from the estimate's own airspeed, which has no such
+    noise and none of the sensor's errors; in the simulation thrust then follows what is flown. problem, model,
+    coefficients, effects: as they were given to `fit`, which gave `result`; the same two come back where no thrust
+    follows the airspeed.
     """
     groups: dict[tuple[str, int], list[int]] = {}
     for index, record in enumerate(problem.records):
@@ -100,19 +103,22 @@ def with_thrust_by_airspeed(
         return problem, result
     estimation = build(problem, model, coefficients, effects, result.sigma)
     predicted = estimation.predict(result.theta)
-    records = list(problem.records)
+    _, errors = estimation.predictor.apply(result.theta)
+    records, calibrated = list(problem.records), problem.vehicle.sensors.airspeed.kind != "true"
     for indices in groups.values():
         flown = [np.arange(records[i].start, records[i].start + records[i].length) for i in indices]
-        airspeed = np.concatenate([predicted[i][:, OUTPUTS.index("airspeed")] for i in indices])
+        airspeed = np.concatenate([_true_airspeed(predicted[i], records[i], errors, calibrated) for i in indices])
         read = np.concatenate([records[i].thrust_read[part] for i, part in zip(indices, flown, strict=True)])
         throttle = np.concatenate([records[i].commands[part, 3] for i, part in zip(indices, flown, strict=True)])
         again = denoised_thrust(read, throttle, records[indices[0]].interval_s, airspeed)
         place = 0
         for i, part in zip(indices, flown, strict=True):
             thrust, doubt = records[i].thrust.copy(), np.zeros((again.doubt.shape[0], records[i].thrust.size))
-            thrust[part] = again.values[place : place + part.size]
-            doubt[:, part] = again.doubt[:, place : place + part.size]
-            records[i] = replace(records[i], thrust=thrust, thrust_doubt=doubt)
+            own = slice(place, place + part.size)
+            thrust[part], doubt[:, part] = again.values[own], again.doubt[:, own]
+            flying = np.full(thrust.size, airspeed[place])
+            flying[part] = airspeed[own]
+            records[i] = replace(records[i], thrust=thrust, thrust_doubt=doubt, law=again.law, airspeed=flying)
             place += part.size
     corrected = warmed(replace(problem, records=tuple(records)), result)
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
@@ -121,6 +127,14 @@ def with_thrust_by_airspeed(
     except EstimationError:
         # The estimate before stands, with the thrust that it had.
         return problem, result
+
+
+def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float], calibrated: bool) -> Array:
+    """(N,) m/s of a record's outputs, without the sensor's errors."""
+    read = predicted[:, OUTPUTS.index("airspeed")]
+    flown = (read - errors.get("airspeed_bias", 0.0)) / (1.0 + errors.get("airspeed_scale", 0.0))
+    rho = record.rho[record.start : record.start + record.length]
+    return np.asarray(flown * np.sqrt(SEA_LEVEL_DENSITY / rho) if calibrated else flown)
 
 
 def _doubt(

@@ -18,16 +18,35 @@ _DOUBTED_TERMS = 8
 
 
 @dataclass(frozen=True)
+class AirspeedLaw:
+    """Thrust away from the airspeed `about` [m/s]: slope [N s/m] times the difference, bend [N s2/m2] its square."""
+
+    about: float
+    slope: float
+    bend: float
+
+    def along(self, airspeed: Array) -> Array:
+        """What it adds at each airspeed (N,), N."""
+        faster = airspeed - self.about
+        return np.asarray((self.slope + self.bend * faster) * faster)
+
+
+@dataclass(frozen=True)
 class Denoised:
     """A measured input without its noise.
 
     values: (N,). doubt: (K, N) independent errors that are left in it, each of one standard deviation; K may be 0.
-    by_airspeed: whether the airspeed explains a part of it.
+    law: what of it the airspeed explains, None if nothing.
     """
 
     values: Array
     doubt: Array
-    by_airspeed: bool = False
+    law: AirspeedLaw | None = None
+
+    @property
+    def by_airspeed(self) -> bool:
+        """Whether the airspeed explains a part of it."""
+        return self.law is not None
 
 
 def smooth_series(values: Array, max_share: float = 0.5) -> Array:
@@ -70,8 +89,8 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed:
     if thrust.size < 16 or not np.isfinite(thrust).all() or np.ptp(thrust) == 0.0:
         return Denoised(np.ascontiguousarray(thrust), np.zeros((0, thrust.size)))
     n = thrust.size
-    powers = _airspeed_powers(airspeed, n, interval_s)
-    explained, design, by_airspeed = _explained(thrust, throttle, interval_s, powers)
+    known = _smooth_airspeed(airspeed, n, interval_s)
+    explained, design, law = _explained(thrust, throttle, interval_s, known)
     rest = thrust - explained
     values = explained + smooth_series(rest)
     kept = _terms(rest, fft.dct(rest, norm="ortho"), 0.5) if np.any(rest) else 1
@@ -82,36 +101,45 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed:
     basis = basis[:, np.abs(np.diag(sizes)) > 1e-9 * np.abs(sizes[0, 0])]
     fitted = kept + explaining - 1  # the series has a level, and so has the explanation
     sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - fitted, 1)))
-    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), by_airspeed)
+    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), law)
 
 
-def _airspeed_powers(airspeed: Array | None, count: int, interval_s: float) -> Array:
-    """First and second power of the airspeed without its noise, scaled, (N, 2); (N, 0) where there is none."""
+def _smooth_airspeed(airspeed: Array | None, count: int, interval_s: float) -> Array:
+    """The airspeed without its noise, (N, 1); (N, 0) where there is none that moves."""
     if airspeed is None or not np.isfinite(airspeed).all() or np.ptp(airspeed) == 0.0:
         return np.zeros((count, 0))
-    smooth = fourier_smooth(airspeed, interval_s).values
-    scaled = (smooth - smooth.mean()) / max(float(np.std(smooth)), 1e-9)
-    return np.column_stack([scaled, scaled**2])
+    return fourier_smooth(airspeed, interval_s).values[:, None]
 
 
-def _explained(thrust: Array, throttle: Array, interval_s: float, powers: Array) -> tuple[Array, Array, bool]:
-    """What airspeed and throttle explain of thrust, (N,), what is uncertain of that, (N, unknowns), and whether
-    airspeed counts.
+def _explained(
+    thrust: Array, throttle: Array, interval_s: float, airspeed: Array
+) -> tuple[Array, Array, AirspeedLaw | None]:
+    """What airspeed and throttle explain of thrust, (N,), what is uncertain of that, (N, unknowns), and the airspeed's
+    share.
 
-    The powers of the airspeed, and the throttle behind its lag, count where the Bayesian information criterion asks for
-    them.
+    Two powers of the airspeed, and the throttle behind its lag, count where the Bayesian information criterion asks for
+    them. Where the airspeed counts it is a propeller that pulls, and a throttle that moves counts as well: swings of
+    it that are too small to be seen would else be taken for drag, which they moved by two standard errors.
     """
     n = thrust.size
-    least, best = np.inf, (thrust, np.ones((n, 1)), False)
-    for air in (powers[:, :0], powers) if powers.shape[1] else (powers,):
-        for explanation in _explanations(throttle, interval_s, thrust, air):
+    best: tuple[Array, Array, AirspeedLaw | None] = (thrust, np.ones((n, 1)), None)
+    least = np.inf
+    for air in (airspeed[:, :0], airspeed) if airspeed.shape[1] else (airspeed,):
+        about, spread = (float(air.mean()), max(float(air.std()), 1e-9)) if air.size else (0.0, 1.0)
+        scaled = (air - about) / spread
+        powers = np.hstack([scaled, scaled**2])
+        explanations = _explanations(throttle, interval_s, thrust, powers)
+        for explanation in explanations[-1:] if air.size else explanations:
             # Gain, lag and start of the throttle's share count for three.
-            unknowns = air.shape[1] + (3 if explanation.throttle else 0)
-            fitted = _fitted(thrust, explanation.regressors)
+            unknowns = powers.shape[1] + (3 if explanation.throttle else 0)
+            gains = np.linalg.lstsq(explanation.regressors, thrust, rcond=None)[0]
+            fitted = explanation.regressors @ gains
             power = max(float(np.mean((thrust - fitted) ** 2)), 1e-300)
             criterion = n * np.log(power) + unknowns * np.log(n)
             if criterion < least:
-                least, best = criterion, (fitted, explanation.uncertain, air.shape[1] > 0)
+                # The powers of the airspeed are the last regressors.
+                law = AirspeedLaw(about, float(gains[-2]) / spread, float(gains[-1]) / spread**2) if air.size else None
+                least, best = criterion, (fitted, explanation.uncertain, law)
     return best
 
 

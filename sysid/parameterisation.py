@@ -22,7 +22,16 @@ from sysid.late import (
     delay_derivative,
     late_readings,
 )
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
+from sysid.records import (
+    OUTPUT_PLACES,
+    OUTPUTS,
+    Record,
+    angle_wrap,
+    held_by_dead_band,
+    simulated_effects,
+    thrust_without_airspeed,
+    with_other_inputs,
+)
 from sysid.tangents import Inputs, Lane, has_tangents, tangents
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
@@ -161,7 +170,7 @@ def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tupl
     commands: (M, 4), or (M, 6) with the other inputs that an effect needs.
     """
     commands, late = commands_of(record, errors)
-    effects = effects_at(flat, record)
+    effects = simulated_effects(flat, record)
     commands = with_other_inputs(held_by_dead_band(commands, record, effects), record, effects)
     if late > 0.0:
         effects[slot("actuator_delay")] = 1.0
@@ -257,7 +266,7 @@ class Predictor:
         gusts: Array, y: Array,
     ) -> None:  # fmt: skip
         simulate_variants(
-            x0, 0, record.start, record.start + record.length, commands, record.thrust, record.rho,
+            x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
             record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
             flat.T, shift, y,
         )  # fmt: skip
@@ -321,7 +330,7 @@ class Predictor:
         flat.E[:], commands = _timed(flat, record, errors)
         inputs = Inputs(
             record.start, record.start + record.length, commands,
-            record.thrust + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
+            thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
             self.command_first, record.held,
         )  # fmt: skip
         gains = error_gains(errors).tolist()

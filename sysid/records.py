@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.layout import CHANNELS
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.vehicle import Vehicle
@@ -14,7 +14,7 @@ from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
 from sysid.heights import height_above_ground
 from sysid.hysteresis import way_of
-from sysid.inputs import denoised_thrust
+from sysid.inputs import AirspeedLaw, denoised_thrust
 from sysid.smoothing import fourier_smooth
 from sysid.thrust import (
     MEASURED,
@@ -64,7 +64,8 @@ class Record:
     measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
     thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
-    part of it; else (0,). heights: (M,) m above the ground, (0,) where nothing tells it.
+    part of it; else (0,). law: how thrust follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that
+    it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, (0,) where nothing tells it.
     way: (M,) the way in which the thrust sensor's reading moves (`sysid.hysteresis`); (0,) without one. earlier: (L, 3)
     commands of the surfaces before those above, which a servo with a dead band may still hold.
     """
@@ -83,6 +84,8 @@ class Record:
     stretch: int = 0
     thrust_source: ThrustSource = MEASURED
     thrust_read: Array = field(default_factory=lambda: np.zeros(0))
+    law: AirspeedLaw | None = None
+    airspeed: Array = field(default_factory=lambda: np.zeros(0))
     heights: Array = field(default_factory=lambda: np.zeros(0))
     way: Array = field(default_factory=lambda: np.zeros(0))
     earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -101,8 +104,22 @@ class Record:
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
-            thrust_read=self.thrust_read[kept], heights=self.heights[kept], way=self.way[kept], earlier=before,
+            thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
+            way=self.way[kept], earlier=before,
         )  # fmt: skip
+
+
+def thrust_without_airspeed(record: Record) -> Array:
+    """(M,) N, the thrust of a record without what the simulated airspeed adds to it."""
+    return record.thrust if record.law is None else record.thrust - record.law.along(record.airspeed)
+
+
+def simulated_effects(flat: FlatModel, record: Record) -> Array:
+    """The effect vector for a record whose thrust follows the airspeed of the simulation."""
+    effects = effects_at(flat, record)
+    if record.law is not None:
+        effects[[THRUST_AIRSPEED, THRUST_SLOPE, THRUST_BEND]] = record.law.about, record.law.slope, record.law.bend
+    return effects
 
 
 def effects_at(flat: FlatModel, record: Record) -> Array:
@@ -197,6 +214,6 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights, way,
-        earlier,
+        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights=heights,
+        way=way, earlier=earlier,
     )  # fmt: skip

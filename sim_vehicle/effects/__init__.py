@@ -97,7 +97,10 @@ def _lay_out() -> tuple[dict[tuple[str, str], int], int]:
 _SLOTS, _OWN = _lay_out()
 # Behind the effects' own: the time at the first sample that is flown, s from the flight's first stamp.
 START_TIME = _OWN
-SLOT_COUNT = _OWN + 1
+# And how measured thrust changes where the motion's airspeed is another than the one it was measured at: about this
+# airspeed [m/s], by so much per m/s [N s/m], and by so much more per square of it [N s2/m2].
+THRUST_AIRSPEED, THRUST_SLOPE, THRUST_BEND = _OWN + 1, _OWN + 2, _OWN + 3
+SLOT_COUNT = _OWN + 4
 
 
 def slot(effect: str, parameter: str = "on") -> int:
@@ -151,6 +154,9 @@ __all__ = [
     "EFFECTS",
     "SLOT_COUNT",
     "START_TIME",
+    "THRUST_AIRSPEED",
+    "THRUST_BEND",
+    "THRUST_SLOPE",
     "CoefficientEffect",
     "Effect",
     "Parameter",

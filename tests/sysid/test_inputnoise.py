@@ -91,6 +91,11 @@ def test_thrust_that_falls_with_airspeed_costs_what_the_bound_says():
         return float(np.std(some.records[0].thrust - flown.truth["thrust"]))
 
     assert error(problem) > 4e-3
+    # True airspeed, where the sensor tells a calibrated one that is 0.1 m/s less.
+    assert np.std(again.records[0].airspeed - flown.truth["V"]) < 0.01
+    assert abs(np.mean(again.records[0].airspeed - flown.truth["V"])) < 0.03
+    slope = np.polyfit(flown.truth["V"] - again.records[0].law.about, flown.truth["thrust"], 2)[1]
+    assert again.records[0].law.slope == pytest.approx(slope, rel=0.03)
     assert error(again) < 2.5e-3
     assert error(corrected) < 2.5e-3
     told = slopes(Experiment(flown, vehicle, model, (*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS, *GPS), True))

@@ -12,7 +12,7 @@ import pytest
 from effect_values import VALUES
 from numpy.typing import NDArray
 
-from sim_vehicle.effects import EFFECTS
+from sim_vehicle.effects import EFFECTS, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE
 from sim_vehicle.layout import CHANNELS, Par
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import FlatModel, flatten
@@ -111,6 +111,12 @@ def test_with_an_effect(name: str) -> None:
     model = flat({name: VALUES[name]}, {"CL_alphadot": 1.5, "CD_CL": 0.03})
     assert has_tangents(model)
     assert_tangents(model, inputs(thrust=thrust))
+
+
+def test_with_measured_thrust_that_follows_the_airspeed() -> None:
+    model = flat({"thrust_scale": {"scale": 0.05}}, RICH)
+    model.E[[THRUST_AIRSPEED, THRUST_SLOPE, THRUST_BEND]] = 16.0, -0.27, 0.01
+    assert_tangents(model, inputs(thrust=np.linspace(3.0, 4.0, N)))
 
 
 def test_with_all_effects_and_sensors_off_the_centre_of_gravity() -> None:
