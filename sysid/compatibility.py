@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import EstimationError
 from sysid.flight import Array, FlightData
-from sysid.identifiability import LIMITS, Refusal, select
+from sysid.identifiability import LIMITS, Refusal, least_believed, select
 from sysid.kinematic_filter import OUTPUTS, PARAMETERS, filter_part, smooth_part
 from sysid.kinematic_part import (
     IMU,
@@ -152,6 +152,14 @@ def compatibility(
         kept, theta = again, np.where(_mask(again), theta, setting.mean)
         theta, setting, covariance, converged = _estimate(prepared, theta, replace(setting, free=_mask(kept)))
     refused += unknowable + late
+    while (wrong := least_believed(kept, theta[_mask(kept)].tolist())) is not None:
+        # What such errors did to the trajectory and the noise goes with them.
+        refused.append(wrong)
+        kept = [name for name in kept if name != wrong.name]
+        prepared = [prepare_part(part, layout) for part in sequence]
+        setting = replace(_setting(prepared, kept, dict(priors or {})), gust_sigma=0.1)
+        _apply(prepared, _pass(prepared, setting.mean, setting, smooth=True))
+        theta, setting, covariance, converged = _estimate(prepared, setting.mean.copy(), setting)
     return _result(prepared, theta, setting, covariance, kept, refused, layout, converged)
 
 

@@ -28,7 +28,7 @@ from sysid.records import Record
 from sysid.regression import RegressionResult
 from sysid.regression_report import regression_report
 from sysid.residuals import body_of
-from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, usual_size
+from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, not_believed, usual_size
 from sysid.systematic import LATE, SHARE, perturbations
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
@@ -190,7 +190,9 @@ def _refusals(joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEst
     refused = []
     for name, (value, std) in joint.entries().items():
         usual = usual_size(name)
-        reason = refusal(value, bands[name]) if name in bands else None
+        reason = not_believed(name, value)
+        if reason is None and name in bands:
+            reason = refusal(value, bands[name])
         if reason is None and std > REFUSED_SHARE * max(abs(value), usual):
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
         if name in names and reason is not None:

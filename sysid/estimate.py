@@ -33,7 +33,7 @@ from sysid.parameterisation import (
 )
 from sysid.prior import Gaussian
 from sysid.records import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
-from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, usual_size
+from sysid.structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, is_longitudinal, not_believed, usual_size
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
 MAX_RUN_S = 20.0
@@ -290,11 +290,16 @@ class Likeliest(Estimates, Protocol):
 
 
 def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
-    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
+    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size, and those that no
+    aircraft has.
+    """
     refused = []
     for name in names:
         value, std = result.value(name), result.std(name)
-        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+        unlikely = not_believed(name, value)
+        if unlikely is not None:
+            refused.append(Refusal(name, unlikely, helpful_manoeuvre(name)))
+        elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
             usual = usual_size(name)
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
             refused.append(Refusal(name, reason, helpful_manoeuvre(name)))

@@ -65,6 +65,34 @@ LIMITS = {
 }
 
 
+# An error so many times its limit, or a reading so many times the true value (or its inverse), is no sensor's: the
+# readings disagree for another reason.
+_BEYOND, _LEAST_GAIN, _LARGEST_GAIN = 15.0, 0.25, 4.0
+
+
+def least_believed(names: Sequence[str], values: Sequence[float]) -> Refusal | None:
+    """The sensor error that no sensor has, the worst first; None where all of them may be so.
+
+    names: of LIMITS. values: what the readings ask for, in the unit of the limit. A wind may be any.
+    """
+    worst, refused = 1.0, None
+    for name, value in zip(names, values, strict=True):
+        limit = LIMITS[name]
+        if name.startswith("wind_"):
+            continue
+        if name.endswith("_scale"):
+            gain = 1.0 + value
+            excess = max(gain / _LARGEST_GAIN, _LEAST_GAIN / gain) if gain > 0.0 else float("inf")
+            text = f"the readings ask for {gain:.3g} of true"
+        else:
+            excess = abs(value) / (_BEYOND * limit.std)
+            text = f"the readings ask for {value:.3g} {limit.unit}"
+        if excess > worst:
+            reason = f"{text}, which no sensor does: rough air or an error of another kind; held at its nominal value"
+            worst, refused = excess, Refusal(name, reason, limit.manoeuvre)
+    return refused
+
+
 def select(names: Sequence[str], covariance: Array) -> tuple[list[str], list[Refusal]]:
     """Split sensor errors into those the data tell and those they do not.
 

@@ -30,6 +30,8 @@ _USUAL = {
 }
 # A coefficient is refused when its standard error exceeds both shares: of its own size and of the usual one.
 REFUSED_SHARE = 0.3
+# No aircraft has a derivative so many times as large as usual: what gives it such a value is something else.
+_BEYOND = 10.0
 # How far from zero a coefficient may lie before the flight has said anything, in usual sizes.
 PRIOR_SHARE = 20.0
 
@@ -47,6 +49,19 @@ def usual_size(name: str) -> float:
     table = _USUAL[term.axis]
     key = "k" if name == "CD_k" else "0" if not term.factors else "_".join(term.factors)
     return table.get(key, table[""])
+
+
+def not_believed(name: str, value: float) -> str | None:
+    """Why a derivative of this size is not told; None where it may be so, or where nothing is known of its size."""
+    usual = usual_size(name)
+    term = parse_term(name)
+    known = name == "CD_k" or ("_".join(term.factors) or "0") in _USUAL[term.axis]
+    if not known or abs(value) <= _BEYOND * usual:
+        return None
+    return (
+        f"{value:.3g} is {abs(value) / usual:.0f} times what is usual ({usual:.2g}): rough air, a sensor's error or "
+        "what the structure lacks passes for it"
+    )
 
 
 def is_longitudinal(name: str) -> bool:

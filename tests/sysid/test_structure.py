@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from sim_vehicle.manoeuvres import MANOEUVRES
+from sim_vehicle.model import read_model
 from sim_vehicle.terms import parse_term
-from sysid.structure import default_structure, helpful_manoeuvre, is_longitudinal, usual_size
+from sysid.structure import default_structure, helpful_manoeuvre, is_longitudinal, not_believed, usual_size
 
 FULL = default_structure(("de", "da", "dr"))
 # Published sets; for each the derivative must be of the order of its usual size.
@@ -59,3 +60,20 @@ def test_every_coefficient_has_a_size_and_a_manoeuvre_that_can_be_flown(name: st
 )  # fmt: skip
 def test_the_manoeuvre_moves_what_the_coefficient_multiplies(name: str, wanted: str) -> None:
     assert wanted in helpful_manoeuvre(name)
+
+
+@pytest.mark.parametrize("vehicle", ["iitb-mav", "aerosonde", "ultrastick25e"])
+def test_every_published_derivative_is_believed(vehicle: str) -> None:
+    assert not [name for name, value in read_model(vehicle).values().items() if not_believed(name, value) is not None]
+
+
+@pytest.mark.parametrize(("name", "value"), [("CL_q", -52.5), ("Cm_de", 9.0), ("CD_k", -2.5)])
+def test_a_derivative_that_no_aircraft_has_is_not(name: str, value: float) -> None:
+    reason = not_believed(name, value)
+    assert reason is not None
+    assert f"{value:.3g}" in reason
+    assert "\n" not in reason
+
+
+def test_of_a_term_that_nothing_is_known_of_every_size_is_believed() -> None:
+    assert not_believed("Cm_alpha3", -300.0) is None
