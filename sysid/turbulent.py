@@ -13,7 +13,7 @@ from sysid.compatibility import CompatibilityResult
 from sysid.dryden import Turbulence
 from sysid.estimate import Problem, build_filter, start_values
 from sysid.filter_error import FilterErrorResult
-from sysid.identifiability import Refusal, select
+from sysid.identifiability import Refusal, least_believed, select
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.records import GROUND, OUTPUTS
 from sysid.systematic import LATE, LINEAR, SHARE
@@ -48,13 +48,21 @@ def estimate_in_turbulence(
     if sensors is None:
         problem, refused = _with_sensors(problem, model, coefficients, effects, compatible)
     sigma = max(compatible.gust_sigma, _LEAST_SIGMA)
-    values = start_values(problem, model, coefficients, effects)
-    result = build_filter(problem, model, coefficients, effects).solve(
-        values,
-        Turbulence(sigma, sigma),
-        lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"),
-        brief=brief,
-    )
+
+    def solved(given: Problem) -> FilterErrorResult:
+        values = start_values(given, model, coefficients, effects)
+        return build_filter(given, model, coefficients, effects).solve(
+            values,
+            Turbulence(sigma, sigma),
+            lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"),
+            brief=brief,
+        )
+
+    result = solved(problem)
+    while (wrong := least_believed(list(problem.sensors), [result.value(n) for n in problem.sensors])) is not None:
+        refused.append(wrong)
+        problem = replace(problem, sensors={n: start for n, start in problem.sensors.items() if n != wrong.name})
+        result = solved(problem)
     other = replace(problem, command_first=not problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:

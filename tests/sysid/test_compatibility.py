@@ -9,7 +9,7 @@ import pytest
 from sysid.compatibility import SensorLayout, compatibility, correct
 from sysid.errors import EstimationError, SignalError
 from sysid.flight import FlightData
-from sysid.identifiability import select
+from sysid.identifiability import least_believed, select
 from sysid.kinematics import air_data, reconstruct, to_centre_of_gravity
 
 PAPER = ("accel_bias_x", "accel_bias_z", "gyro_bias_q", "alpha_scale", "theta_scale")
@@ -84,6 +84,27 @@ def test_what_the_flight_cannot_tell_is_refused_with_reason_and_manoeuvre(truth)
     assert "noise" in refused["beta_scale"].reason
     assert not set(refused) & set(result.parameters)
     assert all(refusal.manoeuvre for refusal in result.refused)
+
+
+def test_an_error_that_no_sensor_has_is_refused_and_the_rest_stays_right(truth):
+    """A vane that hardly moves, as a jammed one, is no vane with a scale of 0.04."""
+    data = mav.measure(truth, np.random.default_rng(0))
+    jammed = data.columns | {"alpha": 0.05 + 0.04 * data["alpha"]}
+    result = compatibility(replace(data, columns=jammed), candidates=[*PAPER, *NUISANCE, "alpha_bias"])
+    refused = {refusal.name: refusal for refusal in result.refused}
+    assert "which no sensor does" in refused["alpha_scale"].reason
+    assert "alpha_scale" not in result.parameters
+    for name in ("gyro_bias_q", "theta_scale"):
+        error = result.parameters[name]
+        assert abs(error.value - mav.ERRORS.get(name, 0.0)) < 4.0 * error.std
+
+
+def test_the_worst_of_the_errors_that_no_sensor_has_goes_first():
+    names = ["alpha_scale", "airspeed_bias", "gyro_bias_q", "wind_north"]
+    assert least_believed(names, [-0.6, 3.0, 0.1, 40.0]) is None
+    assert least_believed(names, [-0.8, 30.0, 0.1, 0.0]).name == "airspeed_bias"
+    assert least_believed(names, [-1.2, 30.0, 0.1, 0.0]).name == "alpha_scale"
+    assert least_believed(names, [4.5, 3.0, 0.1, 0.0]).name == "alpha_scale"
 
 
 def test_turbulence_is_found_and_does_not_bias_the_vane():
