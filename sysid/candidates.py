@@ -9,12 +9,14 @@ from itertools import chain
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Effect, Stage
+from sim_vehicle.effects.base import Parameter as EffectParameter
 from sim_vehicle.model import Model
 from sysid.estimate import Problem
 from sysid.moments import likely_events
+from sysid.parameterisation import SMOOTH_STEP
 
 # Difference quotients with a wider step than this say that outputs jump; so many starts are then tried.
-_SMOOTH_STEP, _STEPS_TRIED = 1e-4, 9
+_STEPS_TRIED = 9
 # Moments tried for something that happens once.
 _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
@@ -110,9 +112,14 @@ def _near_the_ground(problem: Problem) -> bool:
     return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
 
 
+def stepping_of(effect: Effect) -> list[EffectParameter]:
+    """Its parameters by which the likelihood goes in steps, up and down at every sample that they let through."""
+    return [parameter for parameter in effect.parameters if parameter.step > SMOOTH_STEP]
+
+
 def _finer(effect: Effect, starts: tuple[dict[str, float], ...]) -> tuple[dict[str, float], ...]:
     """The starts, or many more where the likelihood goes in steps over the parameter: one is then on the right step."""
-    stepping = [p for p in effect.parameters if p.step > _SMOOTH_STEP]
+    stepping = stepping_of(effect)
     if not stepping:
         return starts
     widths = np.geomspace(0.5 * min(stepping[0].starts), max(stepping[0].starts), _STEPS_TRIED)

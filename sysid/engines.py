@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, extended, within
+from sysid.candidates import Candidate, extended, stepping_of, within
 from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build_filter, start_values
@@ -37,6 +37,8 @@ _TRIAL_STEPS = 12
 _BORNE_OUT = 4.0
 # Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
 _HILLY, _FIRST_STEPS = ("sensor_time_skew",), 3
+# Half steps of a size that are looked at, and log likelihood by which one step is like another.
+_SIZES, _ALIKE = 40, 1.0
 _LEAST_GUSTS = 0.02  # m/s, to start from
 # Starts of a candidate, as shares of what its score promises: a size too large may lie over the hill.
 _SHARES = (1.0, 0.3)
@@ -66,13 +68,15 @@ class Finalist:
 
         A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
         """
-        names = [self.candidate.parameter(n) for n in self.candidate.sizes if self.candidate.is_size(n)]
-        if len(names) < len(self.candidate.sizes):
-            return self.gain  # a limit has no size that vanishes
+        stepping = {parameter.name for parameter in stepping_of(self.candidate.effect)}
+        sizes = [name for name in self.candidate.sizes if self.candidate.is_size(name) and name not in stepping]
+        if len(sizes) < len(self.candidate.sizes):
+            return self.gain  # a limit has no size that vanishes, and steps have no slope
+        names = [self.candidate.parameter(name) for name in sizes]
         every = [parameter.name for parameter in self.result.parameters]
         places = [every.index(name) for name in names]
-        sizes, spread = self.result.theta[places], self.result.covariance[np.ix_(places, places)]
-        return min(self.gain, _BORNE_OUT * float(sizes @ inverse(spread) @ sizes))
+        values, spread = self.result.theta[places], self.result.covariance[np.ix_(places, places)]
+        return min(self.gain, _BORNE_OUT * float(values @ inverse(spread) @ values))
 
 
 def fitted(
@@ -101,7 +105,20 @@ def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start
             values = min(known, key=lambda one: one.cost).values()
             start = {name: values[candidate.parameter(name)] for name in candidate.free}
             best = _likelier(best, _trial(problem, base, candidate, start, _TRIAL_STEPS))
+    if stepping_of(candidate.effect):
+        best = _likelier(best, _trial(problem, base, candidate, _on_its_step(problem, base, candidate), _TRIAL_STEPS))
     return best
+
+
+def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start:
+    """The start in the middle of the likeliest step, for a candidate whose likelihood goes in steps."""
+    stepping = stepping_of(candidate.effect)[0]
+    sizes = [0.5 * stepping.step * count for count in range(1, _SIZES + 1)]
+    starts = [{**candidate.starts[0], stepping.name: size} for size in sizes]
+    found = [_trial(problem, base, candidate, start, 0) for start in starts]
+    costs = np.array([np.inf if one is None else one.cost for one in found])
+    alike = np.abs(costs - costs.min()) < _ALIKE
+    return {**candidate.starts[0], stepping.name: float(np.mean(np.array(sizes)[alike]))}
 
 
 def _trial(problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int) -> FilterErrorResult | None:

@@ -25,7 +25,7 @@ from sysid.output_error import autocorrelation, prior_knowledge
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS
-from sysid.steps import damped_step, require_numbers
+from sysid.steps import damped_step, hold, require_numbers
 
 MAX_ITERATIONS = 30
 # A step of less than this share of a standard error ends the estimation.
@@ -96,6 +96,8 @@ class FilterError(FilteredFlight):
     ) -> None:
         super().__init__(predictor, paths, used)
         self.prior_mean, self.prior_information = prior_knowledge(predictor.parameters, prior)
+        self.stepping = np.array([parameter.is_stepping for parameter in predictor.parameters])
+        self.resolution = np.array([0.5 * (parameter.difference or 0.0) for parameter in predictor.parameters])
         self.low = np.array([parameter.low for parameter in predictor.parameters])
         self.high = np.array([parameter.high for parameter in predictor.parameters])
 
@@ -315,6 +317,7 @@ class FilterError(FilteredFlight):
         """Gauss-Newton step (P,), damped, and covariance (P, P) of the parameters, prior included."""
         information = found.information + self.prior_information
         downhill = found.gradient - self.prior_information @ (theta - self.prior_mean)
+        hold(information, downhill, self.stepping, self.resolution)
         step = damped_step(information, downhill, damping, self.records[0].flight)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         scaled = information * np.outer(scale, scale)

@@ -68,6 +68,10 @@ SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
 }
 
 
+# A parameter with a larger step moves the outputs in steps of about that size.
+SMOOTH_STEP = 1e-4
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One estimated number.
@@ -91,6 +95,11 @@ class Parameter:
         if self.difference is not None:
             return self.difference
         return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6, "delay": DELAY_STEP_S}[self.kind]
+
+    @property
+    def is_stepping(self) -> bool:
+        """Whether the outputs go in steps over it, so that no slope leads anywhere."""
+        return self.difference is not None and self.difference > SMOOTH_STEP
 
 
 def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.errors import EstimationError
 from sysid.flight import Array
+
+Mask = NDArray[np.bool_]
 
 
 def damped_step(information: Array, downhill: Array, damping: float, flight: str) -> Array:
@@ -23,6 +26,13 @@ def damped_step(information: Array, downhill: Array, damping: float, flight: str
     except np.linalg.LinAlgError:
         raise EstimationError(_no_step(flight)) from None
     return step
+
+
+def hold(information: Array, downhill: Array, places: Mask, std: Array) -> None:
+    """Take unknowns that go in steps out of normal equations, in place: they stay, known to `std` (P,)."""
+    information[places, :] = information[:, places] = 0.0
+    information[places, places] = 1.0 / std[places] ** 2
+    downhill[places] = 0.0
 
 
 def require_numbers(flight: str, *values: Array) -> None:

@@ -11,6 +11,7 @@ from sim_vehicle.effects import parse_effect
 from sim_vehicle.model import Model, read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.candidates import Candidate, candidates, extended
+from sysid.engines import Setting, fitted, tried
 from sysid.estimate import Problem, fit, free_coefficients
 from sysid.output_error import OutputErrorResult
 from sysid.posing import make_problem
@@ -51,6 +52,25 @@ def test_a_dead_band_is_found_to_the_step_of_the_servo_pulses() -> None:
     found = solved(problem, model, candidate, names)
     assert abs(found.value("servo_deadband.width") - truth["width"]) < 2.0 * step
     assert found.cost < fit(problem, model, names).cost - 1000.0
+
+
+def test_the_search_leaves_a_wrong_step_of_a_dead_band() -> None:
+    """From a third of the width, where the likelihood has a hill of its own; the error bar is that of the steps."""
+    effect, truth = parse_effect("servo_deadband:width=0.009")
+    vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    signals, _ = fly_mav("multisine", 14, effects=("servo_deadband:width=0.009",))
+    prepared = [prepare(signals, vehicle)]
+    problem = make_problem(prepared, vehicle, check_compatibility(prepared))
+    names = free_coefficients(list(model.coefficients), problem.motion)
+    (candidate,) = (one for one in candidates(problem, model) if one.effect.name == effect.name)
+    base = Setting(model, names, (), fitted(problem, model, names, (), {}))
+    found = tried(problem, base, candidate, {"width": 0.003})
+    assert found is not None
+    error, std = found.value("servo_deadband.width") - truth["width"], found.std("servo_deadband.width")
+    assert abs(error) < 1.8e-3
+    assert 0.4e-3 < std < 5e-3
+    assert abs(error) < 3.0 * std
+    assert found.cost < base.result.cost - 1000.0
 
 
 @pytest.mark.parametrize(("text", "measured", "largest"), HIDDEN, ids=[text.partition(":")[0] for text, _, _ in HIDDEN])
