@@ -12,6 +12,7 @@ import os
 import pkgutil
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from types import FrameType, ModuleType
 
@@ -50,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from sysid.errors import SysidError
 
     args = build_parser().parse_args(arguments)
+    # A trial of an estimation that runs away is refused by its cost; what numpy remarks on it helps no user.
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
     # A shell starts background commands with SIGINT ignored; a recorder must close its file all the same.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)

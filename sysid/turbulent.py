@@ -49,20 +49,17 @@ def estimate_in_turbulence(
         problem, refused = _with_sensors(problem, model, coefficients, effects, compatible)
     sigma = max(compatible.gust_sigma, _LEAST_SIGMA)
 
-    def solved(given: Problem) -> FilterErrorResult:
-        values = start_values(given, model, coefficients, effects)
+    def solved(given: Problem, values: dict[str, float], near: FilterErrorResult | None) -> FilterErrorResult:
+        air = Turbulence(sigma, sigma) if near is None else near.turbulence
         return build_filter(given, model, coefficients, effects).solve(
-            values,
-            Turbulence(sigma, sigma),
-            lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"),
-            brief=brief,
+            values, air, lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"), near=near, brief=brief
         )
 
-    result = solved(problem)
+    result = solved(problem, start_values(problem, model, coefficients, effects), None)
     while (wrong := least_believed(list(problem.sensors), [result.value(n) for n in problem.sensors])) is not None:
         refused.append(wrong)
         problem = replace(problem, sensors={n: start for n, start in problem.sensors.items() if n != wrong.name})
-        result = solved(problem)
+        result = solved(problem, result.values(), result)
     other = replace(problem, command_first=not problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:
