@@ -32,8 +32,9 @@ SCALED = ("q", "p", "r", "ax", "ay", "az", "phi", *GROUND)
 # Outputs that may come late alone; groups of sensors are asked for elsewhere (sysid.delaychoice).
 TIMED = ("airspeed", "alpha", "beta", "q", "p", "r", "ax", "ay", "az", "phi", "theta")
 # A delay counts from so many standard errors and this size, s, on. Lift that follows its angle by less than that is
-# physics which a quasi-steady model lacks, and looks like an accelerometer that is early or late.
-SIGMAS, LEAST_S = 5.0, 4e-3
+# physics which a quasi-steady model lacks, and looks like an accelerometer that is early or late; along the lift by so
+# much that it takes more standard errors.
+SIGMAS, SIGMAS_OF_LIFT, LEAST_S = 5.0, 8.0, 4e-3
 # Residuals above the sensors' noise by which a model does not explain the flight.
 _UNEXPLAINED = 1.15
 _MOST, _STEPS = 3, 4
@@ -68,7 +69,9 @@ class _Error:
         return abs(self.value) > max(sigmas * self.std, least)
 
     def _least(self) -> tuple[float, float]:
-        return (SCALE_LEAST, SCALE_SIGMAS) if self.kind == "scale" else (LEAST_S, SIGMAS)
+        if self.kind == "scale":
+            return SCALE_LEAST, SCALE_SIGMAS
+        return LEAST_S, SIGMAS_OF_LIFT if self.output == "az" else SIGMAS
 
     def joined(self, more: _Error) -> _Error:
         """Both, one after the other."""
