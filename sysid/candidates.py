@@ -15,7 +15,7 @@ from sysid.estimate import Problem
 from sysid.moments import likely_events
 from sysid.parameterisation import SMOOTH_STEP
 
-# Difference quotients with a wider step than this say that outputs jump; so many starts are then tried.
+# Starts that are looked at where outputs jump.
 _STEPS_TRIED = 9
 # Moments tried for something that happens once.
 _EVENTS = 3

@@ -152,7 +152,8 @@ def compatibility(
         kept, theta = again, np.where(_mask(again), theta, setting.mean)
         theta, setting, covariance, converged = _estimate(prepared, theta, replace(setting, free=_mask(kept)))
     refused += unknowable + late
-    while (wrong := least_believed(kept, theta[_mask(kept)].tolist())) is not None:
+    while (wrong := least_believed(kept, theta[_mask(kept)].tolist())) is not None and setting.gust_sigma > _CALM:
+        # In calm air readings that agree are right however odd their sensor; in rough air the fit may have run away.
         # What such errors did to the trajectory and the noise goes with them.
         refused.append(wrong)
         kept = [name for name in kept if name != wrong.name]

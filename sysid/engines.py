@@ -106,19 +106,30 @@ def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start
             start = {name: values[candidate.parameter(name)] for name in candidate.free}
             best = _likelier(best, _trial(problem, base, candidate, start, _TRIAL_STEPS))
     if stepping_of(candidate.effect):
-        best = _likelier(best, _trial(problem, base, candidate, _on_its_step(problem, base, candidate), _TRIAL_STEPS))
+        likeliest = _on_its_step(problem, base, candidate)
+        if likeliest is not None:
+            best = _likelier(best, _trial(problem, base, candidate, likeliest, _TRIAL_STEPS))
     return best
 
 
-def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start:
-    """The start in the middle of the likeliest step, for a candidate whose likelihood goes in steps."""
+def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start | None:
+    """The start in the middle of the likeliest step, for a candidate whose likelihood goes in steps; None where the
+    filter loses the flight on all of them.
+    """
     stepping = stepping_of(candidate.effect)[0]
     sizes = [0.5 * stepping.step * count for count in range(1, _SIZES + 1)]
     starts = [{**candidate.starts[0], stepping.name: size} for size in sizes]
     found = [_trial(problem, base, candidate, start, 0) for start in starts]
     costs = np.array([np.inf if one is None else one.cost for one in found])
-    alike = np.abs(costs - costs.min()) < _ALIKE
-    return {**candidate.starts[0], stepping.name: float(np.mean(np.array(sizes)[alike]))}
+    best = int(np.argmin(costs))
+    if not np.isfinite(costs[best]):
+        return None
+    first = last = best
+    while first > 0 and costs[first - 1] < costs[best] + _ALIKE:
+        first -= 1
+    while last + 1 < len(sizes) and costs[last + 1] < costs[best] + _ALIKE:
+        last += 1
+    return {**candidate.starts[0], stepping.name: 0.5 * (sizes[first] + sizes[last])}
 
 
 def _trial(problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int) -> FilterErrorResult | None:

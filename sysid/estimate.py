@@ -290,20 +290,21 @@ class Likeliest(Estimates, Protocol):
 
 
 def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
-    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size, and those that no
-    aircraft has.
-    """
+    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
     refused = []
     for name in names:
         value, std = result.value(name), result.std(name)
-        unlikely = not_believed(name, value)
-        if unlikely is not None:
-            refused.append(Refusal(name, unlikely, helpful_manoeuvre(name)))
-        elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
             usual = usual_size(name)
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
             refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
     return refused
+
+
+def unbelieved(result: Estimates, names: Sequence[str]) -> list[Refusal]:
+    """Coefficients with a value that no aircraft has; the others were estimated beside it."""
+    reasons = ((name, not_believed(name, result.value(name))) for name in names)
+    return [Refusal(name, why, helpful_manoeuvre(name)) for name, why in reasons if why is not None]
 
 
 def model_of(

@@ -24,16 +24,7 @@ from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actua
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
-from sysid.records import (
-    OUTPUT_PLACES,
-    OUTPUTS,
-    Record,
-    angle_wrap,
-    held_by_dead_band,
-    simulated_effects,
-    thrust_without_airspeed,
-    with_other_inputs,
-)
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
 from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
 
@@ -217,14 +208,14 @@ class FilteredFlight:
 
     def _thrust(self, k: int, errors: Mapping[str, float]) -> Array:
         record = self.records[k]
-        thrust = thrust_without_airspeed(record)[record.start :] + self.predictor.thrust_shift(record, errors)
+        thrust = record.thrust[record.start :] + self.predictor.thrust_shift(record, errors)
         for name, size in errors.items():
             if name.startswith(THRUST_ERROR):
                 thrust = thrust + size * _thrust_error(record, name)
         return thrust
 
     def _effects(self, flat: FlatModel, record: Record) -> Array:
-        return effects_flown(simulated_effects(flat, record), record.thrust[record.start])
+        return effects_flown(effects_at(flat, record), record.thrust[record.start])
 
     def _surfaces(self, k: int, flat: FlatModel) -> tuple[Array, Array]:
         """What the motion feels (N, sub, 3, 4) and what sensors see (N, 4) of the surfaces along a record."""

@@ -1,7 +1,7 @@
 """Which sensor errors a flight can tell: by predicted standard error and by collinearity, never by significance.
 
 Leaving out what is not significantly different from zero would make the intervals of what remains too narrow; so the
-choice looks at the information alone, not at the values.
+choice looks at the information alone, not at the values; but a value that no sensor has is no estimate of its error.
 """
 
 from __future__ import annotations

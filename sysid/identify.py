@@ -12,7 +12,7 @@ from sysid.compatibility import CompatibilityResult, Refusal
 from sysid.delays import commands_std
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
 from sysid.errors import EstimationError
-from sysid.estimate import Problem, free_coefficients, model_of, refusals
+from sysid.estimate import Problem, free_coefficients, model_of, refusals, unbelieved
 from sysid.flight import FlightSignals
 from sysid.frozen import frozen_commands
 from sysid.judging import comparison, judge, validation_of
@@ -240,7 +240,9 @@ def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood, systematic: bool
     free_effects = _free_effects(posed)
     problem, result = likeliest.problem, likeliest.estimate
     prepared, check = refined_delays(posed.prepared, vehicle, posed.check, likeliest.delays)
-    refused = [*posed.refused, *refusals(result, names), *likeliest.refused]
+    odd = unbelieved(result, names)
+    unsure = refusals(result, [name for name in names if name not in {entry.name for entry in odd}])
+    refused = [*posed.refused, *odd, *unsure, *likeliest.refused]
     validity = validity_of(prepared, compatible)
     model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
     model = with_extra(model, "bench", likeliest.from_bench)

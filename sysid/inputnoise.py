@@ -24,6 +24,8 @@ from sysid.parameterisation import STATES, Predictor, free_states
 from sysid.records import OUTPUTS, Record
 
 _AHEAD = STATES.index("u")
+# What stands between the airspeed and its reading beside the sensor's bias and scale.
+_AIRSPEED_EFFECTS = ("airspeed_error", "pitot_lag", "density_error")
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,12 @@ def with_thrust_by_airspeed(
     air and errs with what it is compared with. How it falls comes from the estimate's own airspeed, which has no such
     noise and none of the sensor's errors; in the simulation thrust then follows what is flown. problem, model,
     coefficients, effects: as they were given to `fit`, which gave `result`; the same two come back where no thrust
-    follows the airspeed.
+    follows the airspeed, or the model has an effect by which its sensor misreads it.
     """
     groups: dict[tuple[str, int], list[int]] = {}
+    misread = any(model.effect(name) is not None for name in _AIRSPEED_EFFECTS)
     for index, record in enumerate(problem.records):
-        if record.thrust_read.size and _AHEAD in free_states(record):
+        if not misread and record.thrust_read.size and _AHEAD in free_states(record):
             groups.setdefault((record.flight, record.stretch), []).append(index)
     if not groups:
         return problem, result
@@ -116,8 +119,10 @@ def with_thrust_by_airspeed(
             thrust, doubt = records[i].thrust.copy(), np.zeros((again.doubt.shape[0], records[i].thrust.size))
             own = slice(place, place + part.size)
             thrust[part], doubt[:, part] = again.values[own], again.doubt[:, own]
-            flying = np.full(thrust.size, airspeed[place])
-            flying[part] = airspeed[own]
+            flying = np.zeros(0)
+            if again.law is not None:
+                flying = np.full(thrust.size, airspeed[place])
+                flying[part] = airspeed[own]
             records[i] = replace(records[i], thrust=thrust, thrust_doubt=doubt, law=again.law, airspeed=flying)
             place += part.size
     corrected = warmed(replace(problem, records=tuple(records)), result)

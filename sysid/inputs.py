@@ -25,6 +25,11 @@ class AirspeedLaw:
     slope: float
     bend: float
 
+    def falls(self, airspeed: Array) -> bool:
+        """Whether thrust falls with the airspeed all over the range of `airspeed`."""
+        ends = np.array([airspeed.min(), airspeed.max()]) - self.about
+        return bool(np.all(self.slope + 2.0 * self.bend * ends < 0.0))
+
     def along(self, airspeed: Array) -> Array:
         """What it adds at each airspeed (N,), N."""
         faster = airspeed - self.about
@@ -139,6 +144,8 @@ def _explained(
             if criterion < least:
                 # The powers of the airspeed are the last regressors.
                 law = AirspeedLaw(about, float(gains[-2]) / spread, float(gains[-1]) / spread**2) if air.size else None
+                if law is not None and not law.falls(air):
+                    continue  # power that made the aircraft faster, not the other way round
                 least, best = criterion, (fitted, explanation.uncertain, law)
     return best
 

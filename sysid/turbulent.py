@@ -55,16 +55,19 @@ def estimate_in_turbulence(
             values, air, lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"), near=near, brief=brief
         )
 
-    result = solved(problem, start_values(problem, model, coefficients, effects), None)
-    while (wrong := least_believed(list(problem.sensors), [result.value(n) for n in problem.sensors])) is not None:
-        refused.append(wrong)
-        problem = replace(problem, sensors={n: start for n, start in problem.sensors.items() if n != wrong.name})
-        result = solved(problem, result.values(), result)
+    def believed(given: Problem, found: FilterErrorResult) -> tuple[Problem, FilterErrorResult]:
+        while (wrong := least_believed(list(given.sensors), [found.value(n) for n in given.sensors])) is not None:
+            refused.append(wrong)
+            given = replace(given, sensors={n: start for n, start in given.sensors.items() if n != wrong.name})
+            found = solved(given, found.values(), found)
+        return given, found
+
+    problem, result = believed(problem, solved(problem, start_values(problem, model, coefficients, effects), None))
     other = replace(problem, command_first=not problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:
         again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, brief=brief)
-        return other, again, refused
+        problem, result = believed(other, again)
     return problem, result, refused
 
 

@@ -67,8 +67,7 @@ def test_the_search_leaves_a_wrong_step_of_a_dead_band() -> None:
     found = tried(problem, base, candidate, {"width": 0.003})
     assert found is not None
     error, std = found.value("servo_deadband.width") - truth["width"], found.std("servo_deadband.width")
-    assert abs(error) < 1.8e-3
-    assert 0.4e-3 < std < 5e-3
+    assert std == pytest.approx(0.5e-3)
     assert abs(error) < 3.0 * std
     assert found.cost < base.result.cost - 1000.0
 

@@ -128,6 +128,15 @@ def test_an_airspeed_that_has_nothing_to_do_with_thrust_is_not_believed() -> Non
     assert sum(denoised_thrust(read, STEADY, DT, airspeed).by_airspeed for read in reads) <= 2
 
 
+def test_an_aircraft_that_is_faster_where_there_is_more_power_has_no_thrust_that_grows_with_airspeed() -> None:
+    """The throttle is not recorded; what its swings do to thrust comes back as airspeed."""
+    generator = np.random.default_rng(7)
+    power = sum(0.4 * np.sin(2.0 * np.pi * f * TIME + f) for f in (0.13, 0.31, 0.55))
+    read = 2.5 + power + SIGMA * generator.standard_normal(N)
+    assert not denoised_thrust(read, STEADY, DT, 17.0 + 0.8 * power).by_airspeed
+    assert denoised_thrust(5.0 - read, STEADY, DT, 17.0 + 0.8 * power).by_airspeed
+
+
 def test_thrust_that_goes_with_the_square_of_the_throttle_is_explained_by_it_just_as_well() -> None:
     throttle = np.where(np.arange(N) >= 200, 0.6, 0.4)
     share = 1.0 - np.exp(-np.maximum(TIME - TIME[200], 0.0) / 0.1)
