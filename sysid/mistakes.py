@@ -36,14 +36,16 @@ from sysid.smoothing import noise_sigma
 
 # Log likelihood by which a reading must beat the one as given: some 400 readings are tried.
 GAIN = 20.0
-# A delay counts from four standard errors and one millisecond on, up to LONGEST_DELAY_S.
-DELAY_SIGMAS, DELAY_LEAST_S, LONGEST_DELAY_S = 4.0, 1e-3, 0.3
+# A delay counts from four standard errors and two milliseconds on, up to LONGEST_DELAY_S: on clean flights a roll rate,
+# which follows its command within a few samples, may seem 1.1 ms late.
+DELAY_SIGMAS, DELAY_LEAST_S, LONGEST_DELAY_S = 4.0, 2e-3, 0.3
 # A scale factor that no sensor error stands for counts from five standard errors and 3 % on ...
 SCALE_SIGMAS, SCALE_LEAST = 5.0, 0.03
 # ... and from here on the data are not used as they are.
 SCALE_REFUSED = 0.2
 _SHORTLIST = 6
 _LEVEL_GAIN = 5.0
+_NO_DOUBT = 10.0 * GAIN  # of a sign, where a signal moves by hardly more than its noise
 _HUGE = 1e20
 _MOST = 4
 _STEPS = 6
@@ -165,12 +167,14 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
     present.discard(GROUND_DELAY)
     quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
     for one in hypotheses(present):
-        # Of a signal that is nothing but noise nothing can be said, but that its unit makes it so small.
-        if quiet.issuperset(one.signals) and one.shrinks(one.signals[0]) >= 0.0:
+        # Of a signal that is hardly more than noise little can be said: that its unit makes it so small, or that it has
+        # the wrong sign, where thousands of samples leave no doubt.
+        silent = quiet.issuperset(one.signals) and one.shrinks(one.signals[0]) >= 0.0
+        if silent and one.kind != "sign":
             continue
         read = [one.apply(c) for c in columns]
         gain = quick - quick_cost(windows, read, filters) + _stretched(one, windows) - one.penalty
-        if gain > 0.5 * GAIN:
+        if gain > (_NO_DOUBT if silent else 0.5 * GAIN):
             ranked.append((gain, one, read))
     ranked.sort(key=lambda entry: -entry[0])
     found = []

@@ -7,6 +7,7 @@ import pytest
 from signal_mistakes import GROUPS, Injection, times
 from simulated import fly_mav
 
+from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.compatibility import CompatibilityResult, OutputFit, Refusal, SensorError, SensorLayout
 from sysid.errors import SignalError
@@ -65,6 +66,21 @@ def test_wrong_units_signs_axes_and_scales_stop_the_job_with_the_cure(
         checked(injection.apply(flight))
     assert sentence in str(stopped.value)
     assert "\n" not in str(stopped.value)
+
+
+def test_a_vane_that_moves_by_little_more_than_its_noise_can_have_the_wrong_sign() -> None:
+    """The Ultra Stick's angle of attack: its sign was told as 261 ms of delay."""
+    craft = load_vehicle("ultrastick25e")
+    flight = fly_mav("multisine", 500, vehicle=craft, model=read_model("ultrastick25e"))[0]
+    wrong = Injection(("alpha",), "sign", "-1", times(("alpha",), -1.0)).apply(flight)
+    with pytest.raises(SignalError, match="alpha has the wrong sign"):
+        check_signals([prepare(wrong, craft)], craft)
+
+
+def test_a_roll_rate_that_is_quick_to_follow_is_not_late() -> None:
+    """Of this flight p seemed 1.1 ± 0.1 ms late."""
+    flight = fly_mav("multisine", 203, effects=("steady_wind:north=1,east=1,down=0",))[0]
+    assert check_signals([prepare(flight, VEHICLE)], VEHICLE).findings() == []
 
 
 def test_a_small_scale_error_of_a_gyro_is_named_and_the_flight_used(flight: FlightSignals) -> None:
