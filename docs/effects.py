@@ -8,7 +8,8 @@ What `sim-vehicle fly --effect NAME:KEY=VALUE` flies and `gcs discrepancy` looks
 `python docs/effects.py`. Ranges are those in which an estimate is sought. Equations stand in `sim_vehicle/effects/`.
 An effect with an alias is flown but never named: no flight can tell it from that. Times are seconds from the flight's
 first stamp on the vehicle's clock. Ground effect is looked for where a rangefinder or a recording from before take-off
-on tells the height.
+on tells the height, wind shear where altitude or the velocity over ground tells it; its wind is the steady one at
+`[flight] altitude` in a simulated flight, and in the middle of a recorded one.
 
 | name | effect | acts on | parameters (range) | told apart by | easily taken for | alias |
 |---|---|---|---|---|---|---|"""

@@ -24,6 +24,7 @@ from sim_vehicle.effects.thrust_line_offset import thrust_line_moment
 from sim_vehicle.effects.thrust_scale import scaled_thrust
 from sim_vehicle.effects.thrust_speed_loss import speed_thrust
 from sim_vehicle.effects.unsteady_lift import lag_rate
+from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit, jit_inlined
 from sim_vehicle.layout import Aux, Par
 from sim_vehicle.propeller import rotor_speed, throttle_thrust, throttle_torque
@@ -53,6 +54,7 @@ _DROP, _DROP_M, _DROP_T, _DROP_D = (slot("mass_drop", name) for name in ("on", "
 _SAG, _SAG_RATE = slot("battery_sag"), slot("battery_sag", "rate")
 _NEAR, _NEAR_CL, _NEAR_CD = (slot("ground_effect", name) for name in ("on", "lift_gain", "drag_reduction"))
 _CG, _CG_X = slot("cg_shift"), slot("cg_shift", "x")
+_SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 
 _MASS_P, _IXX, _IYY, _IZZ, _IXZ = int(Par.mass), int(Par.Ixx), int(Par.Iyy), int(Par.Izz), int(Par.Ixz)
 _S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), int(Par.reference_speed)
@@ -243,6 +245,10 @@ def _rigid_body_rates(
     rate[3] = ax + gravity * r13 + r * v - q * w
     rate[4] = ay + gravity * r23 + p * w - r * u
     rate[5] = az + gravity * r33 + q * u - p * v
+    if E[_SHEAR] != 0.0:
+        rate[0] += sheared_wind(E[_SHEAR_G], -x[2])
+        gained = sheared_wind(E[_SHEAR_G], -rate[2])
+        rate[3], rate[4], rate[5] = rate[3] - gained * r11, rate[4] - gained * r21, rate[5] - gained * r31
     rate[6] = 0.5 * (-q1 * p - q2 * q - q3 * r)
     rate[7] = 0.5 * (q0 * p + q2 * r - q3 * q)
     rate[8] = 0.5 * (q0 * q - q1 * r + q3 * p)
@@ -278,9 +284,10 @@ def derivatives(
 
     x, rate: (14,) state (sim_vehicle.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
     thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
-    of the air, m/s; gust: (3,) that in body axes on top. rho: kg/m3. P, E: vehicle constants and effect vector.
-    C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the aerodynamic terms. W: work
-    array, holds the by-products (Aux) afterwards; its `time` stays as it came.
+    of the air, m/s; gust: (3,) that in body axes on top. Where the effect vector has a wind shear, u v w are against
+    the air that it moves, which is at rest at a height of 0, and `wind` does not hold it. rho: kg/m3. P, E: vehicle
+    constants and effect vector. C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the
+    aerodynamic terms. W: work array, holds the by-products (Aux) afterwards; its `time` stays as it came.
     """
     R = _rotation(x[6], x[7], x[8], x[9])
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = R

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sim_vehicle.actuation import start_actuators
 from sim_vehicle.atmosphere import density
 from sim_vehicle.dynamics import derivatives
+from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
 from sim_vehicle.errors import ModelFileError, VehicleFileError
 from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
@@ -48,6 +49,8 @@ class Plant:
         self.vehicle = vehicle
         self.model = model
         self.flat = flatten(vehicle, model)
+        # Whoever flies gives the wind as it is at every height (sim_vehicle.wind), and u v w are over ground.
+        self.flat.E[slot("wind_shear")] = 0.0
         # A lift that lags is a state of its own; Runge-Kutta's step must not be long against its time constant.
         self.max_step = min(max_step, (model.effect("unsteady_lift") or {}).get("tau", max_step))
         self._delay = (model.effect("actuator_delay") or {}).get("delay", 0.0)

@@ -1,6 +1,7 @@
 """Derivatives of what ideal sensors read, by state, coefficients and thrust (compiled).
 
-They follow `sim_vehicle.sensing` line by line, but for lags, which are linear in time and left to the caller.
+They follow `sim_vehicle.sensing` line by line, but for lags, which are linear in time and left to the caller, and the
+wind over a height, which is an input wherever there is shear.
 """
 
 import math

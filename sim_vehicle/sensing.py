@@ -9,6 +9,7 @@ from sim_vehicle.dynamics import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.actuator import after_backlash
 from sim_vehicle.effects.sensor import ramp_lag
+from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit
 from sim_vehicle.layout import Aux, Par
 
@@ -26,6 +27,7 @@ _GYRO, _GYRO_K, _GYRO_B = slot("imu_scale"), slot("imu_scale", "scale"), slot("i
 _ATT, _ATT_TAU = slot("attitude_lag"), slot("attitude_lag", "tau")
 _HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
 _TSC, _TSC_K = slot("thrust_scale"), slot("thrust_scale", "scale")
+_SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
 _PD, _QD, _RD, _T, _RHO = (int(i) for i in (Aux.p_dot, Aux.q_dot, Aux.r_dot, Aux.thrust, Aux.rho))
 _VB, _UB = int(Aux.v_body), int(Aux.u_body)
@@ -120,6 +122,8 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
         y[12] = _played(sensor, 5, y[12], interval, E[_HYST_W])
     y[13] = -x[2]
     y[14] = (q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3) * u + 2.0 * (q1 * q2 - q0 * q3) * v + 2.0 * (q1 * q3 + q0 * q2) * w
+    if E[_SHEAR] != 0.0:
+        y[14] += sheared_wind(E[_SHEAR_G], -x[2])
     y[15] = 2.0 * (q1 * q2 + q0 * q3) * u + (q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3) * v + 2.0 * (q2 * q3 - q0 * q1) * w
     y[16] = r13 * u + 2.0 * (q2 * q3 + q0 * q1) * v + (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) * w
     y[17], y[18] = x[0], x[1]

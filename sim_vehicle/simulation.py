@@ -22,7 +22,7 @@ _CL, _AX, _TIME = int(Aux.CL), int(Aux.ax), int(Aux.time)
 _LOSS = slot("thrust_speed_loss")
 _SKEW, _SKEW_S, _SKEW_GROUP = (slot("sensor_time_skew", name) for name in ("on", "delay", "group"))
 _HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
-# Columns of the commands in which a height above the ground, and the way in which thrust's reading moves, may stand.
+# Columns of the commands in which a height, and the way in which thrust's reading moves, may stand.
 HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 
@@ -131,10 +131,10 @@ def simulate(
     x0: (14,) state at sample `start`, its last entry NaN where it is to be found. first: sample at which the actuators
     are at rest; they run from there to `start`.
     commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
-    height above the ground [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1,
-    in which the thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the
-    throttle. rho: (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of that sample (as
-    many simulations do), or that of the sample before (as a vehicle does that reads, then commands).
+    height [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the
+    thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the throttle. rho:
+    (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of that sample (as many simulations
+    do), or that of the sample before (as a vehicle does that reads, then commands).
     held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
     where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
     model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples

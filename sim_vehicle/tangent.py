@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives
-from sim_vehicle.effects import START_TIME
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.lanes import (
@@ -36,11 +37,12 @@ IntArray = NDArray[np.int64]
 # Place in the state vector of each row of a tangent.
 TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
 _GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
+_SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 
 
 @jit_fused
-def _rate_rows(x: Array, gravity: float, R: Array, slopes: Array, A: Array) -> None:
+def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, A: Array) -> None:
     """Rows of u v w p q r of the rates' Jacobian, and what the quaternion's rows follow from, into A (STAGE,).
 
     Rates that are imposed (finite in `slopes`) follow from nothing: their rows of A and of R become zero.
@@ -66,6 +68,12 @@ def _rate_rows(x: Array, gravity: float, R: Array, slopes: Array, A: Array) -> N
     A[6], A[7], A[8], A[9] = A[6] - g * q2, A[7] + g * q3, A[8] - g * q0, A[9] + g * q1
     A[16], A[17], A[18], A[19] = A[16] + g * q1, A[17] + g * q0, A[18] + g * q3, A[19] + g * q2
     A[26], A[27], A[28], A[29] = A[26] + g * q0, A[27] - g * q1, A[28] - g * q2, A[29] + g * q3
+    if E[_SHEAR] != 0.0:
+        by_shear = np.empty((3, 7))
+        shear_slopes(x, E[_SHEAR_G], by_shear)
+        for row in range(3):
+            for z in range(7):
+                A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
     for row in range(slopes.size):
         if np.isfinite(slopes[row]):
             for z in range(STATE_COLUMNS):
@@ -90,7 +98,7 @@ def _tangent_step(
         rate = scratch[stage]
         derivatives(scratch[4], surfaces, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
         force_jacobian(scratch[4], surfaces, np.isnan(thrust), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
-        _rate_rows(scratch[4], P[_GRAVITY], R, slopes, A[stage])
+        _rate_rows(scratch[4], P[_GRAVITY], E, R, slopes, A[stage])
         direct_effects(R, products, terms, columns, force[stage])
         for i in range(slopes.size):
             if np.isfinite(slopes[i]):
@@ -170,7 +178,7 @@ def simulate_tangents(
     column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m unknowns
     are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows, unknowns)
     result; places that are not named stay as they are. Lags and delays of sensors, a lift that lags and the
-    ground are left out. A diverging motion leaves NaN.
+    ground are left out; the height over which the wind changes is an input. A diverging motion leaves NaN.
     """
     x = x0.copy()
     n = columns.size

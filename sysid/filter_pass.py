@@ -140,7 +140,7 @@ def predict_path(
     before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
     gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
     the others are imposed if `held`. over: (N, sub, 3, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
-    from the throttle. heights: (N,) m above the ground, 0 where none is known. lagging: whether some sensor lags. A
+    from the throttle. heights: (N,) m, 0 where no effect asks for one. lagging: whether some sensor lags. A
     lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
     readings, as a prediction may be, though not of the filter's state.
     Returns ahead (N - 1, 9) and the channels at `places` (N, m).

@@ -24,7 +24,16 @@ from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actua
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
-from sysid.records import OUTPUT_PLACES, OUTPUTS, Record, angle_wrap, effects_at, held_by_dead_band, with_other_inputs
+from sysid.records import (
+    OUTPUT_PLACES,
+    OUTPUTS,
+    Record,
+    angle_wrap,
+    effects_at,
+    height_for,
+    held_by_dead_band,
+    with_other_inputs,
+)
 from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
 
@@ -132,7 +141,7 @@ class FilteredFlight:
         places, terms, columns, weights = self._direct(flat, record if slopes else None)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
-            record.rho[record.start :], _heights(record), record.interval_s, flat.P,
+            record.rho[record.start :], _heights(record, flat.E), record.interval_s, flat.P,
             _prompt(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
             np.arange(len(OUTPUTS)),
         )  # fmt: skip
@@ -242,8 +251,8 @@ class FilteredFlight:
         ) -> tuple[Array, Array]:
             return predict_path(
                 before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, pull,
-                record.rho[record.start :], _heights(record), record.interval_s, bool(record.held.size), lagging,
-                parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+                record.rho[record.start :], _heights(record, effects), record.interval_s, bool(record.held.size),
+                lagging, parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
             )  # fmt: skip
 
         if record.moving_mass > 0.0 and misreads(flat.P, effects):
@@ -356,9 +365,10 @@ def _thrust_error(record: Record, name: str) -> Array:
     return record.thrust_doubt[int(name.removeprefix(THRUST_ERROR)), record.start :]
 
 
-def _heights(record: Record) -> Array:
-    """(N,) height above the ground of a record's samples, 0 where none is known."""
-    return record.heights[record.start :] if record.heights.size else np.zeros(record.length)
+def _heights(record: Record, effects: Array) -> Array:
+    """(N,) height of a record's samples that an effect depends on, 0 where none does."""
+    heights = height_for(record, effects)
+    return heights[record.start :] if heights.size else np.zeros(record.length)
 
 
 def _prompt(effects: Array) -> Array:

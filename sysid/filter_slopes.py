@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.dynamics import derivatives
-from sim_vehicle.effects import START_TIME
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
 from sim_vehicle.jit import jit
 from sim_vehicle.layout import STATE_SIZE, WORK_SIZE, Aux, Par
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
+_SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 _GROUND = READINGS.index("vn")  # from here on readings know nothing of gusts
 
@@ -73,6 +75,18 @@ def _rates_by_states(s: Array, gravity: float, R: Array, Q: Array, A: Array) -> 
     A[6, 3], A[6, 4], A[6, 5], A[6, 6], A[6, 7] = 1.0, slope * sf, slope * cf, slope * rise, turn / (ct * ct)
     A[7, 4], A[7, 5], A[7, 6] = cf, -sf, -turn
     A[8, 4], A[8, 5], A[8, 6], A[8, 7] = sf / ct, cf / ct, rise / ct, turn * slope / ct
+
+
+@jit
+def _add_shear(x: Array, gradient: float, Q: Array, A: Array) -> None:
+    """What the wind's shear adds to A (see above) at the simulation's state `x`."""
+    slopes = np.empty((3, 7))
+    shear_slopes(x, gradient, slopes)
+    for row in range(3):
+        for z in range(3):
+            A[row, z] += slopes[row, z]
+            for c in range(4):
+                A[row, 6 + z] += slopes[row, 3 + c] * Q[c, z]
 
 
 @jit
@@ -140,6 +154,8 @@ def path_slopes(
         force_jacobian(x, surfaces, np.isnan(pull), gust_over[k], P, E, C, F, K, T, W, flow, D, J, part, products, R)
         _quaternion_by_angles(middle, Q)
         _rates_by_states(middle, P[_GRAVITY], R, Q, A)
+        if E[_SHEAR] != 0.0:
+            _add_shear(x, E[_SHEAR_G], Q, A)
         for i in range(nf):
             row = free[i]
             for a in range(nf):

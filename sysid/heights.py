@@ -1,4 +1,4 @@
-"""Height above the ground along a flight."""
+"""Height along a flight."""
 
 from __future__ import annotations
 
@@ -32,15 +32,33 @@ def height_above_ground(data: FlightData) -> Array:
     return _smooth(data["altitude"] - np.nanmedian(ground), data.interval_s)
 
 
+def height_in_flight(data: FlightData) -> Array:
+    """(N,) m above the middle of the flight, smoothed without lag; (0,) where nothing tells it.
+
+    Recorded altitude counts before the integral of the velocity over ground.
+    """
+    if _there(data, "altitude"):
+        height = _smooth(data["altitude"], data.interval_s)
+    elif "vd" in data and np.isfinite(data["vd"]).sum() >= _FEWEST:
+        height = -data.interval_s * np.cumsum(_bridged(data["vd"]))
+    else:
+        return np.zeros(0)
+    return np.ascontiguousarray(height - np.median(height))
+
+
 def _there(data: FlightData, name: str) -> bool:
     return name in data and float(np.isfinite(data[name]).mean()) > _PRESENT
 
 
 def _smooth(values: Array, interval_s: float) -> Array:
     """Values with their gaps bridged, without the sensor's noise."""
-    good = np.isfinite(values)
-    place = np.arange(values.size)
-    bridged = np.ascontiguousarray(np.interp(place, place[good], values[good]))
+    bridged = _bridged(values)
     if values.size < _FEWEST or np.ptp(bridged) == 0.0:
         return bridged
     return np.ascontiguousarray(fourier_smooth(bridged, interval_s, _BAND_HZ).values)
+
+
+def _bridged(values: Array) -> Array:
+    good = np.isfinite(values)
+    place = np.arange(values.size)
+    return np.ascontiguousarray(np.interp(place, place[good], values[good]))

@@ -12,7 +12,7 @@ from sim_vehicle.parameters import FlatModel
 from sim_vehicle.vehicle import Vehicle
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
-from sysid.heights import height_above_ground
+from sysid.heights import height_above_ground, height_in_flight
 from sysid.hysteresis import way_of
 from sysid.inputs import AirspeedLaw, denoised_thrust
 from sysid.smoothing import fourier_smooth
@@ -65,9 +65,10 @@ class Record:
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
     thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
     part of it; else (0,). law: how thrust follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that
-    it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, (0,) where nothing tells it.
-    way: (M,) the way in which the thrust sensor's reading moves (`sysid.hysteresis`); (0,) without one. earlier: (L, 3)
-    commands of the surfaces before those above, which a servo with a dead band may still hold.
+    it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, and climbed: (M,) m above the
+    middle of the flight, each (0,) where nothing tells it. way: (M,) the way in which the thrust sensor's reading moves
+    (`sysid.hysteresis`); (0,) without one. earlier: (L, 3) commands of the surfaces before those above, which a servo
+    with a dead band may still hold.
     """
 
     flight: str
@@ -87,6 +88,7 @@ class Record:
     law: AirspeedLaw | None = None
     airspeed: Array = field(default_factory=lambda: np.zeros(0))
     heights: Array = field(default_factory=lambda: np.zeros(0))
+    climbed: Array = field(default_factory=lambda: np.zeros(0))
     way: Array = field(default_factory=lambda: np.zeros(0))
     earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
@@ -105,7 +107,7 @@ class Record:
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
             thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
-            way=self.way[kept], earlier=before,
+            climbed=self.climbed[kept], way=self.way[kept], earlier=before,
         )  # fmt: skip
 
 
@@ -148,21 +150,38 @@ def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
     return commands
 
 
+def height_for(record: Record, effects: Array) -> Array:
+    """(M,) m, the height of a record that an effect depends on, (0,) where none does: above the ground where that acts,
+    else above the middle of the flight, so that the wind's shear there is no steady wind.
+
+    Raises SignalError where nothing tells it.
+    """
+    if effects[slot("ground_effect")] != 0.0:
+        if not record.heights.size:
+            raise SignalError(
+                f"{record.flight}: the model has ground_effect, but nothing tells the height above the ground: record "
+                "a rangefinder's height (DISTANCE_SENSOR), or altitude from before take-off on"
+            )
+        return record.heights
+    if effects[slot("wind_shear")] == 0.0:
+        return np.zeros(0)
+    if not record.climbed.size:
+        raise SignalError(
+            f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude or the velocity "
+            "over ground"
+        )
+    return record.climbed
+
+
 def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
     """Commands (M, 4) of a record with its height and its thrust's way behind them, (M, 6), if an effect needs one.
 
-    Raises SignalError where the ground acts and nothing tells the height.
+    Raises SignalError where nothing tells the height that an effect needs.
     """
-    near_ground = effects[slot("ground_effect")] != 0.0
-    if not near_ground and effects[slot("thrust_sensor_hysteresis")] == 0.0:
+    heights = height_for(record, effects)
+    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0:
         return commands
-    if near_ground and not record.heights.size:
-        raise SignalError(
-            f"{record.flight}: the model has ground_effect, but nothing tells the height above the ground: record a "
-            "rangefinder's height (DISTANCE_SENSOR), or altitude from before take-off on"
-        )
-    missing = np.full(commands.shape[0], np.nan)
-    heights = record.heights if record.heights.size else missing
+    heights = heights if heights.size else np.full(commands.shape[0], np.nan)
     way = record.way if record.way.size else np.zeros(commands.shape[0])
     return np.ascontiguousarray(np.column_stack((commands, heights, way)))
 
@@ -208,12 +227,12 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     for j, name in enumerate(OUTPUTS):
         if name in data:
             z[:, j] = data[name][start:stop]
-    heights = height_above_ground(data)[first:stop]
+    heights, climbed = height_above_ground(data)[first:stop], height_in_flight(data)[first:stop]
     airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
     denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s, airspeed)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights=heights,
-        way=way, earlier=earlier,
+        climbed=climbed, way=way, earlier=earlier,
     )  # fmt: skip

@@ -28,6 +28,7 @@ from sim_vehicle.effects import (
     thrust_sensor_hysteresis,
     thrust_speed_loss,
     unsteady_lift,
+    wind_shear,
 )
 from sim_vehicle.effects.base import CoefficientEffect, Effect, Parameter, Stage
 from sim_vehicle.effects.coefficient import COEFFICIENT_EFFECTS
@@ -74,7 +75,7 @@ EFFECTS: dict[str, Effect] = {
         thrust_sensor_hysteresis.THRUST_SENSOR_HYSTERESIS,
         environment.STEADY_WIND,
         environment.TURBULENCE,
-        environment.WIND_SHEAR,
+        wind_shear.WIND_SHEAR,
         environment.DENSITY_ERROR,
         inertia.MASS_ERROR,
         mass_drop.MASS_DROP,

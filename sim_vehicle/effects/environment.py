@@ -19,13 +19,6 @@ TURBULENCE = Effect(
     ),
     "the same run with reversed heading",
 )
-WIND_SHEAR = Effect(
-    "wind_shear",
-    "wind that grows with height",
-    Stage.ENVIRONMENT,
-    (Parameter("gradient", "1/s", -1.0, 1.0, starts=(0.0,)),),
-    "the same run with reversed heading",
-)
 DENSITY_ERROR = Effect(
     "density_error",
     "error of the air density",

@@ -26,7 +26,7 @@ _STEP = 0.002
 _SIZES = (0.0, 0.5, 1.0)
 # When one that comes at a moment may have come, s after the first stamp.
 _MOMENTS = tuple(np.arange(3.0, 21.0, 2.0))
-# Effects on the air and on what the sensor of the thrust tells: they are no part of the simulation under its inputs.
+# Effects on the air and on what the sensor of the thrust tells: their answers are those of other inputs.
 OUTER = ("wind_shear", "thrust_sensor_hysteresis")
 _GROUPS = ("vanes", "air_data", "imu", "attitude")
 

@@ -12,6 +12,7 @@ from sim_vehicle.model import Model, read_model
 from sim_vehicle.vehicle import load_vehicle
 from sysid.candidates import Candidate, candidates, extended
 from sysid.engines import Setting, fitted, tried
+from sysid.errors import SignalError
 from sysid.estimate import Problem, fit, free_coefficients
 from sysid.output_error import OutputErrorResult
 from sysid.posing import make_problem
@@ -28,6 +29,7 @@ HIDDEN = [
     ("sensor_time_skew:delay=0.015,group=imu", True, {"delay": 2e-4}),
     ("linkage_nonlinearity:cubic=6", True, {"cubic": 2.0}),
     ("battery_sag:rate=0.004", False, {"rate": 2e-4}),
+    ("wind_shear:gradient=0.05", True, {"gradient": 5e-3}),
 ]
 
 
@@ -94,3 +96,32 @@ def test_a_hidden_effect_is_estimated_within_its_error_bars(
         parameter = candidate.parameter(name)
         assert result.std(parameter) < largest[name], name
         assert abs(result.value(parameter) - truth[name]) < 4.0 * result.std(parameter), name
+
+
+@pytest.mark.parametrize("recorded", ["altitude", "vd"])
+def test_wind_shear_in_gusts_is_estimated_by_filter_error_whatever_tells_the_height(recorded: str) -> None:
+    vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    effect, _ = parse_effect("wind_shear:gradient=0.06")
+    signals, _ = fly_mav("multisine", 15, effects=("wind_shear:gradient=0.06", "turbulence:sigma=0.2,length=20"))
+    kept = {name: signal for name, signal in signals.signals.items() if name != "altitude" or recorded == name}
+    prepared = [prepare(replace(signals, signals=kept), vehicle)]
+    problem = make_problem(prepared, vehicle, check_compatibility(prepared), ground=True)
+    names = free_coefficients(list(model.coefficients), problem.motion)
+    result = fitted(problem, model.with_effect(effect, {"gradient": 0.0}), names, [(effect.name, "gradient")], {}, 0.2)
+    error, std = result.value("wind_shear.gradient") - 0.06, result.std("wind_shear.gradient")
+    assert std < 0.015
+    assert abs(error) < 3.0 * std
+
+
+def test_wind_shear_is_no_candidate_and_no_model_where_nothing_tells_the_height() -> None:
+    vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    signals, _ = fly_mav("multisine", 15)
+    unknown = ("altitude", "gps_altitude", "static_pressure", "vn", "ve", "vd")
+    kept = {name: signal for name, signal in signals.signals.items() if name not in unknown}
+    prepared = [prepare(replace(signals, signals=kept), vehicle)]
+    problem = make_problem(prepared, vehicle, check_compatibility(prepared))
+    assert "wind_shear" not in [one.effect.name for one in candidates(problem, model)]
+    effect, values = parse_effect("wind_shear:gradient=0.06")
+    with pytest.raises(SignalError, match="record altitude") as caught:
+        fit(problem, model.with_effect(effect, values), ["CL_alpha"])
+    assert "\n" not in str(caught.value)

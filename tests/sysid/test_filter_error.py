@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 from simulated import signals_of
 
+from sim_vehicle.effects import EFFECTS
 from sim_vehicle.fly import fly
 from sim_vehicle.model import Model, read_model
 from sim_vehicle.plan import plan_of
@@ -192,6 +193,33 @@ def test_slopes_along_a_path_are_those_of_its_predictions() -> None:
         size = np.abs(flown).max()
         # One Jacobian a step: the error of the midpoint rule, largest for the roll rate, which settles in 50 ms.
         assert np.abs(flown - here.step_theta[:, :, i]).max() < 0.04 * max(size, 1e-9), parameter.name
+
+
+def test_steps_through_sheared_wind_have_the_slopes_of_its_predictions() -> None:
+    """What the shear adds to them: by every state, at a gradient that shows in one step."""
+    prepared = [prepare(gusty_flight(0.2, 3), VEHICLE)]
+    problem = make_problem(prepared, VEHICLE, check_compatibility(prepared))
+    found, flown = [], []
+    for gradient in (0.5, 0.0):
+        model = TRUTH.with_effect(EFFECTS["wind_shear"], {"gradient": gradient})
+        filtered = build_filter(problem, model, [])
+        theta = np.array([problem.sensors.get(p.name, 0.0) for p in filtered.predictor.parameters])
+        step_x = filtered.linearised(0, theta).step_x
+        after = filtered.paths[0].after
+        slopes = np.empty((after.shape[0] - 1, 9, 9))
+        for state in range(9):
+            ends = []
+            for sign in (1.0, -1.0):
+                filtered.paths[0].after = after + sign * 1e-4 * np.eye(9)[state]
+                ends.append(filtered.linearised(0, theta, slopes=False).drift)
+            slopes[:, :, state] = (ends[0] - ends[1]) / 2e-4
+        found.append(step_x[:, :, :9])
+        flown.append(slopes)
+    added, expected = found[0] - found[1], flown[0] - flown[1]
+    for state in (0, 1, 2, 6, 7, 8):
+        size = np.abs(expected[:, :3, state]).max()
+        assert size > 1e-3
+        assert np.abs(added[:, :3, state] - expected[:, :3, state]).max() < 0.05 * size, state
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import load_vehicle
 from sysid.errors import SignalError
 from sysid.flight import FlightData
-from sysid.heights import height_above_ground
+from sysid.heights import height_above_ground, height_in_flight
 from sysid.hysteresis import way_of
 from sysid.moments import likely_events
 from sysid.parameterisation import Predictor
@@ -132,6 +132,28 @@ def test_height_is_altitude_above_where_the_aircraft_stood() -> None:
 def test_altitude_of_a_flight_that_begins_in_the_air_tells_no_height() -> None:
     assert height_above_ground(flight(altitude=412.0 + CLIMB, airspeed=np.full(N, 15.0))).size == 0
     assert height_above_ground(flight(airspeed=np.zeros(N))).size == 0
+
+
+def test_height_in_flight_is_about_its_middle_by_altitude_or_by_the_velocity_over_ground() -> None:
+    """A GPS that comes five times a second tells it to the rounding of what it leaves out."""
+    velocity = np.where(np.arange(N) % 10 == 0, -np.gradient(CLIMB, DT), np.nan)
+    wanted = CLIMB - np.median(CLIMB)
+    for columns in ({"altitude": 412.0 + CLIMB}, {"vd": velocity}, {"altitude": 412.0 + CLIMB, "vd": np.zeros(N)}):
+        np.testing.assert_allclose(height_in_flight(flight(**columns))[50:-50], wanted[50:-50], atol=0.2)
+    assert height_in_flight(flight(airspeed=np.zeros(N))).size == 0
+
+
+def test_parts_of_a_flight_in_sheared_wind_share_one_steady_wind() -> None:
+    """The velocity over ground north goes up by gradient times height between them, whatever each starts at."""
+    model = read_model("iitb-mav").with_effect(EFFECTS["wind_shear"], {"gradient": 0.1})
+    flat = flatten(load_vehicle("iitb-mav"), model)
+    start = np.array([15.0, 0, 1, 0, 0, 0, 0, 0.07, 0])
+    whole = replace(record(), climbed=CLIMB)
+    first = [
+        Predictor(flat, (), [part]).outputs(0, flat, {}, start)[0, OUTPUTS.index("vn")]
+        for part in (whole.window(100, N), whole.window(600, N))
+    ]
+    assert first[1] - first[0] == pytest.approx(0.1 * (CLIMB[600] - CLIMB[100]), abs=1e-9)
 
 
 def test_a_model_with_ground_effect_demands_a_height_in_one_line() -> None:

@@ -27,6 +27,7 @@ from sysid.tangents import Inputs, Lane, has_tangents, tangents
 Array = NDArray[np.float64]
 
 DT, N, START = 0.02, 60, 5
+HEIGHTS = 12.0 - 3.0 * np.cos(0.1 * np.arange(N))
 COLUMNS = [CHANNELS.index(name) for name in READINGS]
 STATES = np.array([hf.V * 0.98, 0.9, 1.6, hf.P, hf.Q, hf.R, hf.PHI, hf.THETA, hf.PSI])
 # Terms in alphadot act through an implicit equation; products, powers and lift have slopes by several regressors.
@@ -34,13 +35,14 @@ RICH = {
     "CL_alphadot": 1.5, "CL_q": 3.0, "CD_CL": 0.03, "CD_alphadot": 0.02, "CD_beta2": 1.0, "CY_p": 0.1,
     "Cl_alpha_beta": 0.1, "Cm_alphadot": -2.0, "Cm_CL": 0.02, "Cm_alpha2_de": 0.7, "Cm_q": -4.0, "Cn_throttle": 0.001,
 }  # fmt: skip
-NOT_FLOWN = {"steady_wind", "turbulence", "wind_shear", "unsteady_lift", "ground_effect"}
+NOT_FLOWN = {"steady_wind", "turbulence", "unsteady_lift", "ground_effect"}
 EFFECT_NAMES = sorted(name for name, effect in EFFECTS.items() if not effect.is_coefficient and name not in NOT_FLOWN)
 
 
 def inputs(**changes: Any) -> Inputs:
     generator = np.random.default_rng(11)
-    commands = np.repeat(hf.SURFACES + generator.normal(0.0, 0.03, (N // 6, 4)), 6, axis=0)
+    controls = np.repeat(hf.SURFACES + generator.normal(0.0, 0.03, (N // 6, 4)), 6, axis=0)
+    commands = np.column_stack((controls, HEIGHTS))
     rho = hf.RHO + 0.01 * np.sin(np.arange(N))
     whole = Inputs(START, N, commands, np.full(N, np.nan), rho, DT, 2, False, np.zeros((0, 9)))
     return replace(whole, **changes)
@@ -160,14 +162,14 @@ def test_a_lift_that_lags_is_left_to_differences() -> None:
     assert not has_tangents(flat({"unsteady_lift": VALUES["unsteady_lift"]}))
 
 
-@pytest.mark.parametrize("effect", ["", "stall", "unsteady_lift"])
+@pytest.mark.parametrize("effect", ["", "stall", "unsteady_lift", "wind_shear"])
 def test_the_estimators_derivatives_are_those_of_its_outputs(effect: str) -> None:
     """Coefficients, sensor errors, effect parameters and initial states in one; by differences where they must be."""
     model = flat({effect: VALUES[effect]} if effect else {})
     given = inputs(thrust=np.linspace(3.0, 4.0, N))
     record = Record(
-        "x", DT, DT * np.arange(N - START), START, given.commands, given.thrust, given.rho,
-        np.zeros((N - START, len(OUTPUTS))), np.zeros((0, 9)), 0.08,
+        "x", DT, DT * np.arange(N - START), START, np.ascontiguousarray(given.commands[:, :4]), given.thrust, given.rho,
+        np.zeros((N - START, len(OUTPUTS))), np.zeros((0, 9)), 0.08, climbed=HEIGHTS,
     )  # fmt: skip
     chosen = [coefficient("Cm_alpha"), sensor_error("accel_bias_x"), sensor_error("alpha_scale"), coefficient("CD_k")]
     chosen += [effect_parameter(effect, key) for key in VALUES.get(effect, {})]
