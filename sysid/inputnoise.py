@@ -1,15 +1,17 @@
-"""The noise of measured thrust, an input of the simulation, as part of the one-step estimate.
+"""The noise of measured thrust and propeller speed, inputs of the simulation, as part of the one-step estimate.
 
-The likelihood takes inputs as exact. Smoothed thrust still has errors of level, gain and lag, known in size, and the
-motion itself tells them as well: each becomes an unknown c_k with a Gaussian prior of one standard deviation beside the
-parameters. They are small, so one joint Gauss-Newton step from the estimate with exact inputs is enough (errors in
-inputs as nuisance parameters with priors: Maine & Iliff, NASA RP-1168, section 5.4, maximum a posteriori).
+The likelihood takes inputs as exact. Smoothed thrust still has errors of level, gain and lag, known in size, and so has
+a propeller's smoothed speed, whose torque rolls the aircraft. The motion itself tells them as well: each becomes an
+unknown c_k with a Gaussian prior of one standard deviation beside the parameters. They are small, so one joint
+Gauss-Newton step from the estimate with exact inputs is enough (errors in inputs as nuisance parameters with priors:
+Maine & Iliff, NASA RP-1168, section 5.4, maximum a posteriori).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -30,28 +32,43 @@ _AIRSPEED_EFFECTS = ("airspeed_error", "pitot_lag", "density_error")
 
 @dataclass(frozen=True)
 class _Doubt:
-    """One error of the thrust of some records: record index -> its error (M,) of one standard deviation, and what it
-    does to the record's outputs (N, 15).
+    """One error of the inputs of some records: record index -> its errors of thrust and throttle, (M,) each, of one
+    standard deviation, and what it does to the record's outputs (N, 15).
     """
 
-    thrust: dict[int, Array]
+    inputs: dict[int, tuple[Array, Array]]
     outputs: dict[int, Array]
 
 
-def with_thrust_noise(
+def _parts(record: Record) -> list[tuple[Array, Array]]:
+    """The independent errors of a record's inputs, each of thrust (M,) and of the throttle (M,)."""
+    nothing = np.zeros(record.thrust.size)
+    if record.thrust_source.signal == "rpm":
+        return list(zip_longest(record.thrust_doubt, record.rotor_doubt, fillvalue=nothing))
+    return [(row, nothing) for row in record.thrust_doubt] + [(nothing, row) for row in record.rotor_doubt]
+
+
+def _with_errors(record: Record, thrust: Array, throttle: Array) -> Record:
+    """The record with errors (M,) added to its inputs."""
+    commands = record.commands.copy()
+    commands[:, 3] += throttle
+    return replace(record, thrust=record.thrust + thrust, commands=commands)
+
+
+def with_input_noise(
     problem: Problem,
     model: Model,
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
 ) -> tuple[Problem, OutputErrorResult]:
-    """The estimate with the thrust's errors estimated beside it, and the problem with thrust so corrected.
+    """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
     groups: dict[tuple[str, int], list[int]] = {}
     for index, record in enumerate(problem.records):
-        if record.thrust_doubt.size:
+        if record.thrust_doubt.size or record.rotor_doubt.size:
             groups.setdefault((record.flight, record.stretch), []).append(index)
     if not groups:
         return problem, result
@@ -63,7 +80,7 @@ def with_thrust_noise(
     doubts = [
         _doubt(problem, estimation, theta, predicted, indices, part)
         for indices in groups.values()
-        for part in range(problem.records[indices[0]].thrust_doubt.shape[0])
+        for part in range(len(_parts(problem.records[indices[0]])))
     ]
     step, covariance = _joint_step(estimation, result, residuals, S, doubts)
     n = theta.size
@@ -150,20 +167,20 @@ def _doubt(
     indices: Sequence[int],
     part: int,
 ) -> _Doubt:
-    """The error numbered `part` of the thrust of the records `indices`, which share it."""
+    """The error numbered `part` of the inputs of the records `indices`, which share it."""
     flat, errors = estimation.predictor.apply(theta)
-    thrust, outputs = {}, {}
+    inputs, outputs = {}, {}
     for index in indices:
         record = problem.records[index]
-        thrust[index] = record.thrust_doubt[part]
-        pushed = replace(record, thrust=record.thrust + thrust[index])
+        inputs[index] = _parts(record)[part]
+        pushed = _with_errors(record, *inputs[index])
         other = Predictor(
             estimation.predictor.flat, estimation.predictor.parameters, (pushed,),
             sub_steps=estimation.predictor.sub_steps, command_first=problem.command_first,
         )  # fmt: skip
         states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
         outputs[index] = other.outputs(0, flat, errors, states) - predicted[index]
-    return _Doubt(thrust, outputs)
+    return _Doubt(inputs, outputs)
 
 
 def _joint_step(
@@ -200,9 +217,9 @@ def _joint_step(
 
 
 def _corrected(records: Sequence[Record], doubts: Sequence[_Doubt], sizes: Array) -> tuple[Record, ...]:
-    """The records with the estimated errors added to their thrust."""
-    thrust = [record.thrust.copy() for record in records]
+    """The records with the estimated errors added to their inputs."""
+    corrected = list(records)
     for doubt, size in zip(doubts, sizes, strict=True):
-        for index, error in doubt.thrust.items():
-            thrust[index] += size * error
-    return tuple(replace(record, thrust=new) for record, new in zip(records, thrust, strict=True))
+        for index, (thrust, throttle) in doubt.inputs.items():
+            corrected[index] = _with_errors(corrected[index], size * thrust, size * throttle)
+    return tuple(corrected)

@@ -16,7 +16,7 @@ from sysid.filter_error import FilterErrorResult
 from sysid.filtered_delay import estimate_with_delay
 from sysid.findings import Mistake
 from sysid.identifiability import Refusal
-from sysid.inputnoise import with_thrust_by_airspeed, with_thrust_noise
+from sysid.inputnoise import with_input_noise, with_thrust_by_airspeed
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
 from sysid.misfit import Widened, widened
 from sysid.output_error import OutputErrorResult
@@ -145,7 +145,7 @@ def maximum_likelihood(
         warnings.append(f"{text}: {error}")
     if wider is not None:
         return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()))
-    problem, result = with_thrust_noise(problem, model, coefficients, effects, result)
+    problem, result = with_input_noise(problem, model, coefficients, effects, result)
     result, shares = carry(bench, problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
 
@@ -217,7 +217,7 @@ def _with_misfit(
     warnings: tuple[str, ...],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
-    corrected, result = with_thrust_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    corrected, result = with_input_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
     told = replace(corrected, known=problem.known)

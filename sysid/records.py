@@ -21,6 +21,7 @@ from sysid.thrust import (
     THRUST_BY_SQUARE,
     ThrustSource,
     filled,
+    rotor_speed,
     thrust_of_speed,
     thrust_source,
     with_rotor_speed,
@@ -63,6 +64,8 @@ class Record:
     held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
     measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
     leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
+    rotor_doubt: (L, M) the same that a counter's noise leaves in the throttle, where that stands for the propeller's
+    measured speed; where thrust follows from that speed, rows of the same number are one error.
     thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
     part of it; else (0,). law: how thrust follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that
     it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, and climbed: (M,) m above the
@@ -82,6 +85,7 @@ class Record:
     held: Array
     moving_mass: float = 0.0
     thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    rotor_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     stretch: int = 0
     thrust_source: ThrustSource = MEASURED
     thrust_read: Array = field(default_factory=lambda: np.zeros(0))
@@ -106,8 +110,8 @@ class Record:
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
             held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
-            thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
-            climbed=self.climbed[kept], way=self.way[kept], earlier=before,
+            rotor_doubt=self.rotor_doubt[:, kept], thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept],
+            heights=self.heights[kept], climbed=self.climbed[kept], way=self.way[kept], earlier=before,
         )  # fmt: skip
 
 
@@ -207,16 +211,21 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
     moving_mass, way = 0.0, np.zeros(0)
     source = thrust_source(data, vehicle)
-    commands = with_rotor_speed(commands, data, vehicle, first)
+    speed = rotor_speed(data, first, stop)
+    commands, rotor_doubt = with_rotor_speed(commands, speed, vehicle, data.interval_s)
+    airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
+    thrust = np.full(stop - first, np.nan)
     if source.signal == "thrust":
-        thrust = filled(data["thrust"])
-        way = way_of(thrust[first:stop], data.interval_s)
+        thrust = filled(data["thrust"])[first:stop]
+        way = way_of(thrust, data.interval_s)
         if vehicle.propulsion is not None and vehicle.propulsion.moving_mass > 0.0 and "ax" in data:
             # The motor hangs on the cell: add what accelerates it, so that thrust is the propeller's.
             moving_mass = vehicle.propulsion.moving_mass
-            thrust = thrust + moving_mass * filled(data["ax"])
+            thrust = thrust + moving_mass * filled(data["ax"])[first:stop]
+    if speed is not None and source.law == THRUST_BY_SQUARE:
+        denoised = thrust_of_speed(speed, vehicle)
     else:
-        thrust = thrust_of_speed(data, vehicle) if source.law == THRUST_BY_SQUARE else np.full(n, np.nan)
+        denoised = denoised_thrust(thrust, commands[:, 3], data.interval_s, airspeed)
     if vehicle.environment.air_density is not None:
         rho = np.full(n, vehicle.environment.air_density)
     elif "air_density" in data:
@@ -228,11 +237,9 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
         if name in data:
             z[:, j] = data[name][start:stop]
     heights, climbed = height_above_ground(data)[first:stop], height_in_flight(data)[first:stop]
-    airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
-    denoised = denoised_thrust(thrust[first:stop], commands[:, 3], data.interval_s, airspeed)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, start, source, thrust[first:stop] if denoised.by_airspeed else np.zeros(0), heights=heights,
+        denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=heights,
         climbed=climbed, way=way, earlier=earlier,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.convolution import first_order_lag
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
-from sysid.inputs import denoise_thrust
+from sysid.inputs import Denoised, denoised_thrust
 
 THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
 # Share of the flight through which a signal must be there to be used as an input.
@@ -76,20 +76,25 @@ def filled(values: Array) -> Array:
     return filled
 
 
-def _rotor_speed(data: FlightData) -> Array:
-    """Measured speed of the propeller, 1/min, without the counter's noise; steps of the throttle stay sharp."""
-    rpm = filled(data["rpm"])
-    throttle = filled(data["throttle"]) if "throttle" in data else np.zeros(rpm.size)
-    return denoise_thrust(rpm, throttle, data.interval_s)
+def rotor_speed(data: FlightData, first: int, stop: int) -> Denoised | None:
+    """Measured speed of the propeller, 1/min, of the samples first ... stop - 1, without the counter's noise; steps of
+    the throttle stay sharp. None where the flight has no counter.
+    """
+    if not _present(data, "rpm"):
+        return None
+    rpm = filled(data["rpm"])[first:stop]
+    throttle = filled(data["throttle"])[first:stop] if "throttle" in data else np.zeros(rpm.size)
+    return denoised_thrust(rpm, throttle, data.interval_s)
 
 
-def thrust_of_speed(data: FlightData, vehicle: Vehicle) -> Array:
+def thrust_of_speed(speed: Denoised, vehicle: Vehicle) -> Denoised:
     """(N,) N, by max_thrust (rpm / max_rpm)^2: a propeller at one advance ratio."""
     propulsion = vehicle.propulsion
     if propulsion is None or propulsion.max_thrust is None or propulsion.max_rpm is None:
-        raise SignalError(f"{data.name}: thrust from rpm needs [propulsion] max_thrust and max_rpm")
-    share = _rotor_speed(data) / propulsion.max_rpm
-    return np.asarray(propulsion.max_thrust * share * np.abs(share))
+        raise SignalError("thrust from rpm needs [propulsion] max_thrust and max_rpm")
+    share = np.abs(speed.values) / propulsion.max_rpm
+    slope = 2.0 * propulsion.max_thrust * share / propulsion.max_rpm
+    return Denoised(0.5 * slope * speed.values, np.ascontiguousarray(slope * speed.doubt))
 
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
@@ -100,30 +105,36 @@ def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
     return first_order_lag(before, kept, float(throttle[0]))
 
 
-def with_rotor_speed(commands: Array, data: FlightData, vehicle: Vehicle, first: int) -> Array:
-    """Commands (M, 4), from sample `first` of the flight on, whose throttle gives the measured propeller speed.
+def with_rotor_speed(
+    commands: Array, speed: Denoised | None, vehicle: Vehicle, interval_s: float
+) -> tuple[Array, Array]:
+    """Commands (M, 4) whose throttle gives the measured propeller speed, and the errors (K, M) that the counter's noise
+    leaves in that throttle, each of one standard deviation.
 
     The simulation passes a held throttle through the motor's lag; here that lag is undone, so that the propeller turns
-    as measured at every sample. Without rpm the throttle stays as commanded; where CQ is known but nothing tells the
-    propeller's speed, it counts as standing, without torque.
+    as measured at every sample. Without a counter the throttle stays as commanded; where CQ is known but nothing tells
+    the propeller's speed, it counts as standing, without torque.
     """
     propulsion = vehicle.propulsion
+    exact = np.zeros((0, commands.shape[0]))
     if propulsion is None or not (propulsion.CT or propulsion.CQ):
-        return commands
+        return commands, exact
     commands = commands.copy()
-    if not _present(data, "rpm"):
+    if speed is None:
         if not propulsion.max_rpm:
             commands[:, 3] = 0.0
-        return commands
-    stop = first + commands.shape[0]
-    share = _rotor_speed(data)[first:stop] * 2.0 * np.pi / 60.0 / rotor_scale(propulsion)
-    if propulsion.tau <= 0.0:
-        commands[:, 3] = np.append(share[1:], share[-1])
-        return commands
-    kept = float(np.exp(-data.interval_s / propulsion.tau))
+        return commands, exact
+    share = 2.0 * np.pi / 60.0 / rotor_scale(propulsion)
+    commands[:, 3] = _before_lag(share * speed.values, interval_s, propulsion.tau)
+    return commands, _before_lag(share * speed.doubt, interval_s, propulsion.tau)
+
+
+def _before_lag(share: Array, interval_s: float, tau: float) -> Array:
+    """The held command (..., M) behind which, after the motor's lag, the propeller turns at `share` (..., M)."""
+    after = np.concatenate((share[..., 2:], share[..., -1:]), axis=-1)
+    if tau <= 0.0:
+        return np.concatenate((share[..., 1:2], after), axis=-1)
+    kept = float(np.exp(-interval_s / tau))
     # At rest at the first command, so the lag is undone from the second sample on.
-    commands[0, 3] = share[0]
-    now, after = share[1:].copy(), np.append(share[2:], share[-1])
-    now[:1] = share[0]
-    commands[1:, 3] = (after - kept * now) / (1.0 - kept)
-    return commands
+    now = np.concatenate((share[..., :1], share[..., 2:]), axis=-1)
+    return np.concatenate((share[..., :1], (after - kept * now) / (1.0 - kept)), axis=-1)

@@ -144,7 +144,7 @@ def test_flight_in_gusts_is_what_the_bounds_take_it_for(short):
     assert np.all(np.std(seen - gusty, axis=0) < 0.01 * np.std(seen - calm, axis=0))
     # The sensitivities are taken along that flight: from its own gusts, by another simulation.
     flat, path = flatten(again.vehicle, again.model), true_states(flown)
-    simulation = simulated(again, flat, path, flat.C, path[0], flown.truth["thrust"])
+    simulation = simulated(again, flat, path, flat.C, path[0], flown.truth["thrust"], flown.command)
     assert np.all(np.std(seen - simulation, axis=0) < 0.01 * np.std(seen - calm, axis=0))
 
 

@@ -35,7 +35,7 @@ from effect_responses import (
     read_inputs,
     whole_response,
 )
-from flight_bounds import LATERAL_OUTPUTS, LONGITUDINAL_OUTPUTS, Array, Experiment, Slopes, slopes
+from flight_bounds import INPUTS, LATERAL_OUTPUTS, LONGITUDINAL_OUTPUTS, Array, Experiment, Slopes, slopes
 from gust_bounds import gust_model, linear_path, whitened
 
 from sim_vehicle.effects import EFFECTS
@@ -269,7 +269,7 @@ def _of_others(apart: Mapping[str, Mapping[str, Array]], name: str) -> list[Arra
 
 def _unknown(name: str) -> bool:
     """Whether one of the bound's unknowns is unknown to the job: it does not doubt attitude."""
-    return name in ERRORS or name.startswith(("start ", "thrust ")) or name.split("_")[0] in AXES
+    return name in ERRORS or name.startswith(INPUTS) or name.split("_")[0] in AXES
 
 
 def error_sigma(case: Case) -> float:

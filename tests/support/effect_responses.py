@@ -43,7 +43,9 @@ def outputs_of(experiment: Experiment, model: Model) -> Array:
     """The outputs (N, outputs) of the experiment's flight with another model."""
     flat = flatten(experiment.vehicle, model)
     path = true_states(experiment.flown)
-    return simulated(experiment, flat, path, flat.C, path[0], experiment.flown.truth["thrust"])
+    return simulated(
+        experiment, flat, path, flat.C, path[0], experiment.flown.truth["thrust"], experiment.flown.command
+    )
 
 
 def is_linear(effect: Effect) -> bool:

@@ -19,6 +19,7 @@ from sim_vehicle.layout import CHANNELS
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import FlatModel, flatten
 from sim_vehicle.plantstate import quaternion
+from sim_vehicle.propulsion import rotor_scale
 from sim_vehicle.sensors import RATES_HZ, TABLE_II
 from sim_vehicle.simulation import simulate
 from sim_vehicle.vehicle import Vehicle
@@ -38,8 +39,11 @@ ERRORS = {
     **{f"{name}_bias": (name, False) for name in ("airspeed", "alpha", "beta", "phi", "theta")},
     **dict(zip(("wind_north", "wind_east", "wind_down"), ((name, False) for name in GPS), strict=True)),
 }
+# First words of the unknowns that no identification reports: where the motion starts, and its measured inputs.
+INPUTS = ("start ", "thrust ", "rotor ")
 _STEP = 1e-5  # of coefficients and states, relative where they exceed 1
 _THRUST_STEP = 1e-4  # N
+_ROTOR_STEP = 1e-5  # of full speed
 _SUB_STEPS = 4
 
 
@@ -111,8 +115,11 @@ def true_states(flown: FlownFlight) -> Array:
     return np.hstack([ground, np.stack([truth[name] for name in STATES[3:]], axis=1)])
 
 
-def simulated(experiment: Experiment, flat: FlatModel, path: Array, C: Array, start: Array, thrust: Array) -> Array:
-    """The outputs (N, outputs) without noise, for coefficients C, nine states at the start, and thrust (N,).
+def simulated(
+    experiment: Experiment, flat: FlatModel, path: Array, C: Array, start: Array, thrust: Array, command: Array
+) -> Array:
+    """The outputs (N, outputs) without noise, for coefficients C, nine states at the start, thrust (N,) and commands
+    (N, 4).
 
     path: (N, 9) true states, of which those that are not free are imposed.
     """
@@ -128,19 +135,21 @@ def simulated(experiment: Experiment, flat: FlatModel, path: Array, C: Array, st
     count = path.shape[0]
     y = np.empty((count, len(CHANNELS)))
     dt = float(flown.time_s[1] - flown.time_s[0])
-    simulate(x0, 0, 0, count, np.ascontiguousarray(flown.command), thrust, flown.truth["rho"], dt, _SUB_STEPS,
+    simulate(x0, 0, 0, count, np.ascontiguousarray(command), thrust, flown.truth["rho"], dt, _SUB_STEPS,
              False, held, flown.gust_body, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
     return y[:, [CHANNELS.index(name) for name in experiment.outputs]]
 
 
 def slopes(experiment: Experiment) -> Slopes:
-    """Derivatives by coefficients, sensor errors, initial states and what is not known of the thrust."""
+    """Derivatives by coefficients, sensor errors, initial states and what is not known of thrust and rotor."""
     flat = flatten(experiment.vehicle, experiment.model)
     path, thrust = true_states(experiment.flown), experiment.flown.truth["thrust"]
     free = [STATES.index(name) for name in experiment.states]
 
-    def fly(C: Array, states: Array, force: Array) -> Array:
-        return simulated(experiment, flat, path, C, states, force)
+    command = experiment.flown.command
+
+    def fly(C: Array, states: Array, force: Array, commands: Array = command) -> Array:
+        return simulated(experiment, flat, path, C, states, force, commands)
 
     found: dict[str, Array] = {}
     for name in experiment.coefficients:
@@ -167,9 +176,18 @@ def slopes(experiment: Experiment) -> Slopes:
         found[name] = (fly(flat.C, path[0], thrust + force) - fly(flat.C, path[0], thrust - force)) / (
             2.0 * _THRUST_STEP
         )
+    turning = _rotor_shapes(experiment)
+    for name, shape in turning.items():
+        push = np.outer(_ROTOR_STEP * shape, [0.0, 0.0, 0.0, 1.0])
+        found[name] = (fly(flat.C, path[0], thrust, command + push) - fly(flat.C, path[0], thrust, command - push)) / (
+            2.0 * _ROTOR_STEP
+        )
     names = tuple(found)
     values = np.stack(list(found.values()), axis=2)
-    return Slopes(names, values, _sigma(experiment), _thrust_information(names, shapes, experiment.vehicle))
+    prior = _thrust_information(names, shapes, experiment.vehicle) + _rotor_information(
+        names, turning, experiment.vehicle
+    )
+    return Slopes(names, values, _sigma(experiment), prior)
 
 
 def calm_information(told: Slopes) -> Array:
@@ -180,11 +198,11 @@ def calm_information(told: Slopes) -> Array:
 
 
 def bounds(names: Sequence[str], information: Array, unknown: Sequence[str]) -> dict[str, float]:
-    """Smallest standard deviation of every name of `unknown`, the starts and the thrust being unknown too.
+    """Smallest standard deviation of every name of `unknown`, starts, thrust and propeller speed being unknown too.
 
     A sensor error that is not among `unknown` counts as known; see `bound_of` for what it would have cost.
     """
-    kept = [i for i, name in enumerate(names) if name in unknown or name.startswith(("start ", "thrust "))]
+    kept = [i for i, name in enumerate(names) if name in unknown or name.startswith(INPUTS)]
     part = information[np.ix_(kept, kept)]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
     values, vectors = np.linalg.eigh(part * np.outer(scale, scale))
@@ -217,6 +235,33 @@ def _thrust_shapes(experiment: Experiment) -> dict[str, Array]:
         shapes["thrust start"] = np.exp(-0.02 * np.arange(thrust.size) / tau)
     moving = {name: shape - shape.mean() for name, shape in shapes.items() if float(np.std(shape)) > 1e-9}
     return {"thrust offset": shapes["thrust offset"]} | {n: shape / float(np.std(shape)) for n, shape in moving.items()}
+
+
+def _rotor_shapes(experiment: Experiment) -> dict[str, Array]:
+    """What the samples of the propeller's counter leave open, as held throttle (N,): level, gain, lag and start, as of
+    the thrust. Empty where the propeller's speed acts on nothing but the thrust, which has a sensor of its own.
+    """
+    propulsion, throttle = experiment.vehicle.propulsion, experiment.flown.command[:, 3]
+    if propulsion is None or not propulsion.CQ:
+        return {}
+    shapes = {"rotor offset": np.ones(throttle.size)}
+    if np.ptp(throttle) > 1e-6:
+        shapes["rotor gain"] = (throttle - throttle.mean()) / float(np.std(throttle))
+        if propulsion.tau > 0.0:
+            # d/dtau of u / (1 + tau s) is the lag's answer to minus the rate of what has passed it once.
+            rate = throttle - _after_lag(throttle, propulsion.tau)
+            shapes["rotor lag"] = rate / float(np.std(rate))
+            shapes["rotor start"] = np.where(np.arange(throttle.size) == 0, 1.0, 0.0)
+    return shapes
+
+
+def _rotor_information(names: Sequence[str], shapes: dict[str, Array], vehicle: Vehicle) -> Array:
+    """Information of the samples of the counter, which reads the held throttle behind the motor's lag."""
+    rows = np.zeros((next(iter(shapes.values())).size if shapes else 0, len(names)))
+    for name, shape in shapes.items():
+        turned = _after_lag(shape, vehicle.propulsion.tau) * rotor_scale(vehicle.propulsion) * 30.0 / math.pi
+        rows[:, names.index(name)] = turned / output_noise("rpm")
+    return np.asarray(rows.T @ rows, dtype=np.float64)
 
 
 def _after_lag(command: Array, tau: float, dt: float = 0.02) -> Array:

@@ -123,6 +123,23 @@ def test_thrust_by_the_square_of_the_speed() -> None:
     np.testing.assert_allclose(record.thrust, 2.0, rtol=1e-12)
 
 
+def test_the_counters_noise_is_told_of_thrust_and_throttle_alike() -> None:
+    """A constant speed read 232 times: its mean is known to sigma / sqrt(232), and T = c n^2, so dT / T = 2 dn / n."""
+    motor = Propulsion(max_thrust=8.0, max_rpm=9000.0, diameter=0.23, CQ=CQ, tau=0.1)
+    plane = replace(load_vehicle("iitb-mav"), propulsion=motor)
+    steady = flight(rpm=4500.0)
+    noise = 20.0 * np.random.default_rng(3).standard_normal(300)
+    noisy = FlightData("f", 0.02, steady.time_s, {**steady.columns, "rpm": steady["rpm"] + noise})
+    record = make_record(noisy, plane, 60, 262)
+    assert record.rho.size == 232
+    assert record.thrust_doubt.shape == record.rotor_doubt.shape == (1, 232)
+    doubt = 20.0 / np.sqrt(232) / 4500.0
+    np.testing.assert_allclose(np.abs(record.thrust_doubt), 2.0 * doubt * 2.0, rtol=0.15)
+    np.testing.assert_allclose(np.abs(record.rotor_doubt), doubt * 0.5, rtol=0.15)
+    # One error of the counter moves both.
+    np.testing.assert_allclose(record.thrust_doubt / record.thrust, 2.0 * record.rotor_doubt / record.commands[:, 3])
+
+
 @pytest.mark.parametrize("tau", [0.0, 0.05, 0.3])
 def test_the_simulated_propeller_turns_as_it_was_measured(tau: float) -> None:
     """The commands of the record, passed through the simulator's motor lag, give the measured speeds again."""
