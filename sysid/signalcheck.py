@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.delays import Delay, delay_sentence, prepared_in_time, total
 from sysid.errors import SignalError
 from sysid.findings import Mistake, delay_mistake
+from sysid.flight import Array, FlightData
+from sysid.hypotheses import GROUND, SPEED
 from sysid.mistakes import DELAY_LEAST_S, find_mistakes
 from sysid.prepare import Prepared
 from sysid.records import STANDARD_DENSITY
@@ -20,6 +23,8 @@ _DENSITIES = (0.3, 1.7)
 # Thrust over weight beyond which no small aircraft goes.
 _THRUST_TO_WEIGHT = 5.0
 _GRAM_FORCE = 9.80665e-3
+# Wind in which no small aircraft flies, m/s: from here on Beaufort's scale calls it a hurricane.
+_HURRICANE = 32.7
 # Lift coefficients between which aircraft fly straight, from fast to nearly stalled.
 _LIFTS = (0.05, 2.0)
 
@@ -83,6 +88,7 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
 def _found(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
+    found += _impossible_winds(parts, {name for one in found if one.kind != "delay" for name in one.signals})
     return [one for one in found if not _unflyable(one, prepared, vehicle)]
 
 
@@ -115,6 +121,42 @@ def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle)
     lift = vehicle.mass.mass * float(np.nanmedian(load)) / max(pressure * vehicle.geometry.S, 1e-12)
     low, high = _LIFTS
     return low < lift < high and not 0.5 * low < lift / mistake.found**2 < 1.5 * high
+
+
+def _impossible_winds(parts: Sequence[FlightData], doubted: AbstractSet[str]) -> list[Mistake]:
+    """Velocities over ground that airspeed and heading would need a wind for that no aircraft flies in.
+
+    Kinematics compare motions quicker than 0.15 Hz, and along a heading that is kept there may be none above the noise.
+    doubted: signals with another mistake, which say nothing against these.
+    """
+    if doubted & {"airspeed", "theta", "psi"}:
+        return []
+    found = []
+    for name in [n for n in GROUND if n not in doubted]:
+        told = [part for part in parts if name in part and "psi" in part]
+        air = np.concatenate([_along(part, name) for part in told]) if told else np.zeros(0)
+        read = np.concatenate([part[name] for part in told]) if told else np.zeros(0)
+        if not np.isfinite(read + air).any():
+            continue
+        here = np.isfinite(read + air)
+        typical, flown = float(np.median(read[here])), float(np.median(air[here]))
+        # Where the reading is no larger, it is the airspeed or the heading that may be wrong.
+        if abs(typical) - abs(flown) <= _HURRICANE:
+            continue
+        unit, factor = min(SPEED.items(), key=lambda entry: abs(typical * entry[1] - flown))
+        fits = abs(typical * factor - flown) < _HURRICANE
+        cure = f"and looks like {unit}: scale it by {factor:.4g} in [signals] of the vehicle file"
+        other = "which no aircraft flies in: give its unit by scale and offset in [signals] of the vehicle file"
+        text = f"{name} would be a wind of {abs(typical - flown):.0f} m/s {cure if fits else other}"
+        found.append(Mistake(name, "unit", factor if fits else float("nan"), float("nan"), unit, text, (name,), False))
+    return found
+
+
+def _along(part: FlightData, name: str) -> Array:
+    """(N,) m/s, airspeed along north, east or down, on the way that the aircraft points."""
+    theta, psi = part["theta"], part["psi"]
+    shares = {"vn": np.cos(theta) * np.cos(psi), "ve": np.cos(theta) * np.sin(psi), "vd": -np.sin(theta)}
+    return np.asarray(part["airspeed"] * shares[name])
 
 
 def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from signal_mistakes import GROUPS, Injection, times
@@ -20,6 +23,7 @@ from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.verdicts import verdicts
 
 VEHICLE = load_vehicle("iitb-mav")
+STICK = load_vehicle("ultrastick25e")
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +72,59 @@ def test_wrong_units_signs_axes_and_scales_stop_the_job_with_the_cure(
     assert "\n" not in str(stopped.value)
 
 
-def test_a_vane_that_moves_by_little_more_than_its_noise_can_have_the_wrong_sign() -> None:
+def test_a_vane_that_moves_by_little_more_than_its_noise_can_have_the_wrong_sign(straight: FlightSignals) -> None:
     """The Ultra Stick's angle of attack: its sign was told as 261 ms of delay."""
-    craft = load_vehicle("ultrastick25e")
-    flight = fly_mav("multisine", 500, vehicle=craft, model=read_model("ultrastick25e"))[0]
-    wrong = Injection(("alpha",), "sign", "-1", times(("alpha",), -1.0)).apply(flight)
+    wrong = Injection(("alpha",), "sign", "-1", times(("alpha",), -1.0)).apply(straight)
     with pytest.raises(SignalError, match="alpha has the wrong sign"):
-        check_signals([prepare(wrong, craft)], craft)
+        check_signals([prepare(wrong, STICK)], STICK)
+
+
+@pytest.fixture(scope="module")
+def straight() -> FlightSignals:
+    """A flight of the Ultra Stick straight north: vn moves by hardly more than its noise."""
+    return fly_mav("multisine", 500, vehicle=STICK, model=read_model("ultrastick25e"))[0]
+
+
+def turned_east(flight: FlightSignals) -> FlightSignals:
+    """The same flight east: the heading a right angle more."""
+    signals = dict(flight.signals)
+    signals["psi"] = replace(signals["psi"], values=signals["psi"].values + np.pi / 2.0)
+    signals["vn"] = replace(flight.signals["vn"], values=-flight.signals["ve"].values)
+    signals["ve"] = replace(flight.signals["ve"], values=flight.signals["vn"].values)
+    return replace(flight, signals=signals)
+
+
+@pytest.mark.parametrize(
+    ("name", "east", "factor", "sentence"),
+    [
+        ("vn", False, 100.0, "vn would be a wind of 16.. m/s and looks like cm/s: scale it by 0.01 in"),
+        ("ve", True, 100.0, "ve would be a wind of 16.. m/s and looks like cm/s: scale it by 0.01 in"),
+        ("vn", False, 3.6, "vn would be a wind of 4. m/s and looks like km/h: scale it by 0.2778 in"),
+        # Fast motions tell these two.
+        ("ve", False, 100.0, "ve (looks like cm/s|reads (9|10)[0-9.]* of true): scale it by 0.0"),
+        ("vd", False, 100.0, "vd (looks like cm/s|reads (9|10)[0-9.]* of true): scale it by 0.0"),
+    ],
+)
+def test_one_velocity_over_ground_in_a_wrong_unit_is_named(
+    straight: FlightSignals, name: str, east: bool, factor: float, sentence: str
+) -> None:
+    wrong = scaled((name,), factor).apply(turned_east(straight) if east else straight)
+    with pytest.raises(SignalError, match=sentence) as stopped:
+        check_signals([prepare(wrong, STICK)], STICK)
+    assert "\n" not in str(stopped.value)
+    assert set(re.findall(r"\bv[ned]\b", str(stopped.value))) == {name}
+
+
+def test_a_gale_is_no_mistake_and_a_velocity_that_no_unit_explains_is_named(straight: FlightSignals) -> None:
+    gale = Injection(("vn",), "bias", "25", lambda s: {"vn": s["vn"].values - 25.0}).apply(straight)
+    assert check_signals([prepare(gale, STICK)], STICK).findings() == []
+    fast = scaled(("airspeed",), 5.0).apply(straight)
+    with pytest.raises(SignalError) as stopped:
+        check_signals([prepare(fast, STICK)], STICK)
+    assert re.findall(r"\bv[ned]\b", str(stopped.value)) == []
+    far = Injection(("vn",), "bias", "1e5", lambda s: {"vn": s["vn"].values + 1e5}).apply(straight)
+    with pytest.raises(SignalError, match="vn would be a wind of 100000 m/s which no aircraft flies in: give its unit"):
+        check_signals([prepare(far, STICK)], STICK)
 
 
 def test_a_roll_rate_that_is_quick_to_follow_is_not_late() -> None:
