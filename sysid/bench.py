@@ -24,7 +24,7 @@ from sysid.flight import Array
 from sysid.late import COMMAND_DELAY, with_late_commands
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.prepare import Prepared
-from sysid.records import OUTPUTS, STANDARD_DENSITY, SURFACES, Record
+from sysid.records import OUTPUTS, STANDARD_DENSITY, SURFACES, Record, angle_wrap
 from sysid.vanes import PAIRS
 
 MEASURED = ("alpha", "beta", "airspeed")
@@ -138,10 +138,8 @@ def carry(
     for error in errors:
         changed = replace(problem, records=tuple(map(error.record, problem.records)))
         false = feigned(changed, problem)
-        shifted = [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
-        if false.inputs_changed:
-            other = build(changed, model, coefficients, effects, result.sigma)
-            shifted = other.residuals(other.predict(result.theta))
+        other = build(changed, model, coefficients, effects, result.sigma) if false.inputs_changed else None
+        shifted = _shifted(residuals, false, other, result.theta)
         _, pull = estimation.normal_equations(result.theta, shifted, S, result.sigma)
         pull[: len(result.parameters)] += _prior_pull(estimation, problem, false.sensors)
         step = inverse @ (pull - still)
@@ -152,6 +150,39 @@ def carry(
         covariance += np.outer(step, step)
         white += np.outer(step, step)
     return replace(result, covariance=covariance, covariance_white=white), shares
+
+
+def bench_slopes(
+    errors: Sequence[BenchError],
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> list[Array]:
+    """What each bench error, of one standard deviation, adds to the residuals of each record, (N, 15, errors).
+
+    0 where nothing was read.
+    """
+    estimation = build(problem, model, coefficients, effects, result.sigma)
+    residuals = estimation.residuals(estimation.predict(result.theta))
+    added: list[list[Array]] = [[] for _ in residuals]
+    for error in errors:
+        changed = replace(problem, records=tuple(map(error.record, problem.records)))
+        false = feigned(changed, problem)
+        other = build(changed, model, coefficients, effects, result.sigma) if false.inputs_changed else None
+        for k, (before, after) in enumerate(
+            zip(residuals, _shifted(residuals, false, other, result.theta), strict=True)
+        ):
+            added[k].append(np.nan_to_num(angle_wrap(after - before)))
+    return [np.stack(one, axis=2) for one in added]
+
+
+def _shifted(residuals: Sequence[Array], false: Feigned, other: OutputError | None, theta: Array) -> list[Array]:
+    """Residuals after a bench error. other: the estimation with it, where it changes what the simulation is given."""
+    if other is not None:
+        return other.residuals(other.predict(theta))
+    return [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def maximum_likelihood(
     # A late sensor leaves what looks like faint gusts, which then would stand in the way of finding it.
     singles = singles and compatible.gust_sigma < _FEIGNED
     if wanted and singles and method == "auto":
-        mistaken = _mistaken(problem, late_model or model, coefficients, effects)
+        mistaken = _mistaken(problem, late_model or model, coefficients, effects, bench)
         if mistaken is not None:
             return mistaken
     if wanted:
@@ -128,7 +128,7 @@ def maximum_likelihood(
         late = lag_or_delay(problem, model, coefficients, effects, result, given)
         warnings += late.warnings
         if singles:
-            alone = told_by_motion(problem, model, coefficients, effects, result)
+            alone = told_by_motion(problem, model, coefficients, effects, result, bench)
     if alone:
         # Whatever comes next would take them for aerodynamics; the flight is estimated anew without them.
         left = _left(problem, result)
@@ -151,7 +151,11 @@ def maximum_likelihood(
 
 
 def _mistaken(
-    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    bench: Sequence[BenchError],
 ) -> MaximumLikelihood | None:
     """The estimate in still air, if it tells mistakes of single sensors that leave no gusts to be explained."""
     try:
@@ -160,7 +164,7 @@ def _mistaken(
             problem, result = likelier_timing(problem, model, coefficients, effects, result)
     except EstimationError:
         return None
-    alone = told_by_motion(problem, model, coefficients, effects, result)
+    alone = told_by_motion(problem, model, coefficients, effects, result, bench)
     if not alone:
         return None
     return MaximumLikelihood(problem, result, "oe", (), (), {}, None, _left(problem, result), alone)

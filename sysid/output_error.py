@@ -180,28 +180,36 @@ class OutputError:
         ]
         return [np.moveaxis(job.result(), 0, 2) for job in jobs]
 
-    def places(self, index: int) -> IntArray:
-        """Where the unknowns of a record's sensitivities stand among all unknowns."""
-        own = self.predictor.state_slice(index)
-        return np.concatenate((np.arange(len(self.prior_mean)), np.arange(own.start, own.stop)))
+    def places(self, index: int, nuisances: int = 0) -> IntArray:
+        """Where the unknowns of a record's sensitivities stand among all unknowns, nuisances behind them."""
+        own, size = self.predictor.state_slice(index), self.predictor.size
+        shared = np.arange(len(self.prior_mean))
+        return np.concatenate((shared, np.arange(own.start, own.stop), np.arange(size, size + nuisances)))
 
     def normal_equations(
-        self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array
+        self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, nuisances: int = 0
     ) -> tuple[Array, Array]:
-        """Information matrix and gradient (downhill), prior included."""
-        p = len(self.prior_mean)
-        M, g = self.data_equations(residuals, S, sigma)
+        """Information matrix and gradient (downhill), prior included.
+
+        nuisances: how many of the last columns of every sensitivity are of unknowns that are 0 with standard
+        deviation 1, the same in all records, and stand behind all others.
+        """
+        p, size = len(self.prior_mean), self.predictor.size
+        M, g = self.data_equations(residuals, S, sigma, nuisances)
         M[:p, :p] += self.prior_information
+        M[size:, size:] += np.eye(nuisances)
         g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
         return M, g
 
-    def data_equations(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> tuple[Array, Array]:
+    def data_equations(
+        self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, nuisances: int = 0
+    ) -> tuple[Array, Array]:
         """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
-        n = self.predictor.size
+        n = self.predictor.size + nuisances
         M, g = np.zeros((n, n)), np.zeros(n)
         jobs = [_POOL.submit(_gram, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
         for k, job in enumerate(jobs):
-            place = self.places(k)
+            place = self.places(k, nuisances)
             information, gradient = job.result()
             M[np.ix_(place, place)] += information
             g[place] += gradient

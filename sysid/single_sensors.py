@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model import Model
+from sysid.bench import BenchError, bench_slopes
 from sysid.delays import Delay
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
@@ -110,16 +111,22 @@ def told_by_motion(
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
+    bench: Sequence[BenchError] = (),
 ) -> tuple[Mistake, ...]:
     """The surest mistake of a single sensor, if any; others show better once the flight is estimated anew without it.
 
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air.
+    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air. bench: errors
+    of calibrations. Over a long flight what they leave stands out, and is no mistake of another sensor.
     """
     found: list[Mistake] = []
+    slopes: list[Array] | None = None
     for _ in range(_MOST):
-        errors = [one for one in _errors(problem, model, coefficients, effects, result) if one.likely()]
+        errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
+        if errors and bench and slopes is None:
+            slopes = bench_slopes(bench, problem, model, coefficients, effects, result)
+            errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
         best = max(errors, key=lambda one: one.sigmas, default=None)
-        told = None if best is None else _settled(problem, model, coefficients, effects, result, best)
+        told = None if best is None else _settled(problem, model, coefficients, effects, result, best, slopes)
         if told is None:
             break
         error, problem, result = told
@@ -136,6 +143,7 @@ def _settled(
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
     error: _Error,
+    slopes: Sequence[Array] | None,
 ) -> tuple[_Error, Problem, OutputErrorResult] | None:
     """An error after further steps with the flight corrected for it, and that flight's estimate; None if it fades."""
     values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
@@ -151,7 +159,7 @@ def _settled(
             return None
         (more,) = (
             one
-            for one in _errors(other, model, coefficients, effects, there)
+            for one in _errors(other, model, coefficients, effects, there, slopes)
             if (one.output, one.kind) == (error.output, error.kind)
         )
         if abs(more.value) < more.std:
@@ -180,15 +188,22 @@ def _errors(
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
+    nuisances: Sequence[Array] | None = None,
 ) -> list[_Error]:
-    """What one step from the estimate makes of every reading's scale and delay, each alone."""
+    """What one step from the estimate makes of every reading's scale and delay, each alone.
+
+    nuisances: per record (N, 15, K), what others that are 0 with standard deviation 1 add to the residuals.
+    """
     problem = warmed(problem, result)
     estimation = build(problem, model, coefficients, effects, result.sigma)
     values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
     theta = estimation.start(values)
     predicted = estimation.predict(theta)
     residuals, S = estimation.residuals(predicted), estimation.sensitivities(theta, predicted)
-    information, gradient = estimation.normal_equations(theta, residuals, S, result.sigma)
+    if nuisances is not None:
+        S = [np.concatenate(pair, axis=2) for pair in zip(S, nuisances, strict=True)]
+    count = 0 if nuisances is None else nuisances[0].shape[2]
+    information, gradient = estimation.normal_equations(theta, residuals, S, result.sigma, count)
     white = inverse(information)
     found = []
     for j in estimation.columns:
@@ -231,7 +246,8 @@ def _alone(
         rows = np.where(np.isfinite(residual[:, j]), column, 0.0) * weight
         own += float(rows @ column)
         downhill += float(rows @ np.nan_to_num(residual[:, j]))
-        across[estimation.places(k)] += rows @ s[:, j, :]
+        own_places = estimation.places(k, gradient.size - estimation.predictor.size)
+        across[own_places] += rows @ s[:, j, :]
     left = own - float(across @ white @ across)
     if not left > 1e-9 * own:
         return float("nan"), float("inf")
