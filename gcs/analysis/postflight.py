@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gcs.analysis.incomplete import cut_off, naming_cuts
 from gcs.analysis.made import made
 from gcs.flights.signals import extract
 from gcs.recording.joined import by_recording
@@ -26,7 +28,13 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
 
     Raises GcsError or SysidError in one line where one cannot be read.
     """
-    return [extract(Recording(parts), vehicle, system) for parts in by_recording(paths)]
+    flights = []
+    for parts in by_recording(paths):
+        recording = Recording(parts)
+        flight = extract(recording, vehicle, system)
+        cut = cut_off(recording)
+        flights.append(replace(flight, warnings=(cut, *flight.warnings)) if cut else flight)
+    return flights
 
 
 def identify(
@@ -58,17 +66,18 @@ def identify(
         if compiling:
             progress(0.01, "compiling, which the first identification alone takes time for")
         compiling.wait()
-    found = run(
-        flights,
-        craft,
-        validate_on=judges,
-        structure=None if structure is None else read_model(structure),
-        prior=None if prior is None else read_model(prior),
-        method=method,
-        start_s=start,
-        stop_s=stop,
-        progress=progress,
-    )
+    with naming_cuts([*paths, *validate]):
+        found = run(
+            flights,
+            craft,
+            validate_on=judges,
+            structure=None if structure is None else read_model(structure),
+            prior=None if prior is None else read_model(prior),
+            method=method,
+            start_s=start,
+            stop_s=stop,
+            progress=progress,
+        )
     result = result_json(found)
     result["warnings"] = list(dict.fromkeys([*craft.warnings, *result["warnings"]]))
     settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
@@ -93,13 +102,14 @@ def discrepancy(
     craft = load_vehicle(str(vehicle))
     baseline = read_model(model)
     progress(0.0, "reading the recordings")
-    found = run(
-        read_flights(paths, craft, system),
-        craft,
-        baseline,
-        validate_on=read_flights(validate, craft, system),
-        progress=progress,
-    )
+    with naming_cuts([*paths, *validate]):
+        found = run(
+            read_flights(paths, craft, system),
+            craft,
+            baseline,
+            validate_on=read_flights(validate, craft, system),
+            progress=progress,
+        )
     clean: dict[str, Any] = finite_json(found)
     models = [model] if model.is_file() else []
     clean["made"] = made({"vehicle": craft.name, "system": system}, [*paths, *validate, craft.path, *models])

@@ -48,7 +48,6 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
     recording = Recording(files)
     counts = recording.counts()
     damage = recording.damage
-    duration_s = (recording.end_ns - recording.start_ns) / 1e9
     links = link_counts(recording, key)
     topic_paces, link_paces = paces(recording)
     start_ns = recording.start_ns
@@ -58,7 +57,7 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
         "size_bytes": sum(file.stat().st_size for file in files),
         "start": utc_text(recording.start_ns) if recording.start_ns else None,
         "end": utc_text(recording.end_ns) if recording.end_ns else None,
-        "duration_s": duration_s,
+        "duration_s": recording.duration_s,
         "messages": sum(counts.values()),
         "topics": [
             _topic(recording, topic, count, topic_paces[topic], start_ns) for topic, count in sorted(counts.items())
@@ -144,6 +143,11 @@ def info_text(info: dict[str, Any]) -> str:
     lines += map(clock_text, info["clock"])
     lines += _note_lines(info)
     lines += [f"damage: {note}" for note in info["damage"]]
+    if info["truncated"]:
+        lines.append(
+            f"incomplete: the file ends {info['duration_s']:.1f} s after its first message without a recording's end:"
+            " still being written, or cut off; copy the whole file again, or make what is there whole by `gcs recover`"
+        )
     return "\n".join(lines)
 
 

@@ -88,6 +88,16 @@ class Recording:
         """UTC of the last reception, 0 in a recording without messages."""
         return max((chunk.end_ns for chunk in self._file.chunks), default=0)
 
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last reception."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def truncated(self) -> bool:
+        """Whether the file has no end: it was cut off, or is still being written."""
+        return self._file.damage.truncated
+
     def topics(self) -> tuple[str, ...]:
         """Topics of all MAVLink messages, in the order of first reception."""
         return tuple(dict.fromkeys(channel.topic for channel in self._channels.values()))

@@ -1,0 +1,39 @@
+"""What is said of recordings that were cut off: beside their result, or where what is left of them does not do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from gcs.errors import RecordingError
+from gcs.recording.joined import by_recording
+from gcs.recording.reader import Recording
+from sysid.errors import SegmentError, SignalError
+
+_CURE = "copy the whole file again, or record the flight anew"
+
+
+def cut_off(recording: Recording) -> str:
+    """One clause that says where a recording was cut off; empty for one that has its end."""
+    if not recording.truncated:
+        return ""
+    return f"{recording.path} is incomplete: it was cut off {recording.duration_s:.1f} s after its first message"
+
+
+@contextmanager
+def naming_cuts(paths: Sequence[Path]) -> Iterator[None]:
+    """Errors of an analysis of these recordings say which of them were cut off. Raises RecordingError for those."""
+    try:
+        yield
+    except (SegmentError, SignalError) as error:
+        cuts = [clause for parts in by_recording(paths) if (clause := cut_off(Recording(parts)))]
+        if not cuts:
+            raise
+        if isinstance(error, SegmentError):
+            # Which part to take is no question where the flight is not there.
+            reason = str(error).partition(": ")[2].partition(";")[0]
+            text = f"{'; '.join(cuts)}, and what is left does not do ({reason}); {_CURE}"
+        else:
+            text = f"{error}; {'; '.join(cuts)}; if that is why, {_CURE}"
+        raise RecordingError(text) from None
