@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -78,6 +78,10 @@ bench-discrepancy-cost: setup
 
 bench-regression: setup
 	$(BIN)/python benchmarks/regression.py
+
+# CPU and latency of live identification over a minute of flight: a minute and a half.
+bench-live: setup
+	$(BIN)/python benchmarks/live.py
 
 # Tables III and IV of the paper over 100 flights; for more: make paper-tables SEEDS=400. What is there is kept.
 paper-tables: setup

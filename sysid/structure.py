@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 from sim_vehicle.terms import parse_term
 
@@ -43,6 +44,7 @@ _MANOEUVRE = {
 }
 
 
+@cache
 def usual_size(name: str) -> float:
     """Usual magnitude of a coefficient."""
     term = parse_term(name)

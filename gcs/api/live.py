@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator
+from functools import cache
 from typing import Any
 
 from fastapi import APIRouter
@@ -57,7 +58,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "schema": "live/1",
         "flight": feed.flight,
         "time_s": state.time_s,
-        "vehicle": None if vehicle is None else load_vehicle(vehicle).name,
+        "vehicle": None if vehicle is None else _vehicle_name(vehicle),
         "state": feed.link_state,
         "signals": signals,
         "links": service.recorder.link_status(),
@@ -70,6 +71,11 @@ def snapshot(service: Service) -> dict[str, Any]:
             "dropped_bytes": feed.dropped_bytes,
         },
     }
+
+
+@cache
+def _vehicle_name(vehicle: str) -> str:
+    return load_vehicle(vehicle).name
 
 
 def _event(name: str, data: dict[str, Any]) -> str:

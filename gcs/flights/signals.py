@@ -255,7 +255,8 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
     """
     bit = HIGHRES_BITS.get(source.fields[0]) if stream.message == "HIGHRES_IMU" else None
     if bit is not None and np.any(stream.records["fields_updated"]):
-        stream = stream.only(np.asarray(stream.records["fields_updated"] >> bit & 1 == 1))
+        updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)
+        stream = stream if updated.all() else stream.only(updated)
     return stream, source.convert(*(stream.values(name) for name in source.fields))
 
 

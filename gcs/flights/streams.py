@@ -103,8 +103,8 @@ class Stream:
         ended = np.cumsum(column == 0, axis=1) > 0
         return self.only(np.all(np.where(ended, 0, column) == wanted, axis=1))
 
-    def only(self, keep: NDArray[np.bool_]) -> Stream:
-        """The messages chosen by a mask."""
+    def only(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Stream:
+        """The messages chosen by a mask, or by their places."""
         time_s = self.time_s[keep] if self.time_s.size else self.time_s
         return Stream(self.message, self.component, self.log_ns[keep], self.records[keep], time_s)
 

@@ -13,6 +13,7 @@ import os
 import socket
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -58,6 +59,16 @@ class Batch:
         ends = np.cumsum([len(data) for data, _ in chunks], dtype=np.int64)
         times = np.array([at for _, at in chunks], dtype=np.int64)
         return cls(b"".join(data for data, _ in chunks), ends, times, source)
+
+    @classmethod
+    def joined(cls, batches: Sequence[Batch]) -> Batch:
+        """Batches of one source, at least one, as one."""
+        if len(batches) == 1:
+            return batches[0]
+        begins = np.cumsum([0, *(len(batch.data) for batch in batches[:-1])])
+        ends = np.concatenate([batch.ends + begin for batch, begin in zip(batches, begins.tolist(), strict=True)])
+        times = np.concatenate([batch.received_ns for batch in batches])
+        return cls(b"".join(batch.data for batch in batches), ends, times, batches[0].source)
 
     def chunks(self) -> list[bytes]:
         """Each datagram or read on its own."""

@@ -15,6 +15,7 @@ from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.structure import usual_size
 
 _EVERY_S = 0.4
+_SLACK_S = 0.04  # a turn of the process that comes a little early still counts
 _LATENCIES = 500
 _SHARE_S = 10.0
 
@@ -37,7 +38,7 @@ class EstimateReports:
 
     def due(self, now_s: float) -> dict[str, Any] | None:
         """The report by all messages so far, a little more than twice a second while they come; else None."""
-        if not self._fresh or (self._told and now_s - self._told[-1][0] < _EVERY_S):
+        if not self._fresh or (self._told and now_s - self._told[-1][0] < _EVERY_S - _SLACK_S):
             return None
         self._fresh = False
         report = self._identifier.report()

@@ -8,16 +8,17 @@ carries no stamp at all, by the smallest delay seen between stamp and reception.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.clock.stamps import Stamps
 from gcs.flights.signalmap import INSTANCE_FIELDS
 from gcs.flights.streams import MAV_AUTOPILOT_INVALID, MAV_TYPE_GCS, Stream
 from gcs.links.datagrams import Batch
-from gcs.mavlink.columns import message_columns
+from gcs.mavlink.columns import FrameColumns, message_columns
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE, frame_times
 from gcs.mavlink.framing import Framer, Frames
@@ -59,19 +60,18 @@ class _Clock:
     epoch_less_boot: int | None = None
     start_ns: int | None = None
 
-    def place(self, stream: Stream) -> NDArray[np.int64]:
+    def place(self, stamps: Stamps) -> NDArray[np.int64]:
         """(N,) ns since boot of each message."""
-        stamps = stream.stamps
         raw, valid = stamps.raw_ns, stamps.valid
         if not valid.any():
             offset = self.boot.ns if self.boot.known else 0
-            return stream.log_ns - offset
+            return stamps.log_ns - offset
         if stamps.period_ns and self.boot.known:
-            expected = stream.log_ns - self.boot.ns
+            expected = stamps.log_ns - self.boot.ns
             raw = raw + np.rint((expected - raw) / stamps.period_ns).astype(np.int64) * stamps.period_ns
         epoch = bool(raw[valid][0] > _EPOCH_NS)
-        delays = stream.log_ns[valid] - raw[valid]
-        (self.epoch if epoch else self.boot).add(int(stream.log_ns[-1]), int(delays.min()))
+        delays = stamps.log_ns[valid] - raw[valid]
+        (self.epoch if epoch else self.boot).add(int(stamps.log_ns[-1]), int(delays.min()))
         if not epoch or not self.boot.known:
             return raw
         shift = self.epoch_less_boot
@@ -99,34 +99,45 @@ class VehicleMessages:
         self._instances: dict[tuple[str, int], int] = {}
         self.newest_s: float | None = None
 
-    def take(self, batch: Batch) -> list[Stream]:
-        """Streams of the wanted messages in a batch, their `time_s` in s since the vehicle's first message."""
-        framer = self._framers.setdefault(batch.source, Framer(self._dialect))
+    def take(self, batches: Sequence[Batch]) -> list[Stream]:
+        """Streams of the wanted messages in batches of any sources, `time_s` in s since the vehicle's first message.
+
+        What several links brought is put in the order of reception, so that one fills the gaps of another.
+        """
+        by_source: dict[str, list[Batch]] = {}
+        for batch in batches:
+            by_source.setdefault(batch.source, []).append(batch)
+        found: dict[tuple[str, int], list[Stream]] = {}
+        for source, parts in by_source.items():
+            for stream in self._framed(source, Batch.joined(parts)):
+                found.setdefault((stream.message, stream.component), []).append(stream)
+        return self._timed([self._lowest_instance(_in_order(parts)) for parts in found.values()])
+
+    def _framed(self, source: str, batch: Batch) -> Iterator[Stream]:
+        """The wanted messages of the vehicle in what one source brought."""
+        framer = self._framers.setdefault(source, Framer(self._dialect))
         held = framer.pending
         _, frames = framer.feed(batch.data)
         if not len(frames):
-            return []
-        received = frame_times(frames, batch.ends, batch.received_ns, held)
-        self._find_vehicle(frames)
-        if self.system is None:
-            return []
-        columns = message_columns(frames, self._dialect)
-        streams = []
-        for name in self._wanted & columns.keys():
-            found = columns[name]
-            mine = frames.sysid[found.index] == self.system
-            components = frames.compid[found.index]
-            for component in sorted(set(components[mine].tolist()), key=lambda c: (c != AUTOPILOT, c)):
-                chosen = mine & (components == component)
-                stream = Stream(name, component, received[found.index[chosen]], found.fields[chosen])
-                streams.append(self._lowest_instance(stream))
-        return self._timed([stream for stream in streams if stream.log_ns.size])
-
-    def _find_vehicle(self, frames: Frames) -> None:
-        if self.system is not None:
             return
-        beats = message_columns(frames, self._dialect).get("HEARTBEAT")
-        if beats is None:
+        received = frame_times(frames, batch.ends, batch.received_ns, held)
+        columns = message_columns(frames, self._dialect)
+        self._find_vehicle(frames, columns.get("HEARTBEAT"))
+        if self.system is None:
+            return
+        for name in self._wanted & columns.keys():
+            index, fields = columns[name].index, columns[name].fields
+            mine = frames.sysid[index] == self.system
+            if not mine.all():
+                index, fields = index[mine], fields[mine]
+            components = frames.compid[index]
+            for component in sorted(set(components.tolist()), key=lambda c: (c != AUTOPILOT, c)):
+                chosen = components == component
+                whole = Stream(name, component, received[index], fields)
+                yield whole if chosen.all() else whole.only(chosen)
+
+    def _find_vehicle(self, frames: Frames, beats: FrameColumns | None) -> None:
+        if self.system is not None or beats is None:
             return
         for index, beat in zip(beats.index.tolist(), beats.fields, strict=True):
             system = int(frames.sysid[index])
@@ -143,7 +154,8 @@ class VehicleMessages:
         key = (stream.message, stream.component)
         lowest = min(int(instance.min()), self._instances.get(key, 255))
         self._instances[key] = lowest
-        return stream.only(np.asarray(instance == lowest))
+        chosen = np.asarray(instance == lowest)
+        return stream if chosen.all() else stream.only(chosen)
 
     def _timed(self, streams: list[Stream]) -> list[Stream]:
         for stream in streams:
@@ -151,10 +163,11 @@ class VehicleMessages:
                 self._take_system_time(stream)
         timed = []
         # Those with stamps first: they tell the clock by which the others are placed.
-        for stream in sorted(streams, key=lambda stream: not stream.stamps.valid.any()):
-            if not stream.stamps.valid.any() and not self._clock.boot.known:
+        stamped = [(stream, stream.stamps) for stream in streams if stream.log_ns.size]
+        for stream, stamps in sorted(stamped, key=lambda one: not one[1].valid.any()):
+            if not stamps.valid.any() and not self._clock.boot.known:
                 continue
-            since_boot = self._clock.place(stream)
+            since_boot = self._clock.place(stamps)
             if self._clock.start_ns is None:
                 self._clock.start_ns = int(since_boot.min())
             seconds = (since_boot - self._clock.start_ns) / NS_PER_S
@@ -172,3 +185,13 @@ class VehicleMessages:
         unix_us, boot_ms = stream.records["time_unix_usec"][-1], stream.records["time_boot_ms"][-1]
         if 0 < unix_us < 2**62 // 1000:
             self._clock.epoch_less_boot = int(unix_us) * 1_000 - int(boot_ms) * 1_000_000
+
+
+def _in_order(parts: list[Stream]) -> Stream:
+    """The same message of several sources, in the order of reception."""
+    if len(parts) == 1:
+        return parts[0]
+    log_ns = np.concatenate([part.log_ns for part in parts])
+    order = np.argsort(log_ns, kind="stable")
+    records = np.concatenate([part.records for part in parts])
+    return Stream(parts[0].message, parts[0].component, log_ns[order], records[order])

@@ -47,11 +47,18 @@ class _Source:
     declared: bool
     taken: float = -np.inf
     recent: deque[tuple[float, int]] = field(default_factory=deque)
+    held: int = 0
+
+    def add(self, now: float, count: int) -> None:
+        """So many samples have come."""
+        self.recent.append((now, count))
+        self.held += count
 
     def count(self, now: float) -> int:
+        """How many have come in the last seconds."""
         while self.recent and self.recent[0][0] < now - _WINDOW_S:
-            self.recent.popleft()
-        return sum(count for _, count in self.recent)
+            self.held -= self.recent.popleft()[1]
+        return self.held
 
 
 @dataclass
@@ -125,6 +132,9 @@ class SignalStream:
 
     def _read(self, stream: Stream, autopilot: int, found: dict[str, Samples]) -> None:
         named: dict[str, Stream] = {}
+        if stream.time_s.size > 1 and not np.all(np.diff(stream.time_s) > 0.0):
+            _, first = np.unique(stream.time_s, return_index=True)
+            stream = stream.only(first)
         for name, source in self._by_message.get(stream.message, ()):
             if stream.message == "AOA_SSA" and not source.declared and autopilot == MAV_AUTOPILOT_ARDUPILOT:
                 continue
@@ -142,7 +152,7 @@ class SignalStream:
             now = float(samples.time_s[-1])
             if np.isnan(wanted.begun):
                 wanted.begun = now
-            source.recent.append((now, samples.time_s.size))
+            source.add(now, samples.time_s.size)
             if wanted.choose(now) is source:
                 found[name] = samples
 
@@ -204,19 +214,21 @@ class SignalStream:
 
 
 def _fresh(name: str, source: _Source, stream: Stream) -> Samples | None:
-    """Samples later than those taken; None where there are none, or the sender has no such sensor."""
+    """Samples later than those taken; None where there are none, or the sender has no such sensor.
+
+    stream: its stamps ascend.
+    """
     try:
         stream, values = values_of(source.source, stream)
     except KeyError:
         return None
-    good = np.isfinite(values) & (stream.time_s > source.taken)
-    if name in ZERO_MEANS_ABSENT and not np.any(np.nan_to_num(values)) and not np.isfinite(source.taken):
+    time_s, known = stream.time_s, np.isfinite(values)
+    if name in ZERO_MEANS_ABSENT and not np.isfinite(source.taken) and not values[known].any():
         return None
-    if not good.any():
+    if not known.all() or not time_s.size or time_s[0] <= source.taken:
+        known &= time_s > source.taken
+        time_s, values = time_s[known], values[known]
+    if not time_s.size:
         return None
-    time_s, values = stream.time_s[good], values[good]
-    if time_s.size > 1 and not np.all(np.diff(time_s) > 0.0):
-        time_s, first = np.unique(time_s, return_index=True)
-        values = values[first]
     source.taken = float(time_s[-1])
     return Samples(time_s, values)

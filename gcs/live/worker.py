@@ -11,6 +11,7 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Sequence
 
 from gcs.errors import GcsError
 from gcs.links.datagrams import Batch
@@ -23,13 +24,13 @@ from gcs.text.jsontext import dumps
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle import Vehicle, load_vehicle
 from sysid.errors import SysidError
+from sysid.live.identifier import LiveIdentifier
 
-NICENESS = 5
 _READ_BYTES = 1 << 20
-_WAIT_S = 0.1
-# Messages of the same instant come in several datagrams: a short pause lets them be taken together.
-_GATHER_S = 0.008
-_SIGNALS_S = 0.1
+# Messages are taken together so often: taking one costs hardly less than taking all of a turn.
+_TURN_S = 0.1
+# Bytes of one turn, beyond which it tells what it knows before it goes on.
+_MOST_BYTES = 4 << 20
 
 
 def tell(kind: str, **fields: object) -> None:
@@ -46,22 +47,28 @@ class LiveProcess:
         self._messages = VehicleMessages(dialect, self._signals.messages)
         self._flight = ""
         self._newest: dict[str, tuple[float, int]] = {}
-        self._told_s = -1.0
         self._fresh = False
         self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
-    def take(self, record: Batch | str) -> None:
-        """A batch of a link, or the id of the flight that is recorded now."""
-        if isinstance(record, str):
+    def take(self, records: Sequence[Batch | str]) -> None:
+        """Batches of links, and the id of the flight that is recorded from there on."""
+        waiting: list[Batch] = []
+        for record in records:
+            if not isinstance(record, str):
+                waiting.append(record)
+                continue
+            self._take(waiting)
+            waiting = []
             if self._flight and record != self._flight:
                 self._restart()
             self._flight = record
-            return
-        streams = self._messages.take(record)
-        if not streams:
-            return
-        samples = self._signals.take(streams, self._messages.autopilot)
-        self._keep(samples, int(record.received_ns[-1]))
+        self._take(waiting)
+
+    def _take(self, batches: Sequence[Batch]) -> None:
+        streams = self._messages.take(batches)
+        if streams:
+            samples = self._signals.take(streams, self._messages.autopilot)
+            self._keep(samples, max(int(batch.received_ns[-1]) for batch in batches))
 
     def _restart(self) -> None:
         self._messages.restart()
@@ -79,8 +86,8 @@ class LiveProcess:
 
     def report(self, now_s: float) -> None:
         """Tell what is due."""
-        if self._fresh and now_s - self._told_s >= _SIGNALS_S:
-            self._told_s, self._fresh = now_s, False
+        if self._fresh:
+            self._fresh = False
             known = {
                 name: [value, received_ns, self._signals.unit(name)]
                 for name, (value, received_ns) in self._newest.items()
@@ -94,25 +101,38 @@ class LiveProcess:
 def run(live: LiveProcess) -> None:
     """Work until standard input ends."""
     unpacker = Unpacker()
-    while True:
-        ready, _, _ = select.select([0], [], [], _WAIT_S)
-        if ready:
-            data = os.read(0, _READ_BYTES)
-            if not data:
-                return
-            for record in unpacker.feed(data):
-                live.take(record)
+    turn_s = time.monotonic()
+    while (records := _read(unpacker)) is not None:
+        live.take(records)
         live.report(time.monotonic())
-        time.sleep(_GATHER_S)
+        now_s = time.monotonic()
+        turn_s = max(turn_s + _TURN_S, now_s)
+        time.sleep(turn_s - now_s)
+
+
+def _read(unpacker: Unpacker) -> list[Batch | str] | None:
+    """Everything that waits on standard input once there is something, nothing after a turn; None at its end."""
+    select.select([0], [], [], _TURN_S)
+    records: list[Batch | str] = []
+    taken = 0
+    while taken < _MOST_BYTES and select.select([0], [], [], 0.0)[0]:
+        data = os.read(0, _READ_BYTES)
+        if not data:
+            return records or None
+        records += unpacker.feed(data)
+        taken += len(data)
+    return records
 
 
 def main(arguments: list[str]) -> int:
     """arguments: the dialect, and the vehicle file or "". Exit code 1 for a named error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input tells when to stop
-    os.nice(NICENESS)
     dialect, vehicle = arguments
     try:
-        live = LiveProcess(Dialect.load(dialect), load_vehicle(vehicle) if vehicle else None)
+        known = load_vehicle(vehicle) if vehicle else None
+        live = LiveProcess(Dialect.load(dialect), known)
+        if known is not None:
+            LiveIdentifier.warm_up(known)
         tell("ready")
         run(live)
     except (GcsError, SysidError, SimVehicleError) as error:

@@ -9,11 +9,12 @@ import numpy as np
 
 from sim_vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.terms import parse_term
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
 from sysid.coefficients import AXES
 from sysid.equations import MOMENTS
 from sysid.flight import Array
 from sysid.live.air import AirFilter, SensorError
+from sysid.live.airsteps import ROW
 from sysid.live.changes import Change, ChangeDetector
 from sysid.live.equations import BIASES, LiveEquations
 from sysid.live.excitation import Coefficient, judged
@@ -29,8 +30,8 @@ _OPTIONAL = ("beta", "phi", "theta", "psi")
 _SPARSE = ("vn", "ve", "vd")
 # How long signals gather before it is settled which of them this aircraft has.
 _GATHER_S = 1.5
-# Rows are worked on in pieces of this length, which cost hardly more than one row does.
-_PIECE_S = 0.15
+# Rows are worked on when a report is asked for, at the latest after this time: many cost hardly more than one does.
+_PIECE_S = 0.5
 _NOISE_MEMORY = 300.0  # rows
 # Sum of the squares of the fourth difference's weights: the variance of white noise in it.
 _FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
@@ -58,8 +59,8 @@ class _Axis:
     """One axis of the model: its terms and everything that estimates them."""
 
     names: tuple[str, ...]
+    factors: tuple[tuple[str, ...], ...]
     estimator: AxisEstimator
-    decimator: Decimator
     squares: RecursiveLeastSquares
     detector: ChangeDetector
     estimate: Estimate | None = None
@@ -100,6 +101,7 @@ class LiveIdentifier:
         self._begun: float | None = None
         self._refused: dict[str, tuple[str, str]] = {}
         self._axes: dict[str, _Axis] = {}
+        self._decimator: Decimator | None = None
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
         self._noise = {name: _VaneNoise() for name in _VANES}
@@ -129,13 +131,26 @@ class LiveIdentifier:
         if self._seen.get("az", -np.inf) > self._worked + _PIECE_S:
             self._work()
 
+    @classmethod
+    def warm_up(cls, vehicle: Vehicle) -> None:
+        """Run all of it once on a made-up flight: the very first run of an installation compiles."""
+        time_s: Array = 0.02 * np.arange(300, dtype=np.float64)
+        level = {"az": -vehicle.environment.gravity, "airspeed": 15.0, "air_density": SEA_LEVEL_DENSITY, "thrust": 1.0}
+        names = (*_CORE, *_OPTIONAL, *_SPARSE, "thrust", *DEFLECTION_SIGNALS.values())
+        live = cls(vehicle)
+        for part in np.split(np.arange(time_s.size), 3):
+            live.take({name: (time_s[part], np.full(part.size, level.get(name, 0.01))) for name in names})
+            live.report()
+
     def report(self) -> LiveReport:
         """What is known now, by all samples that have come."""
         if self._base is not None:
             self._work()
-        for axis, one in self._axes.items():
-            self._update(axis, one)
         errors = self._air.errors() if self._air.rows else {}
+        for axis, one in self._axes.items():
+            self._update(axis, one, errors)
+        if self._equations is not None:
+            self._equations.learn_jumps(self._settled)
         coefficients = dict(self._unknown())
         squares = {}
         for axis, one in self._axes.items():
@@ -190,15 +205,17 @@ class LiveIdentifier:
         assert self._equations is not None
         for axis, terms in self._equations.terms.items():
             names = tuple(term.name for term in terms)
-            noisy = [term.factors[0] if term.factors in (("alpha",), ("beta",)) else "" for term in terms]
+            factors = tuple(term.factors for term in terms)
+            noisy = [chosen[0] if chosen in (("alpha",), ("beta",)) else "" for chosen in factors]
             scales = np.array([usual_size(name) for name in names])
             self._axes[axis] = _Axis(
                 names,
+                factors,
                 AxisEstimator(names, noisy, interval_s, BIASES.get(axis, ())),
-                Decimator(interval_s, len(names) + len(BIASES.get(axis, ())) + 2),
                 RecursiveLeastSquares(scales),
                 ChangeDetector(axis, names),
             )
+        self._decimator = Decimator(interval_s)
 
     def _work(self) -> None:
         assert self._base is not None
@@ -217,20 +234,27 @@ class LiveIdentifier:
                 told = {name: error.value for name, error in self._air.errors().items() if error.told}
                 self._equations.biases = told
             time_s, sides = self._equations.take(rows)
-            for axis, columns in sides.items():
-                self._add(self._axes[axis], time_s, columns, rows.continues)
+            if not rows.continues and self._decimator is not None:
+                self._decimator.restart()
+            if sides:
+                self._add(time_s, sides)
 
-    def _add(self, axis: _Axis, time_s: Array, columns: Array, continues: bool) -> None:
-        if not continues:
-            axis.decimator.restart()
-        axis.estimator.add(columns)
-        filtered, places = axis.decimator.take(columns)
-        constant = [i for i, name in enumerate(axis.names) if name.endswith("_0")]
-        for at, row in zip(time_s[places].tolist(), filtered, strict=True):
-            x = row[: len(axis.names)].copy()
-            x[constant] = row[-2]
-            axis.squares.add(x, float(row[-1]))
-            axis.detector.add(at, np.append(x, row[-2:]))
+    def _add(self, time_s: Array, sides: Mapping[str, Array]) -> None:
+        """Take equations of all axes."""
+        assert self._decimator is not None
+        for name, columns in sides.items():
+            self._axes[name].estimator.add(columns)
+        filtered, places = self._decimator.take(np.concatenate(list(sides.values()), axis=1))
+        ends = np.cumsum([columns.shape[1] for columns in sides.values()])
+        for name, rows in zip(sides, np.split(filtered, ends[:-1], axis=1), strict=True):
+            axis = self._axes[name]
+            X = rows[:, : len(axis.names)].copy()
+            for i, factors in enumerate(axis.factors):
+                if not factors:  # the constant's column is the weight, which is filtered as the others are
+                    X[:, i] = rows[:, -2]
+            axis.squares.add(X, np.ascontiguousarray(rows[:, -1]))
+            for at, row in zip(time_s[places].tolist(), np.column_stack([X, rows[:, -2:]]), strict=True):
+                axis.detector.add(at, row)
 
     def _filter(self, rows: Rows) -> None:
         """Wind and sensor errors, where attitude is known."""
@@ -240,37 +264,39 @@ class LiveIdentifier:
         if any(name not in columns for name in ("phi", "theta", "psi")):
             return
         assert self._equations is not None
-        corrected = self._equations.corrected(columns)
-        noise = self._vane_noise()
-        names = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "V", "alpha")
-        table = {name: corrected[name].tolist() for name in names}
-        beta = corrected.get("beta")
-        for k, at in enumerate(rows.time_s.tolist()):
-            row = {name: values[k] for name, values in table.items()}
-            row["beta"] = float(beta[k]) if beta is not None else np.nan
-            for name, found in self._sparse.items():
-                row[name] = np.nan
-                while found and found[0][0] <= at + 0.5 * rows.interval_s:
-                    stamp, value = found.pop(0)
-                    if stamp > at - 0.1:
-                        row[name] = value
-            self._air.take(row, rows.interval_s, noise)
+        known = {**self._equations.corrected(columns), **self._ground_velocity(rows)}
+        unknown = np.full(rows.time_s.size, np.nan)
+        table = np.column_stack([known.get(name, unknown) for name in ROW])
+        self._air.take(table, rows.interval_s, self._vane_noise())
+
+    def _ground_velocity(self, rows: Rows) -> dict[str, Array]:
+        """Samples that come seldom, each at the row nearest to it; NaN elsewhere. One far from any row is left out."""
+        columns = {}
+        for name, found in self._sparse.items():
+            column = columns[name] = np.full(rows.time_s.size, np.nan)
+            taken = 0
+            for stamp, value in found:
+                if stamp > rows.time_s[-1] + 0.5 * rows.interval_s:
+                    break
+                taken += 1
+                place = min(int(np.searchsorted(rows.time_s, stamp - 0.5 * rows.interval_s)), column.size - 1)
+                if stamp > rows.time_s[place] - 0.1:
+                    column[place] = value
+            del found[:taken]
+        return columns
 
     def _vane_noise(self) -> dict[str, float]:
         return {name: one.variance for name, one in self._noise.items() if np.isfinite(one.variance)}
 
-    def _update(self, axis: str, one: _Axis) -> None:
-        errors = self._air.errors() if self._air.rows else {}
+    def _update(self, axis: str, one: _Axis, errors: Mapping[str, SensorError]) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
         biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
         one.estimate = one.estimator.estimate(self._vane_noise(), biases)
         if one.estimate is None:
             return
-        assert self._equations is not None
         if axis in MOMENTS:
             values, std = one.estimate.values, one.estimate.std
             self._settled |= {n: float(v) for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
-            self._equations.learn_jumps(self._settled)
         change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance)
         if change is not None:
             self._changes.append(change)
@@ -283,7 +309,7 @@ class LiveIdentifier:
     ) -> tuple[float, float]:
         """A coefficient and its standard error, with what the live sensor errors make of it."""
         value, variance = float(estimate.values[index]), float(estimate.covariance[index, index])
-        factors = parse_term(one.names[index]).factors
+        factors = one.factors[index]
         for vane in _VANES:
             error = errors.get(f"{vane}_scale")
             if factors == (vane,) and error is not None and error.told:

@@ -7,11 +7,10 @@ Source of the recursion: Klein & Morelli, "Aircraft System Identification", chap
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 from scipy import signal
 
+from sim_vehicle.jit import jit
 from sysid.flight import Array, IntArray
 
 CUTOFF_HZ = 4.0
@@ -27,12 +26,11 @@ _NOTHING_KNOWN = 1e4
 class Decimator:
     """Low-passes columns without looking ahead, both sides of an equation alike, and takes every n-th sample."""
 
-    def __init__(self, interval_s: float, columns: int) -> None:
+    def __init__(self, interval_s: float) -> None:
         self._step = max(round(1.0 / (RATE_HZ * interval_s)), 1)
         high = min(2.0 * CUTOFF_HZ * interval_s, 0.9)
         self._filter = signal.butter(4, high, output="sos")
         self._rest = signal.sosfilt_zi(self._filter)
-        self._columns = columns
         self._state: Array | None = None
         self._count = 0
 
@@ -50,6 +48,57 @@ class Decimator:
         self._state = None
 
 
+@jit
+def _recur(
+    X: Array,
+    y: Array,
+    memory: float,
+    values: Array,
+    P: Array,
+    lagged: Array,
+    autocorrelation: Array,
+    before: Array,
+    rest: Array,
+    weight: float,
+) -> float:
+    """Take samples X (K, n), y (K,) into all that is known, whose arrays are changed; the new weight.
+
+    memory: samples of the forgetting. before (lags, n), rest (lags,): the last samples and their residuals, newest
+    first, zeros where there were none yet.
+    """
+    n = values.size
+    lags = rest.size
+    Px = np.zeros(n)
+    for k in range(y.size):
+        leverage, innovation = 0.0, y[k]
+        for i in range(n):
+            Px[i] = 0.0
+            for j in range(n):
+                Px[i] += P[i, j] * X[k, j]
+            leverage += X[k, i] * Px[i]
+            innovation -= X[k, i] * values[i]
+        forget = 1.0 - 1.0 / memory if leverage > _GATE * n / memory else 1.0
+        # The innovations of the start are the start's, so autocorrelations are those of what is left behind.
+        residual = y[k]
+        for i in range(n):
+            values[i] += Px[i] / (forget + leverage) * innovation
+            residual -= X[k, i] * values[i]
+            for j in range(n):
+                P[i, j] = (P[i, j] - Px[i] * Px[j] / (forget + leverage)) / forget
+        for lag in range(lags - 1, 0, -1):
+            before[lag] = before[lag - 1]
+            rest[lag] = rest[lag - 1]
+        before[0] = X[k]
+        rest[0] = residual
+        weight = forget * weight + 1.0
+        for lag in range(lags):
+            autocorrelation[lag] = forget * autocorrelation[lag] + residual * rest[lag]
+            for i in range(n):
+                for j in range(n):
+                    lagged[lag, i, j] = forget * lagged[lag, i, j] + X[k, i] * before[lag, j]
+    return weight
+
+
 class RecursiveLeastSquares:
     """Coefficients of one axis by samples at RATE_HZ. scales: (P,) usual sizes, of which the start knows nothing."""
 
@@ -57,31 +106,18 @@ class RecursiveLeastSquares:
         size = scales.size
         self.values = np.zeros(size)
         self._P = np.diag((_NOTHING_KNOWN * scales) ** 2)
-        self._forget = 1.0 - 1.0 / (RATE_HZ * MEMORY_S)
         self._lagged = np.zeros((_LAGS, size, size))
         self._autocorrelation = np.zeros(_LAGS)
         self._weight = 0.0
-        self._last: deque[tuple[Array, float]] = deque(maxlen=_LAGS)
+        self._before = np.zeros((_LAGS, size))
+        self._rest = np.zeros(_LAGS)
 
-    def add(self, x: Array, y: float) -> float:
-        """Take one sample; the error of its prediction by what was known before."""
-        Px = self._P @ x
-        leverage = float(x @ Px)
-        forget = self._forget if leverage > _GATE * x.size / (RATE_HZ * MEMORY_S) else 1.0
-        gain = Px / (forget + leverage)
-        innovation = float(y - x @ self.values)
-        self.values = self.values + gain * innovation
-        self._P = (self._P - np.outer(gain, Px)) / forget
-        # The innovations of the start are the start's.
-        residual = float(y - x @ self.values)
-        self._last.appendleft((x, residual))
-        self._weight = forget * self._weight + 1.0
-        self._lagged *= forget
-        self._autocorrelation *= forget
-        for i, (x_before, v_before) in enumerate(self._last):
-            self._lagged[i] += np.outer(x, x_before)
-            self._autocorrelation[i] += residual * v_before
-        return innovation
+    def add(self, X: Array, y: Array) -> None:
+        """Take samples X (K, P), y (K,)."""
+        self._weight = _recur(
+            X, y, RATE_HZ * MEMORY_S, self.values, self._P, self._lagged, self._autocorrelation,
+            self._before, self._rest, self._weight,
+        )  # fmt: skip
 
     @property
     def std(self) -> Array:

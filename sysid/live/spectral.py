@@ -15,15 +15,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from sysid.flight import Array
 from sysid.live.fourier import RecursiveFourier
+from sysid.live.lines import weighted
 from sysid.structure import PRIOR_SHARE, usual_size
 
 WINDOW_S = 10.0
 HIGHEST_HZ = 2.5
-_ROUNDS = 3
 _LEAST_S = 1.0
 
 
@@ -41,14 +40,6 @@ class Estimate:
     def std(self) -> Array:
         """(P,) standard errors."""
         return np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known of each number beforehand, (P,) each."""
-
-    mean: Array
-    std: Array
 
 
 class AxisEstimator:
@@ -118,15 +109,15 @@ class AxisEstimator:
         moving, left = self._moving, self._width - 1
         extra = range(len(self.names), len(self.names) + len(self.biases))
         chosen = [*moving, *extra, self._width - 2]
-        X = products[1:][:, chosen][:, :, chosen].copy()
-        y = products[1:, chosen, left]
-        power = products[1:, left, left]
+        lines = products[1:]
+        X = np.ascontiguousarray(lines[:, chosen][:, :, chosen])
+        y, power = np.ascontiguousarray(lines[:, chosen, left]), np.ascontiguousarray(lines[:, left, left])
         error = np.array([self._weights * noise.get(self._noisy[i], 0.0) for i in moving] + [0.0] * (len(extra) + 1))
         windows = self._count / self._size
         known = [(biases or {}).get(name, (0.0, 1e-9)) for name in self.biases]
         doubts = [PRIOR_SHARE * usual_size(self.names[i]) for i in moving] + [std for _, std in known] + [100.0]
-        prior = Prior(np.array([0.0] * len(moving) + [value for value, _ in known] + [0.0]), np.array(doubts))
-        theta, covariance = _weighted(X, y, power, error, self._frequencies[1:], windows, prior)
+        mean = np.array([0.0] * len(moving) + [value for value, _ in known] + [0.0])
+        theta, covariance = weighted(X, y, power, error, self._frequencies[1:], windows, mean, np.array(doubts))
         return self._with_constant(chosen[:-1], theta[:-1], covariance[:-1, :-1])
 
     def _with_constant(self, chosen: list[int], theta: Array, covariance: Array) -> Estimate:
@@ -155,50 +146,3 @@ class AxisEstimator:
 def _products(values: np.ndarray) -> Array:
     """(M, n, n) real products of the transforms at each line."""
     return np.asarray(np.einsum("mi,mj->mij", values.conj(), values).real)
-
-
-def _weighted(
-    X: Array, y: Array, power: Array, error: Array, frequencies: Array, windows: float, prior: Prior
-) -> tuple[Array, Array]:
-    """Least squares over lines weighted by the residuals' own spectrum, a + b f^2; values and covariance.
-
-    A differentiated rate's noise rises with the square of the frequency, a vane's is flat: both are in the residuals.
-    The covariance is the larger, by each coefficient, of what that spectrum and what each line's own residual tell.
-    """
-    lines, size = y.shape
-    clean = X - np.diag(error)
-    free = max(1.0 - (size - 1) / (2.0 * lines * windows), 0.1)
-    spectrum = np.ones(lines)
-    theta, A = np.zeros(size), np.diag(prior.std**-2.0)
-    for _ in range(_ROUNDS):
-        # Of a complex line's noise half is in its real part, half in its imaginary one.
-        weight = 2.0 / spectrum
-        A = np.einsum("m,mij->ij", weight, clean) + np.diag(prior.std**-2.0)
-        if np.linalg.eigvalsh(A / _outer(A))[0] <= 1e-9:
-            clean = X
-            A = np.einsum("m,mij->ij", weight, clean) + np.diag(prior.std**-2.0)
-        theta = np.linalg.solve(A, weight @ y + prior.mean / prior.std**2)
-        # What a fit leaves, the vanes' noise in it, which is noise of the equation.
-        rest = power - 2.0 * y @ theta + np.einsum("i,mij,j->m", theta, X, theta)
-        rest = np.maximum(rest, 1e-30) / (windows * free)
-        spectrum = _smooth_spectrum(rest, frequencies)
-    inverse = np.linalg.inv(A)
-    told = np.einsum("m,mij->ij", 2.0 * rest / spectrum**2, X) + np.diag(prior.std**-2.0)
-    robust = inverse @ told @ inverse
-    growth = np.sqrt(np.maximum(np.diag(robust) / np.diag(inverse), 1.0))
-    return theta, inverse * np.outer(growth, growth)
-
-
-def _outer(A: Array) -> Array:
-    scale = np.sqrt(np.abs(np.diag(A)))
-    return np.outer(scale, scale)
-
-
-def _smooth_spectrum(power: Array, frequencies: Array) -> Array:
-    """a + b f^2 with a, b >= 0 nearest to the lines' powers, whose errors are as large as they are."""
-    spectrum = np.full(power.size, float(np.mean(power)))
-    shape = np.column_stack([np.ones(power.size), frequencies**2])
-    for _ in range(2):
-        (level, rise), _ = nnls(shape / spectrum[:, None], power / spectrum)
-        spectrum = np.maximum(level + rise * frequencies**2, 1e-3 * float(np.mean(power)))
-    return spectrum

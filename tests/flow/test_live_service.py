@@ -14,6 +14,8 @@ from processes import free_port, run, service
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import wait_until
 
+READY_S = 300.0  # the very first start of an installation compiles
+
 
 class Events(threading.Thread):
     """Reads the stream of events over a socket of its own until the service ends it."""
@@ -51,6 +53,10 @@ class Neighbour(threading.Thread):
             self.heard += self.station.receive()
 
 
+def running(url: str) -> bool:
+    return bool(httpx.get(f"{url}/api/live", timeout=60).json()["process"]["state"] == "running")
+
+
 def estimated(url: str) -> dict[str, Any] | None:
     """What the service says once the whole flight is in its estimates."""
     told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=60).json()
@@ -78,7 +84,7 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
         )
         assert before["identification"] is None
         assert "--vehicle FILE" in before["why"]
-        wait_until(lambda: httpx.get(f"{url}/api/live", timeout=60).json()["process"]["state"] == "running")
+        wait_until(lambda: running(url), READY_S)
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "4", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: flown(url, 3.5))
         assert after["flight"] is not None
@@ -103,7 +109,7 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
         events = Events(url)
         events.start()
         neighbour.start()
-        wait_until(lambda: httpx.get(f"{url}/api/live", timeout=60).json()["process"]["state"] == "running")
+        wait_until(lambda: running(url), READY_S)
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "9", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: estimated(url))
     events.join(30)

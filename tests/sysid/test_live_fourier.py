@@ -38,8 +38,8 @@ def test_recursive_least_squares_is_the_weighted_batch_solution() -> None:
     X, theta = random.choice([-1.0, 1.0], size=(400, 3)), np.array([1.0, -2.0, 0.5])
     y = X @ theta + 0.1 * random.normal(size=400)
     estimator = RecursiveLeastSquares(np.ones(3))
-    for x, value in zip(X, y, strict=True):
-        estimator.add(x, float(value))
+    for part in np.split(np.arange(400), [1, 4, 100, 101]):
+        estimator.add(X[part], y[part])
     weight = np.sqrt((1.0 - 1.0 / 200.0) ** np.arange(399, -1, -1))  # forgetting over 20 s at 10 Hz
     batch = np.linalg.lstsq(weight[:, None] * X, weight * y, rcond=None)[0]
     np.testing.assert_allclose(estimator.values, batch, atol=1e-6)

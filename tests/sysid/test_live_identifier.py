@@ -66,6 +66,19 @@ def test_what_is_not_known_says_why_and_what_to_fly() -> None:
     assert report.coefficients["Cn_beta"].why == "there is no sideslip vane (beta)"
 
 
+def test_of_sensors_that_stand_still_without_any_noise_nothing_is_known() -> None:
+    time_s = 0.02 * np.arange(600)
+    level = {"az": -9.8, "airspeed": 15.0, "air_density": 1.2, "thrust": 1.0}
+    names = ("ax", "ay", "az", "p", "q", "r", "alpha", "beta", "airspeed", "air_density", "phi", "theta", "psi")
+    live = LiveIdentifier(load_vehicle("iitb-mav"))
+    for part in np.split(np.arange(600), 20):
+        commands = ("de", "da", "dr", "thrust", "vn", "ve", "vd")
+        live.take({name: (time_s[part], np.full(part.size, level.get(name, 0.01))) for name in (*names, *commands)})
+        report = live.report()
+    assert not any(one.known for one in report.coefficients.values())
+    assert report.coefficients["Cm_de"].why == "de has hardly moved"
+
+
 def test_an_airspeed_that_reads_low_is_told(flight: FlightSignals) -> None:
     report = identified(flight, scale={"airspeed": 0.92})
     assert any(line.startswith("airspeed reads 8% low") for line in report.warnings), report.warnings

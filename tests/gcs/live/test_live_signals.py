@@ -11,6 +11,7 @@ import pytest
 from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
 
 from gcs.flights.signals import extract
+from gcs.flights.streams import Stream
 from gcs.formats.conversion import import_file
 from gcs.links.datagrams import Batch
 from gcs.live.messages import VehicleMessages
@@ -33,6 +34,10 @@ def datagrams(tlog: Path) -> Iterator[tuple[bytes, int]]:
         at += 8 + size
 
 
+def attitude_of(streams: list[Stream]) -> Stream:
+    return next(stream for stream in streams if stream.message == "ATTITUDE")
+
+
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("flight") / "flight.tlog"
@@ -53,7 +58,7 @@ def test_signals_are_those_of_the_recording_in_whatever_pieces_and_however_often
         part = sent[at : at + random.integers(1, 30)]
         at += len(part)
         for source in ("radio", "modem"):  # the second link brings everything once more
-            streams = messages.take(Batch.of(part, source))
+            streams = messages.take([Batch.of(part, source)])
             for name, samples in stream.take(streams, messages.autopilot).items():
                 told.setdefault(name, []).append((samples.time_s, samples.values))
     assert set(told) == set(recorded)
@@ -67,19 +72,34 @@ def test_signals_are_those_of_the_recording_in_whatever_pieces_and_however_often
         np.testing.assert_allclose(values, recorded[name].values[-values.size :], rtol=1e-6, atol=1e-9)
 
 
+def test_what_one_link_loses_another_brings_and_a_turn_takes_both(flight: Path) -> None:
+    messages = VehicleMessages(Dialect.load(), ["ATTITUDE"])
+    sent = list(datagrams(flight))
+    whole = attitude_of(messages.take([Batch.of(sent, "radio")]))
+    messages.restart()
+    halves = [[one for i, one in enumerate(sent) if i % 7 != lost] for lost in (2, 5)]
+    batches = [Batch.of(half[a : a + 40], source) for a in range(0, len(sent), 40) for source, half in zip(
+        ("radio", "modem"), halves, strict=True) if half[a : a + 40]]  # fmt: skip
+    joined = attitude_of(messages.take(batches))
+    assert np.all(np.diff(joined.log_ns) >= 0)
+    time_s, first = np.unique(joined.time_s, return_index=True)
+    np.testing.assert_allclose(time_s, whole.time_s, atol=1e-9)
+    np.testing.assert_array_equal(joined.records["pitch"][first], whole.records["pitch"])
+
+
 def test_a_vehicle_that_starts_anew_begins_at_zero_and_a_ground_station_is_none() -> None:
     messages = VehicleMessages(Dialect.load(), ["ATTITUDE"])
-    assert messages.take(batch([ground_station_heartbeat()], SECOND)) == []
+    assert messages.take([batch([ground_station_heartbeat()], SECOND)]) == []
     assert messages.system is None
     vehicle = Vehicle(7)
     vehicle.boot_ms = 60_000
-    (streams,) = [messages.take(batch(vehicle.second(), 10 * SECOND))]
+    (streams,) = [messages.take([batch(vehicle.second(), 10 * SECOND)])]
     assert messages.system == 7
-    attitude = next(stream for stream in streams if stream.message == "ATTITUDE")
+    attitude = attitude_of(streams)
     np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
     vehicle.boot_ms = 1_000
-    streams = messages.take(batch(vehicle.second(), 12 * SECOND))
-    attitude = next(stream for stream in streams if stream.message == "ATTITUDE")
+    streams = messages.take([batch(vehicle.second(), 12 * SECOND)])
+    attitude = attitude_of(streams)
     np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
 
 
