@@ -144,7 +144,7 @@ class FilterError(FilteredFlight):
             self.move(found, trial - theta)
             trial_linear = [self.linearised(k, trial) for k in range(len(self.records))]
             trial_found = self.filtered(trial_linear, noise, turbulence)
-            trial_cost = self._cost(trial_found, trial) if np.isfinite(trial_found.information).all() else np.inf
+            trial_cost = self._cost(trial_found, trial) if trial_found.is_finite else np.inf
             # The step solves the estimating equations, not quite the cost's gradient: only a real loss counts.
             if not trial_cost < cost + _LOSS and damping < 1e6:
                 self.paths, damping = kept, max(10.0 * damping, 1e-3)
@@ -163,7 +163,7 @@ class FilterError(FilteredFlight):
                 calls += 1
                 likeliest = likeliest_noise(self, linear, noise, turbulence, search_s)
                 again = self.filtered(linear, *likeliest)
-                if np.isfinite(again.information).all():
+                if again.is_finite:
                     (noise, turbulence), found, cost = likeliest, again, self._cost(again, theta)
         covariance = self._step(found, theta, 0.0)[1]
         if known is not None or brief:
@@ -182,13 +182,12 @@ class FilterError(FilteredFlight):
         kept = [path.copy() for path in self.paths]
         noise, rough = likeliest_noise(self, linear, first, turbulence, search_s)
         with np.errstate(all="ignore"):
-            linear, found = settled_path(self, theta, noise, rough)
-        if follows(found):
-            return noise, linear, found, rough
+            likeliest, there = settled_path(self, theta, noise, rough)
+        if follows(there):
+            return noise, likeliest, there, rough
         # The likeliest noise about that path loses the flight: the larger one, which follows it, until the model is
         # better.
         self.paths = kept
-        linear, found = settled_path(self, theta, first, turbulence)
         return first, linear, found, turbulence
 
     def _short(

@@ -97,6 +97,11 @@ class Pass:
     deviation_slopes: list[tuple[Array, Array]]
     outputs: list[Array]
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether likelihood, information and gradient are numbers, which they are not where a filter runs away."""
+        return all(np.isfinite(one).all() for one in (self.likelihood, self.information, self.gradient))
+
 
 class FilteredFlight:
     """Records of one or more flights, and the paths that they are linearised along.

@@ -49,15 +49,29 @@ def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tu
             if growth > 1.0:
                 # What the highest frequencies showed is disproved: it is no prior knowledge of the noise either.
                 flight.noise = noise
-                for _ in range(_ROUNDS):
-                    noise = noise * _misfits(found)
-                    linear, found = settled_path(flight, theta, noise, turbulence)
+                return _with_less_noise(flight, theta, turbulence, noise, linear, found)
             return noise, linear, found
     flight.paths = kept
     raise EstimationError(
         "filter error: from this start the filter does not follow the flight (the model explains too little of the "
         "motion: look at delays, thrust and the equation error's result); use --method ee"
     )
+
+
+def _with_less_noise(
+    flight: FilteredFlight, theta: Array, turbulence: Turbulence, noise: Array, linear: list[Linear], found: Pass
+) -> tuple[Array, list[Linear], Pass]:
+    """Noise, linearised records and pass brought towards what the innovations show, as far as the filter follows."""
+    for _ in range(_ROUNDS):
+        followed_so_far = [path.copy() for path in flight.paths]
+        less = noise * _misfits(found)
+        with np.errstate(all="ignore"):
+            closer, there = settled_path(flight, theta, less, turbulence)
+        if not _follows_on_the_whole(there):
+            flight.paths = followed_so_far
+            break
+        noise, linear, found = less, closer, there
+    return noise, linear, found
 
 
 def follows(found: Pass) -> bool:
@@ -70,8 +84,7 @@ def _follows_on_the_whole(found: Pass) -> bool:
 
 
 def _is_number(found: Pass) -> bool:
-    finite = bool(np.isfinite(found.likelihood) and np.isfinite(found.information).all())
-    return finite and bool(np.isfinite(_misfits(found)).all())
+    return found.is_finite and bool(np.isfinite(_misfits(found)).all())
 
 
 def _misfits(found: Pass) -> Array:

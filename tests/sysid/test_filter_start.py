@@ -61,6 +61,15 @@ def test_a_filter_that_runs_away_is_started_with_the_noise_that_the_flight_shows
     assert np.isfinite(found.information).all()
 
 
+def test_noise_is_brought_down_only_as_far_as_the_filter_follows(start: tuple[FilterError, Array]) -> None:
+    """Without gusts to lean on, the noise that the first innovations show loses the flight."""
+    one, theta = start
+    honest, paths = one.noise, [path.copy() for path in one.paths]
+    _, _, found = followed(one, theta, Turbulence(0.02, 0.02))
+    one.noise, one.paths = honest, paths
+    assert found.is_finite
+
+
 def test_a_flight_that_no_noise_explains_is_refused_in_one_line(start: tuple[FilterError, Array]) -> None:
     one, theta = start
     kept = one.noise
