@@ -41,6 +41,7 @@ class LiveState:
     """The newest of what the live process told. Replaced as a whole, so that readers need no lock.
 
     signals: name -> (value, UTC ns of reception, unit). numbers count reports, for those who wait for new ones.
+    heard_s: when the newest bytes with a message of the vehicle came, monotonic.
     """
 
     time_s: float | None = None
@@ -69,6 +70,9 @@ class LiveFeed:
         self.on_estimate: Callable[[dict[str, Any], float], None] | None = None
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
+        # Batches that the process has been given and not yet told to have taken: number and time, monotonic.
+        self._given: deque[tuple[int, float]] = deque()
+        self._number = 0
         self._changed = threading.Condition()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -101,6 +105,8 @@ class LiveFeed:
             if self._queued_bytes + len(record) > _QUEUE_BYTES:
                 self.dropped_bytes += len(batch.data)
                 return
+            self._number += 1
+            self._given.append((self._number, time.monotonic()))
             self._put(record)
 
     @property
@@ -110,11 +116,17 @@ class LiveFeed:
 
     @property
     def link_state(self) -> str:
-        """Whether messages come: waiting (none yet), live, or lost (none for 2 s)."""
+        """Whether messages come: waiting (none yet), live, or lost (none for 2 s).
+
+        By the time at which bytes came, not at which their signals are told: a process that is behind on a busy
+        machine loses nothing. What it has not looked at yet counts as neither.
+        """
         heard = self.state.heard_s
         if heard is None:
             return "waiting"
-        return "live" if time.monotonic() - heard < _LOST_S else "lost"
+        with self._changed:
+            looked_s = self._given[0][1] if self._given else time.monotonic()
+        return "live" if looked_s - heard < _LOST_S else "lost"
 
     def _put(self, record: bytes) -> None:
         self._queue.append(record)
@@ -148,7 +160,8 @@ class LiveFeed:
             assert process.stdout is not None
             with self._changed:
                 self._queue.clear()
-                self._queued_bytes = 0
+                self._given.clear()
+                self._queued_bytes = self._number = 0
             self.flight = None
             reader = threading.Thread(target=self._read, args=(process.stdout,), daemon=True)
             reader.start()
@@ -191,6 +204,14 @@ class LiveFeed:
             except Exception as error:  # one report that nobody can read does not end those behind it
                 _log.error("a report of the live process was left out: %s", in_words(error))
 
+    def _taken(self, number: int) -> float:
+        """The process has taken so many batches; when the last of them came."""
+        with self._changed:
+            at_s = self._given[0][1] if self._given else time.monotonic()
+            while self._given and self._given[0][0] <= number:
+                at_s = self._given.popleft()[1]
+        return at_s
+
     def _take(self, report: dict[str, Any]) -> None:
         kind = report.pop("kind")
         old = self.state
@@ -198,6 +219,8 @@ class LiveFeed:
             self.process_state = "running"
         elif kind == "error":
             self._failure = report["text"]
+        elif kind == "taken":
+            self._taken(report["taken"])
         elif kind == "signals":
             signals = {name: tuple(entry) for name, entry in report["signals"].items()}
             self.state = LiveState(
@@ -205,7 +228,7 @@ class LiveFeed:
                 report["system"],
                 signals,
                 old.identification,
-                time.monotonic(),
+                self._taken(report["taken"]),
                 old.signals_number + 1,
                 old.estimate_number,
             )

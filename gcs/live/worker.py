@@ -29,6 +29,7 @@ from sysid.live.identifier import LiveIdentifier
 _READ_BYTES = 1 << 20
 # Messages are taken together so often: taking one costs hardly less than taking all of a turn.
 _TURN_S = 0.1
+_SILENT_S = 0.5
 # Bytes of one turn, beyond which it tells what it knows before it goes on.
 _MOST_BYTES = 4 << 20
 
@@ -48,6 +49,8 @@ class LiveProcess:
         self._flight = ""
         self._newest: dict[str, tuple[float, int]] = {}
         self._fresh = False
+        self._taken = self._told = 0
+        self._told_s = 0.0
         self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
     def take(self, records: Sequence[Batch | str]) -> None:
@@ -65,6 +68,7 @@ class LiveProcess:
         self._take(waiting)
 
     def _take(self, batches: Sequence[Batch]) -> None:
+        self._taken += len(batches)
         streams = self._messages.take(batches)
         if streams:
             samples = self._signals.take(streams, self._messages.autopilot)
@@ -92,7 +96,13 @@ class LiveProcess:
                 name: [value, received_ns, self._signals.unit(name)]
                 for name, (value, received_ns) in self._newest.items()
             }
-            tell("signals", time_s=self._messages.newest_s, system=self._messages.system, signals=known)
+            told = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known}
+            tell("signals", taken=self._taken, **told)
+            self._told, self._told_s = self._taken, now_s
+        elif self._taken != self._told and now_s - self._told_s > _SILENT_S:
+            # What comes is not the vehicle's: that is how the service knows that the vehicle has fallen silent.
+            tell("taken", taken=self._taken)
+            self._told, self._told_s = self._taken, now_s
         report = None if self._estimates is None else self._estimates.due(now_s)
         if report is not None:
             tell("estimate", identification=report)

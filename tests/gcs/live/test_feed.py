@@ -66,3 +66,35 @@ def test_a_vehicle_file_that_cannot_be_used_is_told_in_words(tmp_path: Path) -> 
     wait_until(lambda: wrong.process_state == "failed")
     assert "no-such-vehicle: no such vehicle file" in wrong.problem
     wrong.stop()
+
+
+def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr("gcs.live.feed.time.monotonic", lambda: now[0])
+    behind = LiveFeed(Settings(data=tmp_path), list)  # never started: this test tells what its process would
+    data = Vehicle().second()
+
+    def told(taken: int) -> None:
+        signals = {"kind": "signals", "time_s": 1.0, "system": 1, "signals": {}, "taken": taken}
+        behind._take(signals)
+
+    for _ in range(8):
+        behind.offer("udpin", batch(data, 0))
+        now[0] += 1.0
+    assert behind.link_state == "waiting"
+    told(1)
+    assert behind.link_state == "live"  # the first of eight, seven seconds late
+    told(8)
+    assert behind.link_state == "live"
+    now[0] += 1.5
+    assert behind.link_state == "lost"  # all has been looked at, and nothing has come since
+    behind.offer("udpin", batch(data, 0))
+    told(9)
+    assert behind.link_state == "live"
+    for _ in range(4):  # another system goes on sending
+        behind.offer("udpin", batch(data, 0))
+        now[0] += 1.0
+    behind._take({"kind": "taken", "taken": 12})
+    assert behind.link_state == "lost"
