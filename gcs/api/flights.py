@@ -49,6 +49,7 @@ def _fields(flight: Flight) -> dict[str, Any]:
         "start": utc_text(flight.start_ns),
         "end": utc_text(flight.end_ns),
         "duration_s": (flight.end_ns - flight.start_ns) / 1e9,
+        "vehicle_duration_s": flight.vehicle_s,
         "messages": flight.messages,
         "bytes": flight.bytes,
         "end_reason": flight.end_reason,

@@ -144,7 +144,8 @@ class FlightItem(BaseModel):
     system: int | None
     start: str
     end: str
-    duration_s: float
+    duration_s: float = Field(description="From the first to the last message received, by this computer's clock")
+    vehicle_duration_s: float | None = Field(description="By the vehicle's clock, null where it does not tell")
     messages: int
     bytes: int
     end_reason: str

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue, Flight
 from gcs.errors import RecordingError, in_words
 from gcs.recording.joined import by_recording
@@ -32,17 +33,19 @@ def flight_stamp(ns: int) -> str:
 def describe(paths: list[Path], flight_id: str, name: str, source: str, state: str) -> Flight:
     """The catalogue's entry of a recording, all its files; RecordingError if it cannot be opened."""
     recording = Recording(paths)
+    system = vehicle_of(recording)
     return Flight(
         id=flight_id,
         file=paths[0].name,
         name=name,
         source=source,
         state=state,
-        system=vehicle_of(recording),
+        system=system,
         start_ns=recording.start_ns,
         end_ns=recording.end_ns,
         messages=sum(recording.counts().values()),
         bytes=sum(path.stat().st_size for path in paths),
+        vehicle_s=vehicle_seconds(paths, system),
     )
 
 

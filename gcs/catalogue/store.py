@@ -40,7 +40,7 @@ CREATE TABLE IF NOT EXISTS models (
     job_id TEXT NOT NULL, name TEXT NOT NULL, created_ns INTEGER NOT NULL, json TEXT NOT NULL);
 """
 # Columns that came later: name, and how it is declared.
-_LATER_COLUMNS = (("parts", "INTEGER NOT NULL DEFAULT 1"), ("deleted_ns", "INTEGER"))
+_LATER_COLUMNS = (("parts", "INTEGER NOT NULL DEFAULT 1"), ("deleted_ns", "INTEGER"), ("vehicle_s", "REAL"))
 
 # A job that was running when the service stopped is tried once more; one that stops it twice is not.
 _MAX_ATTEMPTS = 2
@@ -55,6 +55,7 @@ class Flight:
     name: what the user called the file, or its own name. source: "live" or "upload".
     state: "recording", "complete", or "recovered" after a crash.
     deleted_ns: when the recording was deleted to make room (UTC, ns), None while it is there.
+    vehicle_s: how long it was by the vehicle's clock, None where that is not known.
     """
 
     id: str
@@ -70,6 +71,7 @@ class Flight:
     end_reason: str = ""
     parts: int = 1
     deleted_ns: int | None = None
+    vehicle_s: float | None = None
 
     def files(self, folder: Path) -> list[Path]:
         """All files of the recording, in order."""

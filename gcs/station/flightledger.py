@@ -8,9 +8,11 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue, Flight
 from gcs.recording.parts import Metadata
 from gcs.station.liveflight import LiveFlight
@@ -119,8 +121,17 @@ class FlightLedger:
         if lost and live.writer.counts.bytes == lost:
             self._forget(live)
             return
-        self._unlisted[live.id] = live.entry("complete", reason)
+        entry = live.entry("complete", reason)
+        self._unlisted[live.id] = replace(entry, vehicle_s=self._vehicle_seconds(live.writer.parts, entry.system))
         _log.info("flight %s ends (%s)", live.id, reason)
+
+    def _vehicle_seconds(self, paths: Sequence[Path], system: int | None) -> float | None:
+        """A flight whose length cannot be told is listed all the same."""
+        try:
+            return vehicle_seconds(paths, system)
+        except Exception as error:
+            self._failed(error)
+            return None
 
     def _forget(self, live: LiveFlight) -> None:
         """A flight of which the disk took nothing is none."""

@@ -1,8 +1,9 @@
 """The service under load for minutes, with identification jobs beside it. Run: make campaign-load
 
-A sender in another process gives every message a number and a stamp; the service records them as one flight, while one
-identification of an uploaded flight after the other runs. Then nothing may be missing by the sequence counters, and
-the service's resident memory must have stayed within 5 MB of its middle since the warm-up. Options: --help.
+A sender in another process gives every message a number and a stamp; the service records them as one flight and
+identifies it live, while one identification of an uploaded flight after the other runs. Then nothing may be missing by
+the sequence counters, and the service's resident memory must have stayed within 5 MB of its middle since the warm-up.
+Options: --help.
 """
 
 from __future__ import annotations
@@ -119,6 +120,8 @@ def under_load(arguments: argparse.Namespace, folder: Path) -> list[str]:
         beside.stopping.set()
         jobs.join()
         link = ask(f"{url}/api/links")[0]
+        live = ask(f"{url}/api/live")["process"]
+        print(f"live process                        {live['state']}, {live['dropped_bytes']:,d} bytes not taken by it")
     return judge(arguments, data, count, took[0], memory, beside, link)
 
 

@@ -35,11 +35,18 @@ export async function flight(page, [id, tab = ''], query, signal) {
   }
 }
 
+// A recording played, or simulated, faster than it was flown: both times are told.
+function flown(summary) {
+  const received = summary.duration_s
+  const own = summary.vehicle_duration_s ?? received
+  return Math.abs(own - received) <= Math.max(0.05 * received, 1) ? duration(own) : `${duration(own)} by the vehicle’s clock, received in ${duration(received)}`
+}
+
 function facts(summary, path) {
   const messages = Object.values(summary.topics).reduce((sum, count) => sum + count, 0)
   const entries = {
     'Start (UTC)': utc(summary.start),
-    Duration: duration(summary.duration_s),
+    Duration: flown(summary),
     Messages: `${(messages || summary.messages).toLocaleString('en')} (${summary.lost} lost)`,
     'Vehicle’s system id': String(summary.system ?? 'none'),
     'Came by': summary.source === 'upload' ? 'upload' : 'link',

@@ -13,7 +13,7 @@ function row(flight) {
   const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
   return [
     h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, flight.source === 'upload' ? flight.name : flight.id),
-    utc(flight.start), duration(flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
+    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
   ]
 }
 
