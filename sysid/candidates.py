@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Effect, Stage
-from sim_vehicle.effects.base import Parameter as EffectParameter
 from sim_vehicle.model import Model
 from sysid.estimate import Problem
 from sysid.moments import likely_events
-from sysid.parameterisation import SMOOTH_STEP
+from sysid.parameterisation import effect_parameter
 
-# Starts that are looked at where outputs jump.
-_STEPS_TRIED = 9
+# Half steps that are looked at of a parameter over which the likelihood goes in steps: one is then on the right step.
+_HALF_STEPS = 40
 # Moments tried for something that happens once.
 _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
@@ -114,18 +113,20 @@ def _near_the_ground(problem: Problem) -> bool:
     return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
 
 
-def stepping_of(effect: Effect) -> list[EffectParameter]:
-    """Its parameters by which the likelihood goes in steps, up and down at every sample that they let through."""
-    return [parameter for parameter in effect.parameters if parameter.step > SMOOTH_STEP]
+def stepping_of(effect: Effect) -> dict[str, float]:
+    """Its parameters over which the likelihood goes in steps, up and down at every sample that they let through: name
+    -> size of a step.
+    """
+    fitted = {p.name: effect_parameter(effect.name, p.name) for p in effect.parameters if p.fitted}
+    return {name: one.step for name, one in fitted.items() if one.is_stepping}
 
 
-def _finer(effect: Effect, starts: tuple[dict[str, float], ...]) -> tuple[dict[str, float], ...]:
-    """The starts, or many more where the likelihood goes in steps over the parameter: one is then on the right step."""
-    stepping = stepping_of(effect)
-    if not stepping:
-        return starts
-    widths = np.geomspace(0.5 * min(stepping[0].starts), max(stepping[0].starts), _STEPS_TRIED)
-    return tuple({**starts[0], stepping[0].name: float(width)} for width in widths)
+def _starts(effect: Effect, events: Sequence[Mapping[str, float]]) -> tuple[dict[str, float], ...]:
+    """Values to start from: the effect's own, or half steps where the likelihood goes in steps."""
+    starts = effect.starts(events)
+    for name, step in stepping_of(effect).items():
+        starts = tuple({**starts[0], name: 0.5 * step * count} for count in range(1, _HALF_STEPS + 1))
+    return starts
 
 
 def candidates(problem: Problem, model: Model) -> list[Candidate]:
@@ -147,7 +148,7 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
             free = tuple(p.name for p in effect.parameters if p.fitted)
             if not events and any(p.moment for p in effect.parameters):
                 continue
-            starts = _finer(effect, effect.starts(events))
+            starts = _starts(effect, events)
         if free and starts:
             found.append(Candidate(effect, free, starts))
     return found

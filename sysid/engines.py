@@ -37,8 +37,8 @@ _TRIAL_STEPS = 12
 _BORNE_OUT = 4.0
 # Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
 _HILLY, _FIRST_STEPS = ("sensor_time_skew",), 3
-# Half steps of a size that are looked at, and log likelihood by which one step is like another.
-_SIZES, _ALIKE = 40, 1.0
+# Log likelihood by which one step is like another.
+_ALIKE = 1.0
 _LEAST_GUSTS = 0.02  # m/s, to start from
 # Starts of a candidate, as shares of what its score promises: a size too large may lie over the hill.
 _SHARES = (1.0, 0.3)
@@ -68,7 +68,7 @@ class Finalist:
 
         A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
         """
-        stepping = {parameter.name for parameter in stepping_of(self.candidate.effect)}
+        stepping = stepping_of(self.candidate.effect)
         sizes = [name for name in self.candidate.sizes if self.candidate.is_size(name) and name not in stepping]
         if len(sizes) < len(self.candidate.sizes):
             return self.gain  # a limit has no size that vanishes, and steps have no slope
@@ -116,10 +116,9 @@ def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start
     """The start in the middle of the likeliest step, for a candidate whose likelihood goes in steps; None where the
     filter loses the flight on all of them.
     """
-    stepping = stepping_of(candidate.effect)[0]
-    sizes = [0.5 * stepping.step * count for count in range(1, _SIZES + 1)]
-    starts = [{**candidate.starts[0], stepping.name: size} for size in sizes]
-    found = [_trial(problem, base, candidate, start, 0) for start in starts]
+    (name,) = stepping_of(candidate.effect)
+    sizes = [start[name] for start in candidate.starts]
+    found = [_trial(problem, base, candidate, start, 0) for start in candidate.starts]
     costs = np.array([np.inf if one is None else one.cost for one in found])
     best = int(np.argmin(costs))
     if not np.isfinite(costs[best]):
@@ -129,7 +128,7 @@ def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start
         first -= 1
     while last + 1 < len(sizes) and costs[last + 1] < costs[best] + _ALIKE:
         last += 1
-    return {**candidate.starts[0], stepping.name: 0.5 * (sizes[first] + sizes[last])}
+    return {**candidate.starts[0], name: 0.5 * (sizes[first] + sizes[last])}
 
 
 def _trial(problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int) -> FilterErrorResult | None:

@@ -69,7 +69,7 @@ SENSOR_ERRORS: dict[str, tuple[str, str, str, float]] = {
 
 
 # A parameter with a larger step moves the outputs in steps of about that size.
-SMOOTH_STEP = 1e-4
+_SMOOTH_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Parameter:
     @property
     def is_stepping(self) -> bool:
         """Whether the outputs go in steps over it, so that no slope leads anywhere."""
-        return self.difference is not None and self.difference > SMOOTH_STEP
+        return self.difference is not None and self.difference > _SMOOTH_STEP
 
 
 def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:

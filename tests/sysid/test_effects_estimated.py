@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from simulated import fly_mav
 
-from sim_vehicle.effects import parse_effect
+from sim_vehicle.effects import EFFECTS, parse_effect
 from sim_vehicle.model import Model, read_model
 from sim_vehicle.vehicle import load_vehicle
-from sysid.candidates import Candidate, candidates, extended
+from sysid.candidates import Candidate, candidates, extended, stepping_of
 from sysid.engines import Setting, fitted, tried
 from sysid.errors import SignalError
 from sysid.estimate import Problem, fit, free_coefficients
 from sysid.output_error import OutputErrorResult
+from sysid.parameterisation import effect_parameter
 from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 
@@ -41,6 +43,17 @@ def solved(problem: Problem, model: Model, candidate: Candidate, names: list[str
     return fit(problem, extended(model, candidate, start), names, candidate.names)
 
 
+def test_the_likelihood_goes_in_steps_over_a_dead_bands_width_alone() -> None:
+    """Fits hold such a parameter, and the search looks at its half steps: both by the same rule."""
+    stepping = {name: stepping_of(effect) for name, effect in EFFECTS.items() if stepping_of(effect)}
+    assert stepping == {"servo_deadband": {"width": 1e-3}}
+    held = {
+        (name, one.name) for name, effect in EFFECTS.items() for one in effect.parameters
+        if one.fitted and effect_parameter(name, one.name).is_stepping
+    }  # fmt: skip
+    assert held == {("servo_deadband", "width")}
+
+
 def test_a_dead_band_is_found_to_the_step_of_the_servo_pulses() -> None:
     """Commands come in steps of 1 us, 0.872 mrad: between two of them nothing tells half of the width."""
     text, step = "servo_deadband:width=0.006", 0.872e-3
@@ -51,7 +64,8 @@ def test_a_dead_band_is_found_to_the_step_of_the_servo_pulses() -> None:
     problem = make_problem(prepared, vehicle, check_compatibility(prepared))
     names = free_coefficients(list(model.coefficients), problem.motion)
     (candidate,) = (one for one in candidates(problem, model) if one.effect.name == effect.name)
-    found = solved(problem, model, candidate, names)
+    np.testing.assert_allclose([start["width"] for start in candidate.starts], 0.5e-3 * np.arange(1, 41))
+    found = solved(problem, model, replace(candidate, starts=candidate.starts[3::4]), names)
     assert abs(found.value("servo_deadband.width") - truth["width"]) < 2.0 * step
     assert found.cost < fit(problem, model, names).cost - 1000.0
 

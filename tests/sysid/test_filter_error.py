@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -16,7 +18,7 @@ from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.vehicle import load_vehicle
 from sim_vehicle.wind import WindField, dryden_gusts
 from sysid.dryden import Turbulence, gust_system
-from sysid.estimate import build_filter
+from sysid.estimate import build_filter, free_coefficients
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_pass import kalman_pass
 from sysid.filter_start import settled_path
@@ -27,6 +29,7 @@ from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 from sysid.signalcheck import SignalCheck
 from sysid.thrust_errors import with_thrust_errors
+from sysid.turbulent import estimate_in_turbulence
 
 VEHICLE = load_vehicle("iitb-mav")
 TRUTH = read_model("iitb-mav")
@@ -294,3 +297,27 @@ def test_in_calm_air_output_error_stays(rough: list[Identification]) -> None:
     calm = identify([gusty_flight(0.0, 42)], VEHICLE, systematic=False, check=SignalCheck())
     assert calm.likeliest is not None
     assert calm.likeliest.method == "oe"
+
+
+@pytest.mark.parametrize(("gain", "kept"), [(5.0, False), (2.0, True)])
+def test_a_sensor_error_that_no_sensor_has_is_held_and_refused(gain: float, kept: bool) -> None:
+    """A vane that reads five times the sideslip, in gusts, about which kinematics alone say nothing."""
+    flight = gusty_flight(0.3, 5)
+    beta = flight.signals["beta"]
+    wrong = {**flight.signals, "beta": replace(beta, values=gain * beta.values)}
+    prepared = [prepare(replace(flight, signals=wrong), VEHICLE, 0.0, 8.0)]
+    compatible = check_compatibility(prepared)
+    sensors = ("accel_bias_y", "beta_scale")
+    problem = make_problem(prepared, VEHICLE, compatible, sensors, run_s=60.0)
+    names = free_coefficients(list(TRUTH.coefficients), problem.motion)
+    solved, found, refused = estimate_in_turbulence(problem, TRUTH, names, (), compatible, sensors, brief=True)
+    told = [parameter.name for parameter in found.parameters if parameter.kind == "sensor"]
+    assert tuple(solved.sensors) == tuple(told) == (sensors if kept else sensors[:1])
+    if kept:
+        assert refused == []
+        assert abs(1.0 + found.value("beta_scale") - 1.005 * gain) < 4.0 * found.std("beta_scale")
+        return
+    (refusal,) = refused
+    assert refusal.name == "beta_scale"
+    assert refusal.reason.startswith("the readings ask for 5.")
+    assert "held at its nominal value" in refusal.reason
