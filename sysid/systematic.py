@@ -3,7 +3,8 @@
 Each perturbation changes what the estimator was told, not what was measured. Where the changed model fits as well as
 the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a thousandth of the change gives where
 the estimate would move, to first order: the change moves the residuals, and hardly the sensitivities. Late commands do
-not fit, which moves the weights of the outputs as well: there the estimation is repeated.
+not fit, which moves the weights of the outputs as well: there the estimation is repeated, on runs from all over a long
+flight, since how far it moves hardly depends on how long one flew.
 """
 
 from __future__ import annotations
@@ -89,6 +90,8 @@ LINEAR = (
 THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12
+# Seconds of flight on which an estimation is repeated.
+_REPEATED_S = 120.0
 
 
 def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
@@ -126,11 +129,31 @@ def systematic_errors(
         step = damped_step(information, downhill, 0.0, problem.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
-    late = replace(start, records=tuple(map(LATE.record, start.records)))
+    some, converged = _some_runs(start), True
+    if some is not start:
+        prompt = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+        values, converged = {name: prompt.value(name) for name in values}, prompt.converged
+    late = replace(some, records=tuple(map(LATE.record, some.records)))
     again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+    converged = converged and again.converged
     for name, value in values.items():
-        moved[name][LATE.name] = again.value(name) - value if again.converged else math.nan
+        moved[name][LATE.name] = again.value(name) - value if converged else math.nan
     return moved
+
+
+def _some_runs(problem: Problem) -> Problem:
+    """The problem with runs of some _REPEATED_S, evenly spread over its flights; itself where there are no more."""
+    total_s = sum(record.length * record.interval_s for record in problem.records)
+    if total_s <= _REPEATED_S:
+        return problem
+    count = len(problem.records)
+    kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * _REPEATED_S / total_s))).round().astype(int))
+    return replace(
+        problem,
+        records=tuple(problem.records[k] for k in kept),
+        guesses=tuple(problem.guesses[k] for k in kept),
+        paths=tuple(problem.paths[k] for k in kept) if problem.paths else (),
+    )
 
 
 def _shifts(problem: Problem, before: Sequence[Array], after: Sequence[Array]) -> list[Array]:
