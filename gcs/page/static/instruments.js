@@ -40,7 +40,7 @@ export class Instruments {
     Object.assign(this.values, signals)
     for (const { names, factor, decimals, value } of this.tiles) {
       const found = names.map(name => this.values[name]).find(Number.isFinite)
-      value.textContent = found === undefined ? NONE : (found * factor).toFixed(decimals).replace('-', '−')
+      value.textContent = found === undefined ? NONE : (found * factor).toFixed(decimals).replace(/^-(?=[0.]*$)/, '').replace('-', '−')
     }
     const { phi, theta } = this.values
     if (!Number.isFinite(phi) || !Number.isFinite(theta)) return
