@@ -98,14 +98,15 @@ def test_udp_keeps_every_datagram_in_order_with_its_arrival_time() -> None:
         before = time.time_ns()
         for data in sent:
             sender.send(data)
-        after = time.time_ns()
+        time.sleep(0.5)
+        fetched = time.time_ns()
         batches = collect(link, sum(map(len, sent)))
         assert [chunk for entry in batches for chunk in entry.chunks()] == sent
         times = [int(at) for entry in batches for at in entry.received_ns]
         assert times == sorted(times)
-        # The kernel stamps arrival, however late the datagram is fetched.
+        # The kernel stamps arrival, on a busy machine some 20 ms after sending, however late the datagram is fetched.
         assert before - 1_000_000 <= times[0]
-        assert times[-1] <= after + 1_000_000
+        assert times[-1] <= fetched - 200_000_000
         assert link.counters.reads == len(sent)
         assert link.counters.dropped == 0
 
