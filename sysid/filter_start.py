@@ -64,13 +64,13 @@ def _with_less_noise(
     """Noise, linearised records and pass brought towards what the innovations show, as far as the filter follows."""
     for _ in range(_ROUNDS):
         followed_so_far = [path.copy() for path in flight.paths]
-        less = noise * _misfits(found)
+        shown = noise * _misfits(found)
         with np.errstate(all="ignore"):
-            closer, there = settled_path(flight, theta, less, turbulence)
+            closer, there = settled_path(flight, theta, shown, turbulence)
         if not _follows_on_the_whole(there):
             flight.paths = followed_so_far
             break
-        noise, linear, found = less, closer, there
+        noise, linear, found = shown, closer, there
     return noise, linear, found
 
 

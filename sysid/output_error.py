@@ -207,7 +207,7 @@ class OutputError:
         """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
         n = self.predictor.size + nuisances
         M, g = np.zeros((n, n)), np.zeros(n)
-        jobs = [_POOL.submit(_gram, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
+        jobs = [_POOL.submit(gram, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
         for k, job in enumerate(jobs):
             place = self.places(k, nuisances)
             information, gradient = job.result()
@@ -352,7 +352,7 @@ def autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
     return np.concatenate((rho[:0:-1], rho))
 
 
-def _gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
+def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
     """Information matrix S' R^-1 S and gradient S' R^-1 nu of one record; missing samples count for nothing.
 
     s: (N, outputs, unknowns), residual: (N, outputs), of which `columns` count. Parts of the record are weighted and

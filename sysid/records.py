@@ -171,8 +171,8 @@ def height_for(record: Record, effects: Array) -> Array:
         return np.zeros(0)
     if not record.climbed.size:
         raise SignalError(
-            f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude or the velocity "
-            "over ground"
+            f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude (HIGHRES_IMU, "
+            "VFR_HUD) or the vertical velocity (GLOBAL_POSITION_INT, LOCAL_POSITION_NED)"
         )
     return record.climbed
 

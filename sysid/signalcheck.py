@@ -23,7 +23,8 @@ _DENSITIES = (0.3, 1.7)
 # Thrust over weight beyond which no small aircraft goes.
 _THRUST_TO_WEIGHT = 5.0
 _GRAM_FORCE = 9.80665e-3
-# Wind in which no small aircraft flies, m/s: from here on Beaufort's scale calls it a hurricane.
+# Wind in which no small aircraft flies, m/s: from here on Beaufort's scale calls it a hurricane. Larger ones meet half
+# their own airspeed at height.
 _HURRICANE = 32.7
 # Lift coefficients between which aircraft fly straight, from fast to nearly stalled.
 _LIFTS = (0.05, 2.0)
@@ -124,7 +125,7 @@ def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle)
 
 
 def _impossible_winds(parts: Sequence[FlightData], doubted: AbstractSet[str]) -> list[Mistake]:
-    """Velocities over ground that airspeed and heading would need a wind for that no aircraft flies in.
+    """Velocities over ground that airspeed and heading would need a wind for that this aircraft would not fly in.
 
     Kinematics compare motions quicker than 0.15 Hz, and along a heading that is kept there may be none above the noise.
     doubted: signals with another mistake, which say nothing against these.
@@ -141,12 +142,15 @@ def _impossible_winds(parts: Sequence[FlightData], doubted: AbstractSet[str]) ->
         here = np.isfinite(read + air)
         typical, flown = float(np.median(read[here])), float(np.median(air[here]))
         # Where the reading is no larger, it is the airspeed or the heading that may be wrong.
-        if abs(typical) - abs(flown) <= _HURRICANE:
+        greatest = max(_HURRICANE, 0.5 * float(np.nanmedian(np.concatenate([part["airspeed"] for part in told]))))
+        if abs(typical) - abs(flown) <= greatest:
             continue
         unit, factor = min(SPEED.items(), key=lambda entry: abs(typical * entry[1] - flown))
-        fits = abs(typical * factor - flown) < _HURRICANE
+        fits = abs(typical * factor - flown) < greatest
         cure = f"and looks like {unit}: scale it by {factor:.4g} in [signals] of the vehicle file"
-        other = "which no aircraft flies in: give its unit by scale and offset in [signals] of the vehicle file"
+        other = (
+            "which this aircraft would not fly in: give its unit by scale and offset in [signals] of the vehicle file"
+        )
         text = f"{name} would be a wind of {abs(typical - flown):.0f} m/s {cure if fits else other}"
         found.append(Mistake(name, "unit", factor if fits else float("nan"), float("nan"), unit, text, (name,), False))
     return found

@@ -18,9 +18,10 @@ import numpy as np
 from sim_vehicle.model import Model
 from sim_vehicle.propulsion import scaled
 from sim_vehicle.vehicle import Vehicle
+from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
-from sysid.output_error import OutputErrorResult
+from sysid.output_error import OutputErrorResult, gram
 from sysid.records import SURFACES, Record, angle_wrap
 from sysid.shifts import held_back
 from sysid.steps import damped_step
@@ -92,6 +93,8 @@ LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12
 # Seconds of flight on which an estimation is repeated.
 _REPEATED_S = 120.0
+# What these runs tell of each parameter, over what as much of the whole flight tells in the mean, at least.
+_LEAST_TOLD = 0.3
 
 
 def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
@@ -108,7 +111,7 @@ def systematic_errors(
 ) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
-    NaN for late commands where the repeated estimation did not come to an end.
+    NaN for late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
@@ -129,25 +132,53 @@ def systematic_errors(
         step = damped_step(information, downhill, 0.0, problem.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
-    some, converged = _some_runs(start), True
-    if some is not start:
-        prompt = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
-        values, converged = {name: prompt.value(name) for name in values}, prompt.converged
-    late = replace(some, records=tuple(map(LATE.record, some.records)))
-    again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
-    converged = converged and again.converged
-    for name, value in values.items():
-        moved[name][LATE.name] = again.value(name) - value if converged else math.nan
+    told = np.array(
+        [
+            np.diag(gram(s, record.z, estimation.columns, result.sigma)[0])[: len(values)]
+            for s, record in zip(S, problem.records, strict=True)
+        ]
+    )
+    late = _moved_by_late_commands(_some_runs(start, told), start, model, coefficients, effects, values)
+    for name in values:
+        moved[name][LATE.name] = late.get(name, math.nan)
     return moved
 
 
-def _some_runs(problem: Problem) -> Problem:
-    """The problem with runs of some _REPEATED_S, evenly spread over its flights; itself where there are no more."""
+def _moved_by_late_commands(
+    some: Problem,
+    whole: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    values: dict[str, float],
+) -> dict[str, float]:
+    """Change of every parameter, estimated on `some` runs of the `whole`; none where that does not come to an end."""
+    late = replace(some, records=tuple(map(LATE.record, some.records)))
+    try:
+        if some is not whole:
+            prompt = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+            if not prompt.converged:
+                return {}
+            values = {name: prompt.value(name) for name in values}
+        again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+    except EstimationError:
+        return {}
+    return {name: again.value(name) - value for name, value in values.items()} if again.converged else {}
+
+
+def _some_runs(problem: Problem, told: Array) -> Problem:
+    """The problem with runs of some _REPEATED_S, evenly spread over its flights.
+
+    told: (runs, P) information of each run on each parameter. The problem itself comes back where it is no longer, or
+    where those runs do not tell of every parameter what they should: one axis may have been flown in the others.
+    """
     total_s = sum(record.length * record.interval_s for record in problem.records)
     if total_s <= _REPEATED_S:
         return problem
-    count = len(problem.records)
-    kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * _REPEATED_S / total_s))).round().astype(int))
+    count, share = len(problem.records), _REPEATED_S / total_s
+    kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * share))).round().astype(int))
+    if np.any(told[kept].sum(axis=0) < _LEAST_TOLD * share * told.sum(axis=0)):
+        return problem
     return replace(
         problem,
         records=tuple(problem.records[k] for k in kept),

@@ -11,14 +11,15 @@ from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from sysid.errors import SegmentError, SignalError
 
-_CURE = "copy the whole file again, or record the flight anew"
+_CURE = "wait for its end, copy the whole file again, or record the flight anew"
 
 
 def cut_off(recording: Recording) -> str:
-    """One clause that says where a recording was cut off; empty for one that has its end."""
+    """One clause that says where a recording without an end stops; empty for one that has it."""
     if not recording.truncated:
         return ""
-    return f"{recording.path} is incomplete: it was cut off {recording.duration_s:.1f} s after its first message"
+    where = f"{recording.duration_s:.1f} s after its first message"
+    return f"{recording.path} is incomplete: still being written, or cut off {where}"
 
 
 @contextmanager

@@ -30,6 +30,8 @@ _QUEUE_BYTES = 1 << 20
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _LOOK_S = 0.25
 _LOST_S = 2.0
+# A process that has not looked at a batch for so long stands still.
+_BEHIND_S = 10.0
 _STOP_TIMEOUT_S = 3.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 # A process that has lived that long was well: the next pause is a short one again.
@@ -119,13 +121,14 @@ class LiveFeed:
         """Whether messages come: waiting (none yet), live, or lost (none for 2 s).
 
         By the time at which bytes came, not at which their signals are told: a process that is behind on a busy
-        machine loses nothing. What it has not looked at yet counts as neither.
+        machine loses nothing. What it has not looked at yet counts as neither, unless it has not for 10 s.
         """
         heard = self.state.heard_s
         if heard is None:
             return "waiting"
         with self._changed:
-            looked_s = self._given[0][1] if self._given else time.monotonic()
+            now = time.monotonic()
+            looked_s = max(self._given[0][1], now - _BEHIND_S) if self._given else now
         return "live" if looked_s - heard < _LOST_S else "lost"
 
     def _put(self, record: bytes) -> None:

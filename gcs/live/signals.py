@@ -82,6 +82,13 @@ class _Wanted:
         return best
 
 
+def _each_once(stream: Stream) -> Stream:
+    """The first message of each time, in order of time. Several names may be told at one time, each in its own."""
+    if stream.time_s.size < 2 or np.all(np.diff(stream.time_s) > 0.0):
+        return stream
+    return stream.only(np.unique(stream.time_s, return_index=True)[1])
+
+
 class SignalStream:
     """Takes a vehicle's messages, gives new samples of every signal.
 
@@ -132,17 +139,13 @@ class SignalStream:
 
     def _read(self, stream: Stream, autopilot: int, found: dict[str, Samples]) -> None:
         named: dict[str, Stream] = {}
-        if stream.time_s.size > 1 and not np.all(np.diff(stream.time_s) > 0.0):
-            _, first = np.unique(stream.time_s, return_index=True)
-            stream = stream.only(first)
         for name, source in self._by_message.get(stream.message, ()):
             if stream.message == "AOA_SSA" and not source.declared and autopilot == MAV_AUTOPILOT_ARDUPILOT:
                 continue
-            chosen = stream
-            if source.source.name:
-                if source.source.name not in named:
-                    named[source.source.name] = stream.named(source.source.name)
-                chosen = named[source.source.name]
+            own = source.source.name
+            if own not in named:
+                named[own] = _each_once(stream.named(own) if own else stream)
+            chosen = named[own]
             if not chosen.log_ns.size:
                 continue
             samples = _fresh(name, source, chosen)

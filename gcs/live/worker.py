@@ -26,6 +26,8 @@ from sim_vehicle.vehicle import Vehicle, load_vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
 
+# The recorder comes first where both want the processor.
+_NICENESS = 5
 _READ_BYTES = 1 << 20
 # Messages are taken together so often: taking one costs hardly less than taking all of a turn.
 _TURN_S = 0.1
@@ -137,6 +139,7 @@ def _read(unpacker: Unpacker) -> list[Batch | str] | None:
 def main(arguments: list[str]) -> int:
     """arguments: the dialect, and the vehicle file or "". Exit code 1 for a named error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input tells when to stop
+    os.nice(_NICENESS)
     dialect, vehicle = arguments
     try:
         known = load_vehicle(vehicle) if vehicle else None

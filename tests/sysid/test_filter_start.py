@@ -65,9 +65,11 @@ def test_noise_is_brought_down_only_as_far_as_the_filter_follows(start: tuple[Fi
     """Without gusts to lean on, the noise that the first innovations show loses the flight."""
     one, theta = start
     honest, paths = one.noise, [path.copy() for path in one.paths]
-    _, _, found = followed(one, theta, Turbulence(0.02, 0.02))
+    noise, _, found = followed(one, theta, Turbulence(0.02, 0.02))
+    begun = one.noise
     one.noise, one.paths = honest, paths
     assert found.is_finite
+    assert np.any(noise < 0.1 * begun)
 
 
 def test_a_flight_that_no_noise_explains_is_refused_in_one_line(start: tuple[FilterError, Array]) -> None:

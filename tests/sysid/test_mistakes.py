@@ -123,7 +123,9 @@ def test_a_gale_is_no_mistake_and_a_velocity_that_no_unit_explains_is_named(stra
         check_signals([prepare(fast, STICK)], STICK)
     assert re.findall(r"\bv[ned]\b", str(stopped.value)) == []
     far = Injection(("vn",), "bias", "1e5", lambda s: {"vn": s["vn"].values + 1e5}).apply(straight)
-    with pytest.raises(SignalError, match="vn would be a wind of 100000 m/s which no aircraft flies in: give its unit"):
+    with pytest.raises(
+        SignalError, match="vn would be a wind of 100000 m/s which this aircraft would not fly in: give its unit"
+    ):
         check_signals([prepare(far, STICK)], STICK)
 
 

@@ -43,7 +43,7 @@ def test_one_that_holds_no_flight_is_called_cut_off(
     assert main([word.format(path) for word in command]) == 1
     told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("gcs ")]
     assert len(told) == 1
-    assert f"{path} is incomplete: it was cut off 1.0 s after its first message" in told[0]
+    assert f"{path} is incomplete: still being written, or cut off 1.0 s after its first message" in told[0]
     assert "copy the whole file again" in told[0]
     assert "--from" not in told[0]
 
@@ -72,13 +72,13 @@ def test_what_a_cut_flight_tells_comes_with_a_warning(whole: Path, tmp_path: Pat
     vehicle = load_vehicle("iitb-mav")
     path = cut(whole, whole.stat().st_size - 5_000, tmp_path)
     (shorter,), (full,) = read_flights([path], vehicle), read_flights([whole], vehicle)
-    assert any("is incomplete: it was cut off" in warning for warning in shorter.warnings)
+    assert any("is incomplete: still being written, or cut off" in warning for warning in shorter.warnings)
     assert not any("incomplete" in warning for warning in full.warnings)
 
 
 def test_other_errors_keep_their_words(whole: Path, tmp_path: Path) -> None:
     path = cut(whole, 20_000, tmp_path)
-    told = r"vn looks like knots; .* is incomplete: .* if that is why, copy"
+    told = r"vn looks like knots; .* is incomplete: .* if that is why, wait for its end, copy"
     with pytest.raises(RecordingError, match=told), naming_cuts([path]):
         raise SignalError("vn looks like knots")
     with pytest.raises(SegmentError, match=r"^flight: give the part by --from and --to$"), naming_cuts([whole]):

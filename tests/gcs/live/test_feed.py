@@ -98,3 +98,9 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
         now[0] += 1.0
     behind._take({"kind": "taken", "taken": 12})
     assert behind.link_state == "lost"
+    behind.offer("udpin", batch(data, 0))
+    told(13)
+    behind.offer("udpin", batch(data, 0))
+    assert behind.link_state == "live"
+    now[0] += 15.0
+    assert behind.link_state == "lost"  # a process that stands still says nothing of the vehicle

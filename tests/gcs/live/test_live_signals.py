@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
 
 from gcs.flights.signals import extract
@@ -114,3 +115,26 @@ def test_records_come_out_of_the_pipe_as_they_went_in() -> None:
     assert isinstance(taken, Batch)
     assert (taken.source, taken.data, taken.ends.tolist()) == ("udpin:1", sent.data, sent.ends.tolist())
     assert taken.received_ns.tolist() == sent.received_ns.tolist()
+
+
+@pytest.mark.parametrize("frames", [1, 16, 1000])
+def test_values_of_several_names_at_one_time_are_all_taken(frames: int) -> None:
+    """A board sends its vanes and its thrust one after the other under the same stamp."""
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    sent = [sender.heartbeat_encode(1, 3, 0, 0, 4).pack(sender)]
+    for stamp in range(20):
+        for name in ("alpha2", "beta2", "thrust"):
+            told = sender.named_value_float_encode(1000 + 20 * stamp, name.encode(), 0.1 * stamp)
+            sent += [told.pack(sender)]
+    vehicle = load_vehicle("iitb-mav")
+    messages, stream = VehicleMessages(Dialect.load(), SignalStream(vehicle).messages), SignalStream(vehicle)
+    counted: dict[str, int] = {}
+    for at in range(0, len(sent), frames):
+        part = [(frame, SECOND + 20_000_000 * (at + k)) for k, frame in enumerate(sent[at : at + frames])]
+        for name, samples in stream.take(messages.take([Batch.of(part, "radio")]), messages.autopilot).items():
+            counted[name] = counted.get(name, 0) + samples.time_s.size
+    assert {name: counted.get(name) for name in ("alpha2", "beta2", "thrust")} == {
+        "alpha2": 20,
+        "beta2": 20,
+        "thrust": 20,
+    }
