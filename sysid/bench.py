@@ -136,10 +136,7 @@ def carry(
     inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for error in errors:
-        changed = replace(problem, records=tuple(map(error.record, problem.records)))
-        false = feigned(changed, problem)
-        other = build(changed, model, coefficients, effects, result.sigma) if false.inputs_changed else None
-        shifted = _shifted(residuals, false, other, result.theta)
+        false, shifted = _misled(error, problem, model, coefficients, effects, result, residuals)
         _, pull = estimation.normal_equations(result.theta, shifted, S, result.sigma)
         pull[: len(result.parameters)] += _prior_pull(estimation, problem, false.sensors)
         step = inverse @ (pull - still)
@@ -168,21 +165,28 @@ def bench_slopes(
     residuals = estimation.residuals(estimation.predict(result.theta))
     added: list[list[Array]] = [[] for _ in residuals]
     for error in errors:
-        changed = replace(problem, records=tuple(map(error.record, problem.records)))
-        false = feigned(changed, problem)
-        other = build(changed, model, coefficients, effects, result.sigma) if false.inputs_changed else None
-        for k, (before, after) in enumerate(
-            zip(residuals, _shifted(residuals, false, other, result.theta), strict=True)
-        ):
+        _, shifted = _misled(error, problem, model, coefficients, effects, result, residuals)
+        for k, (before, after) in enumerate(zip(residuals, shifted, strict=True)):
             added[k].append(np.nan_to_num(angle_wrap(after - before)))
     return [np.stack(one, axis=2) for one in added]
 
 
-def _shifted(residuals: Sequence[Array], false: Feigned, other: OutputError | None, theta: Array) -> list[Array]:
-    """Residuals after a bench error. other: the estimation with it, where it changes what the simulation is given."""
-    if other is not None:
-        return other.residuals(other.predict(theta))
-    return [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
+def _misled(
+    error: BenchError,
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+    residuals: Sequence[Array],
+) -> tuple[Feigned, list[Array]]:
+    """What a bench error feigns, and the residuals of each record with it; `residuals` are those without."""
+    changed = replace(problem, records=tuple(map(error.record, problem.records)))
+    false = feigned(changed, problem)
+    if not false.inputs_changed:
+        return false, [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
+    other = build(changed, model, coefficients, effects, result.sigma)
+    return false, other.residuals(other.predict(result.theta))
 
 
 @dataclass(frozen=True)
