@@ -279,11 +279,12 @@ def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: floa
     R[5, 4] += by_flow[4] - Ixz * r - (Iyy - Ixx) * p
     R[5, 5] -= Ixz * q
     determinant = Ixx * Izz - Ixz * Ixz
+    by_roll, by_pitch, by_yaw, crossed = Izz / determinant, 1.0 / Iyy, Ixx / determinant, Ixz / determinant
     for z in range(COLUMNS):
         left, right = R[3, z], R[5, z]
-        R[3, z] = (Izz * left + Ixz * right) / determinant
-        R[4, z] /= Iyy
-        R[5, z] = (Ixz * left + Ixx * right) / determinant
+        R[3, z] = by_roll * left + crossed * right
+        R[4, z] *= by_pitch
+        R[5, z] = crossed * left + by_yaw * right
 
 
 @jit_fused

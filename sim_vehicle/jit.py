@@ -50,16 +50,35 @@ def compiled_mark() -> Path:
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
 
+# Counting references to arrays takes longer than most of these functions work; who has no array of its own need not.
+_LEAN: dict[str, Any] = {**_OPTIONS, "_nrt": False}
+# Said, since numba hands a caller's choice on to what it compiles for it.
+_COUNTING: dict[str, Any] = {**_OPTIONS, "_nrt": True}
+
+
 def jit(function: Function) -> Function:
-    """Compile a numerical function on first call and keep the machine code on disk."""
-    return cast(Function, numba.njit(**_OPTIONS)(function))
+    """Compile a numerical function on first call and keep the machine code on disk.
+
+    It works on arrays that its caller owns: it makes none and returns none, nor calls what returns one.
+    """
+    return cast(Function, numba.njit(**_LEAN)(function))
+
+
+def jit_arrays(function: Function) -> Function:
+    """As `jit`, for a function that makes arrays, or is given them by one that does."""
+    return cast(Function, numba.njit(**_COUNTING)(function))
 
 
 def jit_fused(function: Function) -> Function:
     """As `jit`, but a product and a sum may be rounded once instead of twice, as fused machine instructions do."""
-    return cast(Function, numba.njit(**_OPTIONS, fastmath={"contract"})(function))
+    return cast(Function, numba.njit(**_LEAN, fastmath={"contract"})(function))
+
+
+def jit_fused_arrays(function: Function) -> Function:
+    """As `jit_fused`, for a function that makes arrays."""
+    return cast(Function, numba.njit(**_COUNTING, fastmath={"contract"})(function))
 
 
 def jit_inlined(function: Function) -> Function:
     """As `jit`, and always put into its callers: a part of a hot loop whose many arrays would make a call slow."""
-    return cast(Function, numba.njit(**_OPTIONS, forceinline=True)(function))
+    return cast(Function, numba.njit(**_LEAN, forceinline=True)(function))

@@ -24,14 +24,24 @@ _TURN = FORCED * STATE_COLUMNS
 @jit_fused
 def _stage(A: Array, force: Array, Y: Array, K: Array) -> None:
     """Rates K (BLOCK,) of the tangents Y (BLOCK,) of a stage A (STAGE,) under the direct effects (6 WIDTH,)."""
-    for r in range(6):
-        a0, a1, a2, a3, a4 = A[10 * r], A[10 * r + 1], A[10 * r + 2], A[10 * r + 3], A[10 * r + 4]
-        a5, a6, a7, a8, a9 = A[10 * r + 5], A[10 * r + 6], A[10 * r + 7], A[10 * r + 8], A[10 * r + 9]
+    for r in range(0, FORCED, 2):
+        first, second = STATE_COLUMNS * r, STATE_COLUMNS * (r + 1)
+        a0, a1, a2, a3, a4 = A[first], A[first + 1], A[first + 2], A[first + 3], A[first + 4]
+        a5, a6, a7, a8, a9 = A[first + 5], A[first + 6], A[first + 7], A[first + 8], A[first + 9]
+        b0, b1, b2, b3, b4 = A[second], A[second + 1], A[second + 2], A[second + 3], A[second + 4]
+        b5, b6, b7, b8, b9 = A[second + 5], A[second + 6], A[second + 7], A[second + 8], A[second + 9]
         for i in range(WIDTH):
+            y0, y1, y2, y3, y4 = Y[i], Y[WIDTH + i], Y[2 * WIDTH + i], Y[3 * WIDTH + i], Y[4 * WIDTH + i]
+            y5, y6, y7, y8, y9 = (
+                Y[5 * WIDTH + i], Y[6 * WIDTH + i], Y[7 * WIDTH + i], Y[8 * WIDTH + i], Y[9 * WIDTH + i],
+            )  # fmt: skip
             K[WIDTH * r + i] = (
-                force[WIDTH * r + i] + a0 * Y[i] + a1 * Y[WIDTH + i] + a2 * Y[2 * WIDTH + i] + a3 * Y[3 * WIDTH + i]
-                + a4 * Y[4 * WIDTH + i] + a5 * Y[5 * WIDTH + i] + a6 * Y[6 * WIDTH + i] + a7 * Y[7 * WIDTH + i]
-                + a8 * Y[8 * WIDTH + i] + a9 * Y[9 * WIDTH + i]
+                (force[WIDTH * r + i] + a0 * y0 + a1 * y1 + a2 * y2 + a3 * y3 + a4 * y4)
+                + (a5 * y5 + a6 * y6 + a7 * y7 + a8 * y8 + a9 * y9)
+            )  # fmt: skip
+            K[WIDTH * (r + 1) + i] = (
+                (force[WIDTH * (r + 1) + i] + b0 * y0 + b1 * y1 + b2 * y2 + b3 * y3 + b4 * y4)
+                + (b5 * y5 + b6 * y6 + b7 * y7 + b8 * y8 + b9 * y9)
             )  # fmt: skip
     q0, q1, q2, q3 = 0.5 * A[_TURN], 0.5 * A[_TURN + 1], 0.5 * A[_TURN + 2], 0.5 * A[_TURN + 3]
     p, q, r_ = 0.5 * A[_TURN + 4], 0.5 * A[_TURN + 5], 0.5 * A[_TURN + 6]
@@ -121,6 +131,40 @@ def direct_effects(R: Array, products: Array, terms: IntArray, columns: IntArray
 
 
 @jit_fused
+def _read_row(h: Array, gain: float, tangent: Array, row: int, count: int, out: Array) -> None:
+    """Derivatives of one reading by the first `count` unknowns of a block, into `out`.
+
+    row: of READINGS, with Jacobian h (COLUMNS,), of which what always vanishes is passed over.
+    """
+    if 3 <= row < 6:  # a rate follows from itself alone
+        alone = gain * h[row]
+        for i in range(count):
+            out[i] = alone * tangent[row * WIDTH + i]
+        return
+    h0, h1, h2, h3, h4, h5 = gain * h[0], gain * h[1], gain * h[2], gain * h[3], gain * h[4], gain * h[5]
+    if row < 3 or (9 <= row < 12 and h[6] == 0.0 and h[7] == 0.0 and h[8] == 0.0 and h[9] == 0.0):
+        for i in range(count):
+            out[i] = (h0 * tangent[i] + h1 * tangent[WIDTH + i] + h2 * tangent[2 * WIDTH + i]) + (
+                h3 * tangent[3 * WIDTH + i] + h4 * tangent[4 * WIDTH + i] + h5 * tangent[5 * WIDTH + i]
+            )
+        return
+    h6, h7, h8, h9 = gain * h[6], gain * h[7], gain * h[8], gain * h[9]
+    if row < 9:
+        for i in range(count):
+            out[i] = (h6 * tangent[6 * WIDTH + i] + h7 * tangent[7 * WIDTH + i]) + (
+                h8 * tangent[8 * WIDTH + i] + h9 * tangent[9 * WIDTH + i]
+            )
+        return
+    for i in range(count):
+        out[i] = (
+            (h0 * tangent[i] + h1 * tangent[WIDTH + i] + h2 * tangent[2 * WIDTH + i] + h3 * tangent[3 * WIDTH + i]
+             + h4 * tangent[4 * WIDTH + i])
+            + (h5 * tangent[5 * WIDTH + i] + h6 * tangent[6 * WIDTH + i] + h7 * tangent[7 * WIDTH + i]
+               + h8 * tangent[8 * WIDTH + i] + h9 * tangent[9 * WIDTH + i])
+        )  # fmt: skip
+
+
+@jit_fused
 def read_lanes(X: Array, H: Array, rows: IntArray, gain: Array, products: Array, terms: IntArray, columns: IntArray,
                places: IntArray, out: Array, work: Array) -> None:  # fmt: skip
     """Derivatives of readings, gain times H (readings, COLUMNS), for every unknown: out[i, places[lane]].
@@ -128,19 +172,17 @@ def read_lanes(X: Array, H: Array, rows: IntArray, gain: Array, products: Array,
     rows: of H, one for each row of `out`. gain: likewise. terms, columns: as in `direct_effects`. work: (WIDTH,).
     """
     for block in range(X.shape[0]):
-        tangent = X[block]
-        count = min(WIDTH, columns.size - block * WIDTH)
+        first = block * WIDTH
+        count = min(WIDTH, columns.size - first)
+        # Unknowns mostly stand side by side, and are then written at once.
+        together = places[first + count - 1] - places[first] == count - 1
         for k in range(rows.size):
-            h = H[rows[k]]
-            for i in range(WIDTH):
-                work[i] = (
-                    h[0] * tangent[i] + h[1] * tangent[WIDTH + i] + h[2] * tangent[2 * WIDTH + i]
-                    + h[3] * tangent[3 * WIDTH + i] + h[4] * tangent[4 * WIDTH + i] + h[5] * tangent[5 * WIDTH + i]
-                    + h[6] * tangent[6 * WIDTH + i] + h[7] * tangent[7 * WIDTH + i] + h[8] * tangent[8 * WIDTH + i]
-                    + h[9] * tangent[9 * WIDTH + i]
-                )  # fmt: skip
-            for i in range(count):
-                out[k, places[block * WIDTH + i]] = gain[k] * work[i]
+            if together:
+                _read_row(H[rows[k]], gain[k], X[block], rows[k], count, out[k, places[first] :])
+            else:
+                _read_row(H[rows[k]], gain[k], X[block], rows[k], count, work)
+                for i in range(count):
+                    out[k, places[first + i]] = work[i]
     for k in range(rows.size):
         if rows[k] < 9 or rows[k] > 11:
             continue  # only accelerometers feel an unknown before it has moved anything

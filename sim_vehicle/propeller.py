@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.layout import CQ_PLACE, CT_PLACE, CURVE_COEFFICIENTS, Par
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def rotor_speed(throttle: float, thrust: float, P: Array) -> float:
     return speed
 
 
-@jit
+@jit_arrays
 def along(throttle: Array, V: Array, rho: Array, P: Array) -> tuple[Array, Array]:
     """Thrust [N] and torque [N m], (N,) each, at every sample of a flight; arguments as of `throttle_thrust`."""
     thrust, torque = np.empty(throttle.size), np.empty(throttle.size)

@@ -10,7 +10,7 @@ from sim_vehicle.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.sensor_time_skew import delay_channels
 from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.sensing import read_sensors
 
@@ -26,7 +26,7 @@ _HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresi
 HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 
-@jit
+@jit_arrays
 def effects_flown(E: Array, thrust: float) -> Array:
     """The effect vector less what measured thrust already holds: its own loss with speed."""
     if E[_LOSS] == 0.0 or np.isnan(thrust):
@@ -36,7 +36,7 @@ def effects_flown(E: Array, thrust: float) -> Array:
     return flown
 
 
-@jit
+@jit_arrays
 def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
     """Thrust [N] (N,) of the propeller behind what its sensor tells; NaN, where the throttle tells it, stays.
 
@@ -102,7 +102,7 @@ def impose(x: Array, held: Array) -> None:
     x[9] = cr * cp * sy - sr * sp * cy
 
 
-@jit
+@jit_arrays
 def settle_lift(
     x: Array, surfaces: Array, thrust: float, rho: float, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
     T: IntArray, W: Array, rate: Array,
@@ -120,7 +120,7 @@ def settle_lift(
         x[13] = alpha - E[_SLOW_TAU] * (x[3] * rate[5] - x[5] * rate[3]) / (x[3] ** 2 + x[5] ** 2)
 
 
-@jit
+@jit_arrays
 def simulate(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
     sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
@@ -184,7 +184,7 @@ def simulate(
     delay_readings(y, E, dt)
 
 
-@jit
+@jit_arrays
 def simulate_variants(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
     sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
@@ -199,7 +199,7 @@ def simulate_variants(
                  gusts, P, E[i], C[i], F, K, T, y[i])  # fmt: skip
 
 
-@jit
+@jit_arrays
 def evaluate_path(
     states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: bool, P: Array,
     E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, coefficients: Array,

@@ -15,7 +15,7 @@ from sim_vehicle.dynamics import derivatives
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
-from sim_vehicle.jit import jit_fused
+from sim_vehicle.jit import jit_fused, jit_fused_arrays
 from sim_vehicle.lanes import (
     BLOCK,
     FORCED,
@@ -39,6 +39,16 @@ TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
 _GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
 _SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
+
+
+@jit_fused_arrays
+def _add_shear(x: Array, gradient: float, A: Array) -> None:
+    """Add to the rows of u v w in A (STAGE,) what a wind that grows with height makes of them."""
+    by_shear = np.empty((3, 7))
+    shear_slopes(x, gradient, by_shear)
+    for row in range(3):
+        for z in range(7):
+            A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
 
 
 @jit_fused
@@ -69,11 +79,7 @@ def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, A: A
     A[16], A[17], A[18], A[19] = A[16] + g * q1, A[17] + g * q0, A[18] + g * q3, A[19] + g * q2
     A[26], A[27], A[28], A[29] = A[26] + g * q0, A[27] - g * q1, A[28] - g * q2, A[29] + g * q3
     if E[_SHEAR] != 0.0:
-        by_shear = np.empty((3, 7))
-        shear_slopes(x, E[_SHEAR_G], by_shear)
-        for row in range(3):
-            for z in range(7):
-                A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
+        _add_shear(x, E[_SHEAR_G], A)
     for row in range(slopes.size):
         if np.isfinite(slopes[row]):
             for z in range(STATE_COLUMNS):
@@ -128,7 +134,7 @@ def _quaternion_slopes(x: Array, slopes: Array) -> None:
     slopes[0, 2], slopes[1, 2], slopes[2, 2], slopes[3, 2] = -0.5 * q3, -0.5 * q2, 0.5 * q1, 0.5 * q0
 
 
-@jit_fused
+@jit_fused_arrays
 def _impose_tangents(x: Array, held: Array, X: Array) -> None:
     """Impose `held` (9,) on the state `x`: what is imposed follows from no unknown."""
     before, after, M = np.empty((3, 4)), np.empty((4, 3)), np.zeros((4, 4))
@@ -150,7 +156,7 @@ def _impose_tangents(x: Array, held: Array, X: Array) -> None:
     turn_quaternions(X, M)
 
 
-@jit_fused
+@jit_fused_arrays
 def initial_tangents(x: Array, states: IntArray, lanes: IntArray, X: Array) -> None:
     """Put the derivatives of the state `x` by the initial `states` (of u v w p q r phi theta psi) into their lanes."""
     slopes = np.empty((4, 3))
@@ -164,7 +170,7 @@ def initial_tangents(x: Array, states: IntArray, lanes: IntArray, X: Array) -> N
                 X[block, (6 + k) * WIDTH + i] = slopes[k, states[j] - 6]
 
 
-@jit_fused
+@jit_fused_arrays
 def simulate_tangents(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
     sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,

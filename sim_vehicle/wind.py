@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def dryden_spectrum(frequency: ArrayLike, sigma: float, length: float, airspeed:
     return np.stack([along, across, across])
 
 
-@jit
+@jit_arrays
 def _second_order(decay: float, step: float, root: Array, noise: Array, start: Array) -> Array:
     """sqrt(3) x1 + (1 - sqrt(3)) x2 of x1' = (n - x1) / tau, x2' = (x1 - x2) / tau, stepped exactly."""
     c1 = np.sqrt(3.0)
@@ -45,7 +45,7 @@ def _second_order(decay: float, step: float, root: Array, noise: Array, start: A
     return out
 
 
-@jit
+@jit_arrays
 def _first_order(decay: float, noise: Array, start: float) -> Array:
     out = np.empty(noise.shape[0])
     x = start

@@ -17,7 +17,7 @@ from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_a
 from sim_vehicle.dynamics import derivatives, runge_kutta_along
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
-from sim_vehicle.jit import jit, jit_inlined
+from sim_vehicle.jit import jit, jit_arrays, jit_inlined
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.sensing import read_sensors
 
@@ -29,7 +29,7 @@ _LAG, _TAU, _RATE = slot("actuator_lag"), slot("actuator_lag", "tau"), slot("act
 _MOTOR, _MOTOR_TAU, _OWN_TAU = slot("motor_lag"), slot("motor_lag", "tau"), int(Par.motor_tau)
 
 
-@jit
+@jit_arrays
 def run_actuators(
     commands: Array, start: int, length: int, dt: float, sub_steps: int, command_first: bool, P: Array, E: Array,
     over: Array, seen: Array,
@@ -88,7 +88,7 @@ def _from_simulation(x: Array, s: Array) -> None:
     s[8] = atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
 
 
-@jit
+@jit_arrays
 def _step(
     s: Array, gust: Array, over: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
     C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
@@ -108,7 +108,7 @@ def _step(
     _from_simulation(x, out)
 
 
-@jit
+@jit_arrays
 def _read(
     s: Array, gust: Array, seen: Array, thrust: float, rho: float, interval: float, P: Array, E: Array, C: Array,
     F: IntArray, K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array,
@@ -129,7 +129,7 @@ def _read(
         out[j] = full[places[j]]
 
 
-@jit
+@jit_arrays
 def predict_path(
     before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, over: Array,
     seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array,
@@ -178,7 +178,7 @@ def predict_path(
     return ahead, y
 
 
-@jit
+@jit_arrays
 def late_outputs(y: Array, known: Array, places: IntArray, group: float, late: float) -> None:
     """Let the sensors of a group show what was `late` samples before, in place.
 
@@ -213,7 +213,7 @@ def innovation(s: Array, p: Array, h: Array, left: float, noise: float, hp: Arra
     return nu, big
 
 
-@jit
+@jit_arrays
 def kalman_pass(
     transition: Array, drift: Array, step_slopes: Array, left: Array, observe: Array, read_slopes: Array, jump: Array,
     noise: Array, process: Array, p_start: Array, wanted: bool,

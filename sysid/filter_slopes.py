@@ -15,7 +15,7 @@ from sim_vehicle.dynamics import derivatives
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.layout import STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.reading_jacobian import READINGS, reading_jacobian
 from sim_vehicle.terms import REGRESSORS
@@ -77,7 +77,7 @@ def _rates_by_states(s: Array, gravity: float, R: Array, Q: Array, A: Array) -> 
     A[8, 4], A[8, 5], A[8, 6], A[8, 7] = sf / ct, cf / ct, rise / ct, turn * slope / ct
 
 
-@jit
+@jit_arrays
 def _add_shear(x: Array, gradient: float, Q: Array, A: Array) -> None:
     """What the wind's shear adds to A (see above) at the simulation's state `x`."""
     slopes = np.empty((3, 7))
@@ -89,7 +89,7 @@ def _add_shear(x: Array, gradient: float, Q: Array, A: Array) -> None:
                 A[row, 6 + z] += slopes[row, 3 + c] * Q[c, z]
 
 
-@jit
+@jit_arrays
 def path_slopes(
     before: Array, gust_before: Array, after: Array, gust_over: Array, ahead: Array, free: IntArray, axes: IntArray,
     over: Array, seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, P: Array, E: Array, C: Array,

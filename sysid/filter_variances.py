@@ -18,13 +18,13 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 from sysid.filter_pass import innovation
 
 Array = NDArray[np.float64]
 
 
-@jit
+@jit_arrays
 def variance_pass(
     transition: Array, drift: Array, left: Array, observe: Array, jump: Array, noise: Array, process: Array,
     p_start: Array, d_transition: Array, d_process: Array, d_start: Array,
@@ -103,7 +103,7 @@ def variance_pass(
     return likelihood, gradient, information
 
 
-@jit
+@jit_arrays
 def variance_gradient(
     transition: Array, drift: Array, left: Array, observe: Array, jump: Array, noise: Array, process: Array,
     p_start: Array, d_transition: Array, d_process: Array, d_start: Array,

@@ -17,7 +17,7 @@ from math import asin, atan2, cos, log, sin, sqrt
 
 import numpy as np
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 from sysid.flight import Array
 from sysid.kinematics import midpoints, step
 
@@ -77,7 +77,7 @@ def sensor_model(y: Array, theta: Array, out: Array) -> None:
     out[8] = y[8] + theta[17]
 
 
-@jit
+@jit_arrays
 def predict_readings(states: Array, gusts: Array, imu: Array, theta: Array, layout: Array) -> Array:
     """(N, 9) readings along (N, 6) states in (N, 3) gusts; imu: (N, 6) measured. theta: (18,). layout: (7,)."""
     predicted = np.empty((states.shape[0], _M))
@@ -90,7 +90,7 @@ def predict_readings(states: Array, gusts: Array, imu: Array, theta: Array, layo
     return predicted
 
 
-@jit
+@jit_arrays
 def _linearise_outputs(
     x: Array, gust: Array, rates: Array, layout: Array, theta: Array, predicted: Array, h: Array
 ) -> None:
@@ -119,7 +119,7 @@ def _linearise_outputs(
         h[4, a] *= 1.0 + theta[13]
 
 
-@jit
+@jit_arrays
 def _linearise_step(
     x: Array, imu: tuple[Array, Array, Array], theta: Array, dt: float, gravity: float, f: Array, ahead: Array
 ) -> None:
@@ -141,7 +141,7 @@ def _linearise_step(
             f[i, a] = (shifted[i] - ahead[i]) / delta
 
 
-@jit
+@jit_arrays
 def _propagate(s: Array, p: Array, f: Array, decay: float, q_imu: Array, q_gust: float) -> None:
     """Time update of deviation s (9,) and covariance p (9, 9), in place."""
     new = np.zeros(6)
@@ -198,7 +198,7 @@ def _update(s: Array, p: Array, h: Array, nu: float, noise: float, k: Array, hp:
     return variance
 
 
-@jit
+@jit_arrays
 def _propagate_slopes(d: Array, f: Array, decay: float) -> None:
     """Time update of the state's sensitivities d (9, 18) to the sensor errors, the first six being the IMU biases."""
     new = np.empty(6)
@@ -213,7 +213,7 @@ def _propagate_slopes(d: Array, f: Array, decay: float) -> None:
             d[i, c] *= decay
 
 
-@jit
+@jit_arrays
 def _update_slopes(
     d: Array, j: int, reading: float, nu: float, big: float, h: Array, k: Array, theta: Array, m: Array, g: Array
 ) -> None:
@@ -250,7 +250,7 @@ def _keep(s: Array, p: Array, h: Array, s_kept: Array, p_kept: Array, h_kept: Ar
             h_kept[a, c] = h[a, c]
 
 
-@jit
+@jit_arrays
 def filter_part(
     nominal: Array,
     gusts: Array,
@@ -325,7 +325,7 @@ def filter_part(
     return likelihood, information, gradient, innovation, variance, s_before, p_before, gains, slopes, steps
 
 
-@jit
+@jit_arrays
 def smooth_part(
     innovation: Array,
     variance: Array,

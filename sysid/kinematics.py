@@ -14,7 +14,7 @@ from math import cos, sin
 
 import numpy as np
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 from sysid.flight import Array
 
 STATES = ("u", "v", "w", "phi", "theta", "psi")
@@ -40,7 +40,7 @@ def derivative(x: Array, imu: Array, gravity: float, out: Array) -> None:
     out[5] = turn / cos_theta
 
 
-@jit
+@jit_arrays
 def midpoints(imu: Array) -> Array:
     """IMU samples half-way between the measured ones, by the cubic through the four nearest (linear below four).
 
@@ -64,7 +64,7 @@ def midpoints(imu: Array) -> Array:
     return middle
 
 
-@jit
+@jit_arrays
 def step(
     x: Array, imu_now: Array, imu_mid: Array, imu_next: Array, bias: Array, dt: float, gravity: float, out: Array
 ) -> None:
@@ -93,7 +93,7 @@ def step(
         out[i] = x[i] + dt / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
 
 
-@jit
+@jit_arrays
 def reconstruct(x0: Array, imu: Array, bias: Array, dt: float, gravity: float) -> Array:
     """Integrate the kinematic equations from a measured start.
 

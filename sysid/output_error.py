@@ -16,6 +16,7 @@ from scipy.ndimage import convolve1d
 from sysid.convolution import convolved, correlation
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
+from sysid.gram import gram
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS, angle_wrap
@@ -33,7 +34,6 @@ _UNDAMPED, _DAMPED, _KEPT = 1e-9, 1e-3, 0.25
 # The cost cannot fall by so many times what its quadratic model promises, after the first step and before it.
 _NEAR, _FAR = 3.0, 6.0
 _SIGMA_FLOOR = 1e-7
-_CACHED_NUMBERS = 1 << 15  # a quarter of a megabyte of doubles
 _LONG_KERNEL = 64  # weights from which on the fast Fourier transform is faster
 _POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="simulations")
 
@@ -350,29 +350,6 @@ def autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
     if small.size:
         rho = rho[: max(int(small[0]), 1)]
     return np.concatenate((rho[:0:-1], rho))
-
-
-def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
-    """Information matrix S' R^-1 S and gradient S' R^-1 nu of one record; missing samples count for nothing.
-
-    s: (N, outputs, unknowns), residual: (N, outputs), of which `columns` count. Parts of the record are weighted and
-    multiplied one after the other, so that a part never leaves the processor's cache.
-    """
-    weights = np.where(np.isfinite(residual[:, columns]), 1.0 / sigma[columns], 0.0)
-    target = np.nan_to_num(residual[:, columns]) * weights
-    unknowns = s.shape[2]
-    M, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    size = max(1, _CACHED_NUMBERS // max(columns.size * unknowns, 1))
-    for begin in range(0, s.shape[0], size):
-        part = slice(begin, begin + size)
-        rows = s[part].take(columns, axis=1)
-        # Slopes that diverge are no numbers, and named where a step is asked for.
-        with np.errstate(over="ignore", invalid="ignore"):
-            rows *= weights[part, :, None]
-            flat = rows.reshape(-1, unknowns)
-            M += flat.T @ flat
-            g += target[part].ravel() @ flat
-    return M, g
 
 
 def _filtered(rows: Array, kernel: Array) -> Array:

@@ -21,7 +21,8 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
-from sysid.output_error import OutputErrorResult, gram
+from sysid.gram import gram
+from sysid.output_error import OutputErrorResult
 from sysid.records import SURFACES, Record, angle_wrap
 from sysid.shifts import held_back
 from sysid.steps import damped_step

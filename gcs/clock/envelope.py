@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 
 Array = NDArray[np.float64]
 
 
-@jit
+@jit_arrays
 def lowest(place: NDArray[np.int64], value: Array, count: int) -> NDArray[np.int64]:
     """Index of the smallest value of each stretch that holds any. place: (N,) in 0..count-1."""
     best = np.full(count, -1, np.int64)
@@ -21,7 +21,7 @@ def lowest(place: NDArray[np.int64], value: Array, count: int) -> NDArray[np.int
     return best[best >= 0]
 
 
-@jit
+@jit_arrays
 def support_lines(t: Array, values: Array, centre: float) -> Array:
     """(R, 2) height at `centre` and slope of the highest line below each row of `values` (R, N); t: (N,) ascending.
 

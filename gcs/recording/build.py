@@ -20,7 +20,7 @@ from gcs.mavlink.dialect import (
 from gcs.mavlink.framing import MAGIC_V2, SIGNATURE_LENGTH, UNKNOWN
 from gcs.mavlink.payload import copy_payload, get_4, put, put_8
 from gcs.mavlink.sequence import number_of
-from sim_vehicle.jit import jit, jit_inlined
+from sim_vehicle.jit import jit, jit_arrays, jit_inlined
 
 #: Bytes of a message record in front of the CDR body: opcode, length, channel, sequence, two times, CDR header.
 RECORD_HEADER = 9 + 22 + 4
@@ -273,7 +273,7 @@ def build(
             chunk[CHUNK_START] = log
 
 
-@jit
+@jit_arrays
 def index_records(index: Ints, entries: Int, channel_count: Int, starts: Ints, out: Bytes) -> Int:
     """Message index records of a chunk, one per channel in use, into `out`; returns their total length.
 

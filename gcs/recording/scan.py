@@ -9,7 +9,7 @@ from gcs.mavlink.crc import Int, crc_accumulate, crc_step
 from gcs.mavlink.framing import MAGIC_V1, MAGIC_V2, SIGNATURE_LENGTH, SIGNED
 from gcs.mavlink.payload import copy_8, get, get_4, put
 from gcs.recording.build import FORM_EXPLICIT, FORM_V1, RUN_EXPLICIT
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -211,7 +211,7 @@ def keep_first(keys: NDArray[np.uint64], links: Ints, times: Ints, order: Ints, 
             kept = i
 
 
-@jit
+@jit_arrays
 def _frame(
     data: Bytes,
     body: Int,

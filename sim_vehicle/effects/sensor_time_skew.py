@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.effects.base import Effect, Parameter, Stage
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def late_reading(values: Array, last: int, late: float, turns: bool) -> float:
     return total
 
 
-@jit
+@jit_arrays
 def delay_channels(y: Array, group: float, late: float) -> None:
     """Let the channels of a group in readings y (N, CHANNELS) come `late` samples late, in place."""
     for channel in range(12):
@@ -87,7 +87,7 @@ def delay_channels(y: Array, group: float, late: float) -> None:
                 y[k, channel] = late_reading(values, k, late, channel == 6 or channel == 8)
 
 
-@jit
+@jit_arrays
 def delay_rows(values: Array, late: float) -> Array:
     """(N, K) derivatives of readings, as those of readings that come `late` samples late."""
     delayed = np.zeros(values.shape)

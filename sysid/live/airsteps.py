@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 from sysid.flight import Array
 
 # Columns of a row. Those behind V and alpha are NaN where they are not known.
@@ -26,7 +26,7 @@ _SPEED_NOISE = 0.05
 _NIS_MEMORY = 250.0  # rows
 
 
-@jit
+@jit_arrays
 def correct(h: Array, innovation: float, variance: float, x: Array, P: Array) -> float:
     """Take one measurement of slope h (n,) into x (n,) and P (n, n); the innovation's square over its variance."""
     n = x.size
@@ -44,7 +44,7 @@ def correct(h: Array, innovation: float, variance: float, x: Array, P: Array) ->
     return innovation * innovation / spread
 
 
-@jit
+@jit_arrays
 def _turn(middle: Array, row: Array, dt: float, turned: Array, P: Array) -> None:
     """Attitude and gyro biases, turned (6,), by the gyros, then corrected by the measured attitude."""
     phi, theta = middle[6], middle[7]
@@ -73,7 +73,7 @@ def _turn(middle: Array, row: Array, dt: float, turned: Array, P: Array) -> None
         turned[i] += moved[i]
 
 
-@jit
+@jit_arrays
 def _advance(middle: Array, dt: float, gravity: float, gyro_bias: Array, nis: float, x: Array, P: Array) -> None:
     """Velocity through the air over one interval, by the midpoint rule."""
     p, q, r = middle[3] - gyro_bias[0], middle[4] - gyro_bias[1], middle[5] - gyro_bias[2]
@@ -108,7 +108,7 @@ def _advance(middle: Array, dt: float, gravity: float, gyro_bias: Array, nis: fl
         P[_WIND + i, _WIND + i] += _WIND_DRIFT**2 * dt
 
 
-@jit
+@jit_arrays
 def _take_air(row: Array, vane_noise: Array, x: Array, P: Array) -> float:
     """Airspeed and vanes; the mean square of their innovations, three times that of one."""
     u, v, w = x[0], x[1], x[2]
@@ -134,7 +134,7 @@ def _take_air(row: Array, vane_noise: Array, x: Array, P: Array) -> float:
     return min(_correct_all(H, innovation, noise, size, x, P), 100.0) * 3.0 / size
 
 
-@jit
+@jit_arrays
 def _correct_all(H: Array, innovation: Array, noise: Array, size: int, x: Array, P: Array) -> float:
     """The first `size` measurements, of which those that are NaN are left out; the sum of what `correct` gives."""
     moved = np.zeros(x.size)
@@ -150,7 +150,7 @@ def _correct_all(H: Array, innovation: Array, noise: Array, size: int, x: Array,
     return total
 
 
-@jit
+@jit_arrays
 def _take_ground(row: Array, x: Array, P: Array) -> None:
     """Ground velocity: that through the air, turned to the earth's axes, and the wind."""
     sp, cp, st, ct = np.sin(row[6]), np.cos(row[6]), np.sin(row[7]), np.cos(row[7])
@@ -173,7 +173,7 @@ def _take_ground(row: Array, x: Array, P: Array) -> None:
     _correct_all(H, innovation, np.full(3, _GPS_NOISE**2), 3, x, P)
 
 
-@jit
+@jit_arrays
 def take_rows(
     rows: Array,
     before: int,

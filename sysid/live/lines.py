@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 from sysid.flight import Array
 
 _ROUNDS = 3
 _SINGULAR = 1e-9
 
 
-@jit
+@jit_arrays
 def _normal(weight: Array, X: Array, error: Array, prior_std: Array) -> Array:
     """Sum of the lines' products by weight, less the known errors', with the prior's weight."""
     lines, n, _ = X.shape
@@ -26,7 +26,7 @@ def _normal(weight: Array, X: Array, error: Array, prior_std: Array) -> Array:
     return A
 
 
-@jit
+@jit_arrays
 def _singular(A: Array) -> bool:
     """Whether a matrix, scaled to a diagonal of 1, is not safely positive."""
     n = A.shape[0]
@@ -37,7 +37,7 @@ def _singular(A: Array) -> bool:
     return bool(np.linalg.eigvalsh(scaled)[0] <= _SINGULAR)
 
 
-@jit
+@jit_arrays
 def smooth_spectrum(power: Array, frequencies: Array) -> Array:
     """a + b f^2 with a, b >= 0 nearest to the lines' powers (M,), whose errors are as large as they are.
 
@@ -64,7 +64,7 @@ def smooth_spectrum(power: Array, frequencies: Array) -> Array:
     return spectrum
 
 
-@jit
+@jit_arrays
 def weighted(
     X: Array,
     y: Array,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import signal
 
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit_arrays
 from sysid.flight import Array, IntArray
 
 CUTOFF_HZ = 4.0
@@ -48,7 +48,7 @@ class Decimator:
         self._state = None
 
 
-@jit
+@jit_arrays
 def _recur(
     X: Array,
     y: Array,
