@@ -290,11 +290,12 @@ def _pass(parts: list[Part], theta: Array, setting: _Setting, smooth: bool = Fal
 
     def forward(part: Part) -> tuple[tuple[float, Array, Array, Array, Array], Array | None]:
         decay = float(np.exp(-part.dt * part.speed / _GUST_LENGTH_M))
+        linear = part.linearised(theta)
         passed = filter_part(
-            *(part.nominal, part.gusts, theta, part.imu, part.z, setting.noise, setting.q_imu),
-            *(np.array([setting.gust_sigma, decay]), part.dt, part.layout, p_start, smooth, slopes),
+            *(part.nominal, part.gusts, theta, *linear, part.z, setting.noise, setting.q_imu),
+            *(np.array([setting.gust_sigma, decay]), p_start, smooth, slopes),
         )
-        return passed[:5], smooth_part(*passed[3:], decay) if smooth else None
+        return passed[:5], smooth_part(*passed[3:], linear[1], linear[3], decay) if smooth else None
 
     # The loops are compiled and let other threads run.
     for passed, backward in _POOL.map(forward, parts):

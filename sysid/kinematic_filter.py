@@ -90,13 +90,16 @@ def predict_readings(states: Array, gusts: Array, imu: Array, theta: Array, layo
     return predicted
 
 
-@jit_arrays
+@jit
 def _linearise_outputs(
-    x: Array, gust: Array, rates: Array, layout: Array, theta: Array, predicted: Array, h: Array
+    x: Array, gust: Array, rates: Array, layout: Array, theta: Array, work: Array, predicted: Array, h: Array
 ) -> None:
-    """Predicted readings (9,) and their gradient h (9, 9) at a nominal point."""
-    y, shifted = np.empty(_M), np.empty(_M)
-    trial, trial_gust = x.copy(), gust.copy()
+    """Predicted readings (9,) and their gradient h (9, 9) at a nominal point; work: (4, 9)."""
+    y, shifted, trial, trial_gust = work[0], work[1], work[2], work[3]
+    for i in range(6):
+        trial[i] = x[i]
+    for i in range(3):
+        trial_gust[i] = gust[i]
     true_outputs(x, gust, rates, layout, y)
     sensor_model(y, theta, predicted)
     for a in range(_G):
@@ -119,20 +122,23 @@ def _linearise_outputs(
         h[4, a] *= 1.0 + theta[13]
 
 
-@jit_arrays
+@jit
 def _linearise_step(
-    x: Array, imu: tuple[Array, Array, Array], theta: Array, dt: float, gravity: float, f: Array, ahead: Array
-) -> None:
-    """Next state (6,) and its gradient f (6, 12) to the state and the six IMU biases; imu: now, half-way, next."""
-    bias, trial, shifted = theta[:6].copy(), x.copy(), np.empty(6)
-    step(x, imu[0], imu[1], imu[2], bias, dt, gravity, ahead)
+    x: Array, imu_now: Array, imu_mid: Array, imu_next: Array, theta: Array, dt: float, gravity: float, work: Array,
+    f: Array, ahead: Array,
+) -> None:  # fmt: skip
+    """Next state (6,) and its gradient f (6, 12) to the state and the six IMU biases; work: (9, 6)."""
+    bias, trial, shifted, inner = work[6], work[7], work[8], work[:6]
+    for i in range(6):
+        bias[i], trial[i] = theta[i], x[i]
+    step(x, imu_now, imu_mid, imu_next, bias, dt, gravity, inner, ahead)
     for a in range(12):
         delta = 1e-6 if 3 <= a < 6 or a >= 9 else 1e-5
         if a < 6:
             trial[a] += delta
         else:
             bias[a - 6] += delta
-        step(trial, imu[0], imu[1], imu[2], bias, dt, gravity, shifted)
+        step(trial, imu_now, imu_mid, imu_next, bias, dt, gravity, inner, shifted)
         if a < 6:
             trial[a] = x[a]
         else:
@@ -142,10 +148,35 @@ def _linearise_step(
 
 
 @jit_arrays
-def _propagate(s: Array, p: Array, f: Array, decay: float, q_imu: Array, q_gust: float) -> None:
-    """Time update of deviation s (9,) and covariance p (9, 9), in place."""
-    new = np.zeros(6)
+def linearise_part(
+    nominal: Array, gusts: Array, theta: Array, imu: Array, dt: float, layout: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The equations about a trajectory of one part, which hold whatever the noise.
+
+    nominal: (N, 6), gusts: (N, 3) trajectory. theta: (18,) sensor errors. imu: (N, 6). dt: s. layout: (7,), see
+    true_outputs. Returns predicted readings (N, 9), their gradients H (N, 9, 9) by state and gust, each next state
+    (N, 6) and its gradients F (N, 6, 12) by the state and the IMU's biases, the last of both 0.
+    """
+    n = nominal.shape[0]
+    predicted, slopes = np.empty((n, _M)), np.empty((n, _M, _G))
+    ahead, steps = np.zeros((n, 6)), np.zeros((n, 6, 12))
+    rates, at_outputs, at_step, middle = np.empty(3), np.empty((4, _M)), np.empty((9, 6)), midpoints(imu)
+    for i in range(n):
+        for a in range(3):
+            rates[a] = imu[i, 3 + a] - theta[3 + a]
+        _linearise_outputs(nominal[i], gusts[i], rates, layout, theta, at_outputs, predicted[i], slopes[i])
+        if i + 1 < n:
+            _linearise_step(
+                nominal[i], imu[i], middle[i], imu[i + 1], theta, dt, layout[6], at_step, steps[i], ahead[i]
+            )
+    return predicted, slopes, ahead, steps
+
+
+@jit
+def _propagate(s: Array, p: Array, f: Array, decay: float, q_imu: Array, q_gust: float, new: Array) -> None:
+    """Time update of deviation s (9,) and covariance p (9, 9), in place; new: (6,), work."""
     for i in range(6):
+        new[i] = 0.0
         for a in range(6):
             new[i] += f[i, a] * s[a]
     for i in range(6):
@@ -198,34 +229,41 @@ def _update(s: Array, p: Array, h: Array, nu: float, noise: float, k: Array, hp:
     return variance
 
 
-@jit_arrays
-def _propagate_slopes(d: Array, f: Array, decay: float) -> None:
-    """Time update of the state's sensitivities d (9, 18) to the sensor errors, the first six being the IMU biases."""
-    new = np.empty(6)
-    for c in range(_P):
-        for i in range(6):
-            new[i] = f[i, 6 + c] if c < 6 else 0.0
-            for a in range(6):
-                new[i] += f[i, a] * d[a, c]
-        for i in range(6):
-            d[i, c] = new[i]
-        for i in range(_X, _G):
+@jit
+def _propagate_slopes(d: Array, f: Array, decay: float, new: Array) -> None:
+    """Time update of the state's sensitivities d (9, 18) to the sensor errors, the first six being the IMU biases.
+
+    new: (6, 18), work.
+    """
+    for i in range(6):
+        for c in range(_P):
+            new[i, c] = f[i, 6 + c] if c < 6 else 0.0
+        for a in range(6):
+            for c in range(_P):
+                new[i, c] += f[i, a] * d[a, c]
+    for i in range(6):
+        for c in range(_P):
+            d[i, c] = new[i, c]
+    for i in range(_X, _G):
+        for c in range(_P):
             d[i, c] *= decay
 
 
-@jit_arrays
+@jit
 def _update_slopes(
-    d: Array, j: int, reading: float, nu: float, big: float, h: Array, k: Array, theta: Array, m: Array, g: Array
-) -> None:
+    d: Array, j: int, reading: float, nu: float, big: float, h: Array, k: Array, theta: Array, m: Array, g: Array,
+    slope: Array,
+) -> None:  # fmt: skip
     """Sensitivity of one innovation, its share of information m (18, 18) and gradient g (18,), and d after it.
 
     The output's value is that of the prediction, which knows nothing of this sample's noise; taking the smoothed one
     would correlate regressor and noise. reading: predicted. The gain's own sensitivity is left out: it is uncorrelated
-    with the innovation.
+    with the innovation. slope: (18,), work.
     """
-    slope = np.zeros(_P)
     for c in range(_P):
-        for a in range(_G):
+        slope[c] = 0.0
+    for a in range(_G):
+        for c in range(_P):
             slope[c] -= h[a] * d[a, c]
     scale, offset = _SCALE[j], _OFFSET[j]
     if scale >= 0:
@@ -234,95 +272,75 @@ def _update_slopes(
         slope[offset] -= 1.0
     for c in range(_P):
         g[c] -= slope[c] * nu / big
-        for a in range(_G):
-            d[a, c] += k[a] * slope[c]
+        weight = slope[c] / big
         for a in range(_P):
-            m[c, a] += slope[c] * slope[a] / big
+            m[c, a] += weight * slope[a]
+    for a in range(_G):
+        for c in range(_P):
+            d[a, c] += k[a] * slope[c]
 
 
 @jit
-def _keep(s: Array, p: Array, h: Array, s_kept: Array, p_kept: Array, h_kept: Array) -> None:
-    """Copy (9,), (9, 9) and (9, 9). Element by element: numba's whole-array copies take seconds more to compile."""
+def _keep(s: Array, p: Array, s_kept: Array, p_kept: Array) -> None:
+    """Copy (9,) and (9, 9). Element by element: numba's whole-array copies take seconds more to compile."""
     for a in range(_G):
         s_kept[a] = s[a]
         for c in range(_G):
             p_kept[a, c] = p[a, c]
-            h_kept[a, c] = h[a, c]
 
 
 @jit_arrays
 def filter_part(
-    nominal: Array,
-    gusts: Array,
-    theta: Array,
-    imu: Array,
-    z: Array,
-    noise: Array,
-    q_imu: Array,
-    gust: Array,
-    dt: float,
-    layout: Array,
-    p_start: Array,
-    store: bool,
-    slopes_wanted: bool,
-) -> tuple[float, Array, Array, Array, Array, Array, Array, Array, Array, Array]:
+    nominal: Array, gusts: Array, theta: Array, predicted: Array, slopes: Array, ahead: Array, steps: Array, z: Array,
+    noise: Array, q_imu: Array, gust: Array, p_start: Array, store: bool, slopes_wanted: bool,
+) -> tuple[float, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Forward pass over one part of a flight.
 
-    nominal: (N, 6) and gusts: (N, 3) trajectory to linearise about. theta: (18,) sensor errors. imu: (N, 6).
-    z: (N, 9), NaN missing. noise: (9,) variances of the outputs. q_imu: (6,) variances of the IMU samples.
-    gust: (2,) standard deviation m/s and decay per step. dt: s. layout: (7,), see true_outputs. p_start: (9, 9)
-    covariance of the first state about the nominal one, of the first gust about zero.
+    nominal: (N, 6) and gusts: (N, 3) trajectory about which theta, (18,) sensor errors, have been linearised into the
+    next four (see `linearise_part`). z: (N, 9), NaN missing. noise: (9,) variances of the outputs. q_imu: (6,)
+    variances of the IMU samples. gust: (2,) standard deviation m/s and decay per step. p_start: (9, 9) covariance of
+    the first state about the nominal one, of the first gust about zero.
     Returns log likelihood; information (18, 18) and gradient (18,) of the sensor errors if `slopes_wanted`, else
     zeros; innovations (N, 9), their variances (N, 9); and if `store` what `smooth_part` needs: s (N, 9),
-    P (N, 9, 9), K (N, 9, 9), H (N, 9, 9), F (N, 6, 12).
+    P (N, 9, 9), K (N, 9, 9).
     """
     n = nominal.shape[0]
     m = n if store else 1
-    s_before, p_before = np.zeros((m, _G)), np.zeros((m, _G, _G))
-    gains, slopes, steps = np.zeros((m, _M, _G)), np.zeros((m, _M, _G)), np.zeros((m, 6, 12))
+    s_before, p_before, gains = np.zeros((m, _G)), np.zeros((m, _G, _G)), np.zeros((m, _M, _G))
     innovation, variance = np.full((n, _M), np.nan), np.full((n, _M), np.nan)
     s, p = np.zeros(_G), p_start.copy()
-    predicted, ahead, rates = np.empty(_M), np.empty(6), np.empty(3)
-    h, f, k, hp = np.zeros((_M, _G)), np.zeros((6, 12)), np.empty(_G), np.empty(_G)
+    k, hp, new, slope, turned = np.empty(_G), np.empty(_G), np.empty(6), np.empty(_P), np.empty((6, _P))
     d, information, gradient = np.zeros((_G, _P)), np.zeros((_P, _P)), np.zeros(_P)
-    middle = midpoints(imu)
     likelihood = 0.0
     for a in range(3):
         s[6 + a] = -gusts[0, a]
     for i in range(n):
-        for a in range(3):
-            rates[a] = imu[i, 3 + a] - theta[3 + a]
-        _linearise_outputs(nominal[i], gusts[i], rates, layout, theta, predicted, h)
         if store:
-            _keep(s, p, h, s_before[i], p_before[i], slopes[i])
+            _keep(s, p, s_before[i], p_before[i])
         for j in range(_M):
             if np.isnan(z[i, j]):
                 continue
-            nu = z[i, j] - predicted[j]
+            h = slopes[i, j]
+            nu = z[i, j] - predicted[i, j]
             for a in range(_G):
-                nu -= h[j, a] * s[a]
-            big = _update(s, p, h[j], nu, noise[j], k, hp)
+                nu -= h[a] * s[a]
+            big = _update(s, p, h, nu, noise[j], k, hp)
             if slopes_wanted:
-                _update_slopes(d, j, z[i, j] - nu, nu, big, h[j], k, theta, information, gradient)
+                _update_slopes(d, j, z[i, j] - nu, nu, big, h, k, theta, information, gradient, slope)
             innovation[i, j], variance[i, j] = nu, big
             likelihood -= 0.5 * (nu * nu / big + log(big))
             if store:
                 for a in range(_G):
                     gains[i, j, a] = k[a]
         if i + 1 < n:
-            _linearise_step(nominal[i], (imu[i], middle[i], imu[i + 1]), theta, dt, layout[6], f, ahead)
             if slopes_wanted:
-                _propagate_slopes(d, f, gust[1])
-            _propagate(s, p, f, gust[1], q_imu, gust[0] ** 2 * (1.0 - gust[1] ** 2))
+                _propagate_slopes(d, steps[i], gust[1], turned)
+            _propagate(s, p, steps[i], gust[1], q_imu, gust[0] ** 2 * (1.0 - gust[1] ** 2), new)
             for a in range(6):
-                s[a] += ahead[a] - nominal[i + 1, a]
+                s[a] += ahead[i, a] - nominal[i + 1, a]
             for a in range(3):
                 s[6 + a] += gust[1] * gusts[i, a] - gusts[i + 1, a]
-            if store:
-                for a in range(6):
-                    for c in range(12):
-                        steps[i, a, c] = f[a, c]
-    return likelihood, information, gradient, innovation, variance, s_before, p_before, gains, slopes, steps
+    return likelihood, information, gradient, innovation, variance, s_before, p_before, gains
 
 
 @jit_arrays
@@ -338,11 +356,12 @@ def smooth_part(
 ) -> Array:
     """Backward pass: smoothed deviations (N, 9) of states and gusts.
 
-    First seven arguments: the last seven that filter_part returns. decay: of the gust per step.
+    First five arguments: the last five that filter_part returns. slopes, steps: H and F of `linearise_part`. decay: of
+    the gust per step.
     """
     n = innovation.shape[0]
     smoothed = np.empty((n, _G))
-    adjoint = np.zeros(_G)
+    adjoint, old = np.zeros(_G), np.empty(6)
     for i in range(n - 1, -1, -1):
         for j in range(_M - 1, -1, -1):
             if np.isnan(innovation[i, j]):
@@ -358,7 +377,8 @@ def smooth_part(
                 total -= p_before[i, a, c] * adjoint[c]
             smoothed[i, a] = total
         if i > 0:
-            old = adjoint[:6].copy()
+            for a in range(6):
+                old[a] = adjoint[a]
             for a in range(6):
                 adjoint[a] = 0.0
                 for c in range(6):

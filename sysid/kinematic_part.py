@@ -9,9 +9,12 @@ import numpy as np
 
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
-from sysid.kinematic_filter import OUTPUTS, PARAMETERS, predict_readings
+from sysid.kinematic_filter import OUTPUTS, PARAMETERS, linearise_part, predict_readings
 from sysid.kinematics import STATES, air_data, body_velocity, reconstruct, to_centre_of_gravity
 from sysid.smoothing import fourier_smooth, sample_noise
+
+# See `linearise_part`.
+Linearised = tuple[Array, Array, Array, Array]
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 REQUIRED = (*IMU, "airspeed", "phi", "theta")
@@ -78,6 +81,16 @@ class Part:
     measured: Array
     nominal: Array
     gusts: Array
+    _kept: tuple[Array, Array, Array, Linearised] | None = None
+
+    def linearised(self, theta: Array) -> Linearised:
+        """What `linearise_part` tells of sensor errors (18,) along the nominal trajectory; the last is kept."""
+        kept = self._kept
+        if kept is not None and kept[0] is self.nominal and kept[1] is self.gusts and np.array_equal(kept[2], theta):
+            return kept[3]
+        told = linearise_part(self.nominal, self.gusts, theta, self.imu, self.dt, self.layout)
+        self._kept = (self.nominal, self.gusts, theta.copy(), told)
+        return told
 
     def predicted(self) -> Array:
         """(N, 9) readings of perfect sensors along the nominal trajectory, order OUTPUTS."""

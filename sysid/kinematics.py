@@ -64,17 +64,17 @@ def midpoints(imu: Array) -> Array:
     return middle
 
 
-@jit_arrays
+@jit
 def step(
-    x: Array, imu_now: Array, imu_mid: Array, imu_next: Array, bias: Array, dt: float, gravity: float, out: Array
-) -> None:
+    x: Array, imu_now: Array, imu_mid: Array, imu_next: Array, bias: Array, dt: float, gravity: float, work: Array,
+    out: Array,
+) -> None:  # fmt: skip
     """One fourth-order Runge-Kutta step.
 
     x: (6,). imu_now, imu_mid, imu_next: (6,) measured at both ends and half-way. bias: (6,) taken off all. dt: s.
-    gravity: m/s^2. out: (6,), written.
+    gravity: m/s^2. work: (6, 6). out: (6,), written.
     """
-    k1, k2, k3, k4 = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    trial, imu = np.empty(6), np.empty(6)
+    k1, k2, k3, k4, trial, imu = work[0], work[1], work[2], work[3], work[4], work[5]
     for i in range(6):
         imu[i] = imu_now[i] - bias[i]
     derivative(x, imu, gravity, k1)
@@ -100,12 +100,12 @@ def reconstruct(x0: Array, imu: Array, bias: Array, dt: float, gravity: float) -
     x0: (6,) first state. imu: (N, 6) ax ay az p q r at the centre of gravity. bias: (6,) of these. dt: s.
     gravity: m/s^2. Returns (N, 6) states.
     """
-    states = np.empty((imu.shape[0], 6))
+    states, work = np.empty((imu.shape[0], 6)), np.empty((6, 6))
     for i in range(6):
         states[0, i] = x0[i]
     middle = midpoints(imu)
     for k in range(imu.shape[0] - 1):
-        step(states[k], imu[k], middle[k], imu[k + 1], bias, dt, gravity, states[k + 1])
+        step(states[k], imu[k], middle[k], imu[k + 1], bias, dt, gravity, work, states[k + 1])
     return states
 
 
