@@ -66,9 +66,9 @@ def run_actuators(
 @jit
 def to_simulation(s: Array, x: Array) -> None:
     """State of the simulation (14,) from u v w p q r phi theta psi (9,); its height stays as it is."""
-    x[:2] = 0.0
-    x[3:6] = s[:3]
-    x[10:13] = s[3:6]
+    x[0], x[1] = 0.0, 0.0
+    for i in range(3):
+        x[3 + i], x[10 + i] = s[i], s[3 + i]
     cr, sr, cp, sp = cos(s[6] / 2), sin(s[6] / 2), cos(s[7] / 2), sin(s[7] / 2)
     cy, sy = cos(s[8] / 2), sin(s[8] / 2)
     x[6] = cr * cp * cy + sr * sp * sy
@@ -80,24 +80,24 @@ def to_simulation(s: Array, x: Array) -> None:
 
 @jit
 def _from_simulation(x: Array, s: Array) -> None:
-    s[:3] = x[3:6]
-    s[3:6] = x[10:13]
+    for i in range(3):
+        s[i], s[3 + i] = x[3 + i], x[10 + i]
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     s[6] = atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
     s[7] = asin(min(max(-2.0 * (q1 * q3 - q0 * q2), -1.0), 1.0))
     s[8] = atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
 
 
-@jit_arrays
+@jit
 def _step(
-    s: Array, gust: Array, over: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array, E: Array,
-    C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
+    s: Array, still: Array, gust: Array, over: Array, thrust: float, rho: float, dt: float, slopes: Array, P: Array,
+    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array, scratch: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Nine states one sample later. over: (sub_steps, 3, 4). thrust: N, NaN where it follows from the throttle.
+    """Nine states one sample later.
 
+    still: (3,) zeros. over: (sub_steps, 3, 4). thrust: N, NaN where it follows from the throttle.
     x: state of the simulation, of which the angle that a lagging lift feels, x[13], is carried on.
     """
-    still = np.zeros(3)
     felt = x[13]
     to_simulation(s, x)
     x[13] = felt
@@ -108,17 +108,17 @@ def _step(
     _from_simulation(x, out)
 
 
-@jit_arrays
+@jit
 def _read(
-    s: Array, gust: Array, seen: Array, thrust: float, rho: float, interval: float, P: Array, E: Array, C: Array,
-    F: IntArray, K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array,
+    s: Array, still: Array, gust: Array, seen: Array, thrust: float, rho: float, interval: float, P: Array, E: Array,
+    C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array,
     full: Array, out: Array,
 ) -> None:  # fmt: skip
-    """What perfect sensors read: the channels at `places`. interval: s since the last reading, 0 for the first one.
+    """What perfect sensors read: the channels at `places`.
 
+    still: (3,) zeros. interval: s since the last reading, 0 for the first one.
     x: as for `_step`; sensor: memory of the sensors that lag.
     """
-    still = np.zeros(3)
     felt = x[13]
     to_simulation(s, x)
     if interval > 0.0:
@@ -148,7 +148,7 @@ def predict_path(
     n = before.shape[0]
     ahead, y = np.empty((n - 1, 9)), np.empty((n, places.size))
     x, W, scratch, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
-    sensor, full = np.zeros(SENSOR_SIZE), np.empty(19)
+    sensor, full, still = np.zeros(SENSOR_SIZE), np.empty(19), np.zeros(3)
     slopes = np.full(6, np.nan) if held else np.zeros(0)
     remembered, unused = np.zeros(SENSOR_SIZE), np.empty(places.size)
     for k in range(n):
@@ -157,13 +157,13 @@ def predict_path(
         W[_TIME] = E[START_TIME] + k * dt
         if lagging:
             remembered[:] = sensor
-        _read(before[k], gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W, rate,
-              sensor, full, y[k])  # fmt: skip
+        _read(before[k], still, gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W,
+              rate, sensor, full, y[k])  # fmt: skip
         if lagging:
             # What is remembered is what was known after the sample.
             sensor[:] = remembered
-            _read(after[k], gust_after[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W, rate,
-                  sensor, full, unused)  # fmt: skip
+            _read(after[k], still, gust_after[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W,
+                  rate, sensor, full, unused)  # fmt: skip
         if k + 1 == n:
             break
         if held:
@@ -173,8 +173,8 @@ def predict_path(
                 if i < 6:
                     slopes[i] = np.nan
         W[_TIME] = E[START_TIME] + (k + 0.5) * dt
-        _step(after[k], gust_over[k], over[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F, K, T,
-              x, W, scratch, ahead[k])  # fmt: skip
+        _step(after[k], still, gust_over[k], over[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F,
+              K, T, x, W, scratch, ahead[k])  # fmt: skip
     return ahead, y
 
 
