@@ -23,7 +23,7 @@ from gcs.mavlink.framing import UNKNOWN, Frames, scan
 from gcs.recording.joined import all_parts
 from gcs.recording.reader import RUN_NOISE, Recording, WirePieces
 from gcs.recording.writer import Counts, McapWriter
-from sim_vehicle.jit import jit
+from sim_vehicle.jit import jit, jit_arrays
 
 LINK_NAME = "tlog"
 _STAMP_BYTES = 8
@@ -69,7 +69,7 @@ def _believable(stamps: Ints, previous: int) -> Ints:
     return np.where(np.abs(filled - middle) > _STAMP_TOLERANCE_US, middle, filled)
 
 
-@jit
+@jit_arrays
 def _drop_stamps(buffer: Bytes, consumed: int, offset: Ints, stamp: Ints, out: Bytes, moved: Ints) -> Int:
     """Copy all but the stamps; the bytes copied. moved: where the frames are in `out`."""
     p: Int = 0
