@@ -89,18 +89,27 @@ def _term_slopes(C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, tail
                 scale = tail
             elif K[i] == 2:
                 scale = drag
-            product = 1.0
-            for j in range(4):
-                if F[i, j] < 0:
-                    break
-                rest = 1.0
-                for other in range(4):
-                    if F[i, other] < 0:
+            product, weight = 1.0, C[i] * scale
+            one, two = F[i, 0], F[i, 1]
+            if one >= 0 and two < 0:
+                product = W[one]
+                D[axis, one] += weight
+            elif two >= 0 and F[i, 2] < 0:
+                product = W[one] * W[two]
+                D[axis, one] += weight * W[two]
+                D[axis, two] += weight * W[one]
+            else:
+                for j in range(4):
+                    if F[i, j] < 0:
                         break
-                    if other != j:
-                        rest *= W[F[i, other]]
-                D[axis, F[i, j]] += C[i] * scale * rest
-                product *= W[F[i, j]]
+                    rest = 1.0
+                    for other in range(4):
+                        if F[i, other] < 0:
+                            break
+                        if other != j:
+                            rest *= W[F[i, other]]
+                    D[axis, F[i, j]] += weight * rest
+                    product *= W[F[i, j]]
             products[i] = scale * product
             if axis == 0:
                 sums[0] += C[i] * product

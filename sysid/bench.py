@@ -131,15 +131,16 @@ def carry(
     predicted = estimation.predict(result.theta)
     residuals = estimation.residuals(predicted)
     S = estimation.sensitivities(result.theta, predicted)
-    information, still = estimation.normal_equations(result.theta, residuals, S, result.sigma)
+    information, _ = estimation.normal_equations(result.theta, residuals, S, result.sigma)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
     inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for error in errors:
         false, shifted = _misled(error, problem, model, coefficients, effects, result, residuals)
-        _, pull = estimation.normal_equations(result.theta, shifted, S, result.sigma)
+        added = [angle_wrap(after - before) for before, after in zip(residuals, shifted, strict=True)]
+        pull = estimation.pull(added, S, result.sigma)
         pull[: len(result.parameters)] += _prior_pull(estimation, problem, false.sensors)
-        step = inverse @ (pull - still)
+        step = inverse @ pull
         for i, parameter in enumerate(result.parameters):
             step[i] -= false.sensors.get(parameter.name, 0.0)
             moved = shares[parameter.name].get(error.source, 0.0)

@@ -30,6 +30,24 @@ def _weigh(
     return count
 
 
+@jit
+def _pull(s: Array, residual: Array, columns: IntArray, sigma: Array, g: Array) -> None:
+    for k in range(s.shape[0]):
+        for c in range(columns.size):
+            j = columns[c]
+            if np.isfinite(residual[k, j]):
+                weighted = residual[k, j] / (sigma[j] * sigma[j])
+                for i in range(s.shape[2]):
+                    g[i] += weighted * s[k, j, i]
+
+
+def pull(s: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
+    """Gradient S' R^-1 nu (unknowns,) of `gram` alone."""
+    g = np.zeros(s.shape[2])
+    _pull(s, residual, columns, sigma, g)
+    return g
+
+
 def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
     """Information matrix S' R^-1 S and gradient S' R^-1 nu of one record; missing samples count for nothing.
 

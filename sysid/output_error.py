@@ -16,7 +16,7 @@ from scipy.ndimage import convolve1d
 from sysid.convolution import convolved, correlation
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
-from sysid.gram import gram
+from sysid.gram import gram, pull
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS, angle_wrap
@@ -214,6 +214,14 @@ class OutputError:
             M[np.ix_(place, place)] += information
             g[place] += gradient
         return M, g
+
+    def pull(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> Array:
+        """Gradient (unknowns,) of `data_equations` alone."""
+        g = np.zeros(self.predictor.size)
+        jobs = [_POOL.submit(pull, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
+        for k, job in enumerate(jobs):
+            g[self.places(k)] += job.result()
+        return g
 
     def solve(
         self,

@@ -129,7 +129,7 @@ def systematic_errors(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
         after = build(changed, model, coefficients, effects, result.sigma).predict(theta)
-        downhill = estimation.data_equations(_shifts(start, predicted, after), S, result.sigma)[1]
+        downhill = estimation.pull(_shifts(start, predicted, after), S, result.sigma)
         step = damped_step(information, downhill, 0.0, problem.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
