@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
 
 setup: $(VENV)/.ready
 
@@ -59,6 +59,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/udp.py
 	$(BIN)/python benchmarks/regression.py
+	$(BIN)/python benchmarks/simulation.py
 
 bench-identification: $(VENV)/.bench
 	$(BIN)/python benchmarks/output_error.py
@@ -75,6 +76,9 @@ bench-discrepancy-peers: $(VENV)/.bench
 
 bench-discrepancy-cost: setup
 	$(BIN)/python benchmarks/discrepancy_cost.py
+
+bench-simulation: setup
+	$(BIN)/python benchmarks/simulation.py
 
 bench-regression: setup
 	$(BIN)/python benchmarks/regression.py
