@@ -203,7 +203,10 @@ def feigned(changed: Problem, problem: Problem) -> Feigned:
     """What the difference of two sets of records feigns: `changed` after a bench error, `problem` as measured."""
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
-    inputs = any(new.thrust is not old.thrust or new.commands is not old.commands for new, old in pairs)
+    inputs = any(
+        new.thrust is not old.thrust or new.commands is not old.commands or new.held is not old.held
+        for new, old in pairs
+    )
     sensors: dict[str, float] = {}
     for name in MEASURED:
         column = OUTPUTS.index(name)

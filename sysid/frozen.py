@@ -25,15 +25,15 @@ _SHARE, _NOISES = 0.15, 20.0
 
 def frozen_commands(
     parts: Sequence[FlightData], body: Body, noise: Sequence[Mapping[str, float]], recorded: Sequence[str]
-) -> list[str]:
-    """One line for every surface whose value never changes though its moment does, with the cure.
+) -> dict[str, str]:
+    """Every surface whose value never changes though its moment does: what to say of it, with the cure.
 
     parts: corrected parts for equation error, of flights in calm air: gusts make moments too. noise: per part, axis ->
     noise of its moment coefficient. recorded: the surfaces that the flights have at all.
     """
     known = [name for name in _SURFACES if name in recorded and all(name in part for part in parts)]
     still = [name for name in known if max(float(np.ptp(part[name])) for part in parts) < _STILL]
-    told = []
+    told = {}
     for name in still:
         control, axis, motion = _MADE_BY[name]
         others = [other for other in known if other not in still and (axis == "Cm") == (other == "de")]
@@ -43,12 +43,17 @@ def frozen_commands(
             continue
         level = float(np.median([one[axis] for one in noise]))
         if found.r2 < 1.0 - _SHARE and _rms(found.residual) > _NOISES * level:
-            told.append(
+            told[name] = (
                 f"{name}: repeats one value, yet {1.0 - found.r2:.0%} of the moment {axis} comes from nothing else that"
-                f" is recorded: is its channel dead? Check controls.{control} of the vehicle file, its servo number"
-                f" and what records it; {axis}_{name} and what goes with it are not to be believed"
+                f" is recorded: its channel is dead. Check controls.{control} of the vehicle file, its servo number"
+                f" and what records it; the {part_of(name)} coefficients are refused"
             )
     return told
+
+
+def part_of(surface: str) -> str:
+    """Which part of the motion a surface steers."""
+    return "longitudinal" if surface == "de" else "lateral"
 
 
 def _rms(values: Array) -> float:

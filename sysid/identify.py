@@ -15,6 +15,7 @@ from sysid.errors import EstimationError
 from sysid.estimate import Problem, free_coefficients, model_of, refusals, unbelieved
 from sysid.flight import FlightSignals
 from sysid.frozen import frozen_commands
+from sysid.held import held_errors
 from sysid.judging import comparison, judge, validation_of
 from sysid.linear import LinearModel
 from sysid.maximum_likelihood import MaximumLikelihood, maximum_likelihood
@@ -129,7 +130,7 @@ class _Posed:
     """Prepared flights with the problem to solve.
 
     start: start values; late_start: the same with commands as late as they seem, in rough air. names: coefficients that
-    the flight moves. refused: those it does not.
+    the flight moves. refused: those it does not. dead: surfaces that were not recorded, and what was said of them.
     """
 
     vehicle: Vehicle
@@ -142,6 +143,7 @@ class _Posed:
     names: list[str]
     refused: list[Refusal]
     warnings: list[str]
+    dead: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -182,12 +184,14 @@ def _pose(
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
     late: dict[str, float] = {}
     parts, told = corrected_parts(prepared, vehicle, compatible), tuple(structure.coefficients)
+    dead: dict[str, str] = {}
     if calm:
         noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
-        warnings += frozen_commands(parts, body_of(vehicle), noise, surfaces)
+        dead = frozen_commands(parts, body_of(vehicle), noise, surfaces)
+        warnings += dead.values()
     if delays and structure.effect("actuator_delay") is None:
         prepared, check, late = commands_in_time(prepared, vehicle, check, parts, told, method, calm)
-    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None)
+    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None, dead=dead)
     problem = replace(problem, known=known_before(prior, structure, warnings), delays=late)
     progress(0.30, "equation error")
     start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
@@ -197,8 +201,8 @@ def _pose(
         late_start = start_model(tried, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
     carried = () if problem.known is None else problem.known.names
-    refused = quiet([name for name in structure.coefficients if name not in carried], names)
-    return _Posed(vehicle, prepared, check, compatible, problem, start, late_start, names, refused, warnings)
+    refused = quiet([name for name in structure.coefficients if name not in carried], names, list(dead))
+    return _Posed(vehicle, prepared, check, compatible, problem, start, late_start, names, refused, warnings, dead)
 
 
 def _by_equations(posed: _Posed, systematic: bool) -> _Found:
@@ -222,10 +226,13 @@ def _likeliest(
     """The estimate; singles: whether to ask for mistakes of single sensors, which kinematics did not find any of."""
     progress(0.40, "maximum likelihood")
     vehicle, compatible = posed.vehicle, posed.compatible
-    turbulent = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S)
+    turbulent = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
+    errors = bench_errors(posed.prepared, vehicle)
+    if compatible.gust_sigma == 0.0:
+        errors += held_errors(compatible, posed.problem)
     return maximum_likelihood(
         posed.problem, replace(turbulent, known=posed.problem.known), posed.start, posed.names, _free_effects(posed),
-        compatible, bench_errors(posed.prepared, vehicle), delays=posed.check.delays if delays else None,
+        compatible, errors, delays=posed.check.delays if delays else None,
         singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,
         progress=lambda s, t: progress(0.4 + 0.45 * s, t),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import CompatibilityResult, correct
 from sysid.equation_error import equation_error
-from sysid.errors import SysidError
+from sysid.errors import EstimationError, SysidError
 from sysid.estimate import (
     MAX_RUN_S,
     Motion,
@@ -24,6 +24,7 @@ from sysid.estimate import (
     split_runs,
 )
 from sysid.flight import FlightData
+from sysid.frozen import part_of
 from sysid.gap import Fixed
 from sysid.prepare import Prepared
 from sysid.prior import Gaussian, known_from
@@ -43,15 +44,18 @@ def make_problem(
     sensors: Sequence[str] | None = None,
     run_s: float = MAX_RUN_S,
     ground: bool = False,
+    dead: Mapping[str, str] | None = None,
 ) -> Problem:
     """Estimation problem of all stretches: runs, start states from the reconstruction, sensor errors to estimate.
 
     sensors: names to estimate; None takes those that the compatibility check can tell. run_s: longest free run, s.
     ground: whether velocity over ground, where measured, counts in a motion that is free in all axes though no vane is
-    missing; else it counts for the air data alone, by what the compatibility check made of it.
+    missing; else it counts for the air data alone, by what the compatibility check made of it. dead: surfaces that
+    were not recorded and what was said of them; their part of the motion is taken from the measurement.
+    Raises EstimationError where that leaves nothing to be simulated.
     """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
-    motion = excited_motion([stretch.record for stretch in stretches])
+    motion = _without(excited_motion([stretch.record for stretch in stretches]), dead or {})
     if ground and motion.longitudinal and motion.lateral and "wind_north" in compatible.parameters:
         motion = replace(motion, ground=True)
     runs, paths = [], []
@@ -73,6 +77,15 @@ def make_problem(
     )
     guesses = tuple(path[0].copy() for path in paths)
     return Problem(vehicle, tuple(runs), guesses, motion, start, priors, at_once, paths=tuple(paths))
+
+
+def _without(motion: Motion, dead: Mapping[str, str]) -> Motion:
+    """The motion less the parts that dead surfaces steer."""
+    lost = {part_of(name) for name in dead}
+    longitudinal, lateral = motion.longitudinal and "longitudinal" not in lost, motion.lateral and "lateral" not in lost
+    if not (longitudinal or lateral):
+        raise EstimationError("; ".join(dead.values()))
+    return replace(motion, longitudinal=longitudinal, lateral=lateral)
 
 
 def corrected_parts(

@@ -12,10 +12,11 @@ from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import CompatibilityResult, Refusal
 from sysid.equation_identify import EquationEstimate
+from sysid.frozen import part_of
 from sysid.linear import LinearModel, linearise
 from sysid.maximum_likelihood import MaximumLikelihood
 from sysid.prepare import Prepared
-from sysid.structure import helpful_manoeuvre
+from sysid.structure import helpful_manoeuvre, is_longitudinal
 
 
 def once(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
@@ -61,13 +62,18 @@ def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]])
     return replace(model, coefficients=entries, effects=effects)
 
 
-def quiet(structure: Sequence[str], names: Sequence[str]) -> list[Refusal]:
-    """Refusals of what no surface excited."""
-    return [
-        Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
-        for name in structure
-        if name not in names
-    ]
+def quiet(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:
+    """Refusals of what no surface excited, or one that was not recorded (`dead`, of de, da, dr)."""
+    lost = {part_of(surface): surface for surface in dead}
+    refused = []
+    for name in structure:
+        surface = lost.get("longitudinal" if is_longitudinal(name) else "lateral")
+        if name not in names and surface is not None:
+            reason = f"the channel of {surface} is dead, and what it did to the motion would pass for this"
+            refused.append(Refusal(name, reason, f"the same with {surface} recorded"))
+        elif name not in names:
+            refused.append(Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name)))
+    return refused
 
 
 def equation_model(
