@@ -59,7 +59,7 @@ _COUNTING: dict[str, Any] = {**_OPTIONS, "_nrt": True}
 def jit(function: Function) -> Function:
     """Compile a numerical function on first call and keep the machine code on disk.
 
-    It works on arrays that its caller owns: it makes none and returns none, nor calls what returns one.
+    It works on arrays that its caller owns: it makes none, returns none, and calls nothing that does.
     """
     return cast(Function, numba.njit(**_LEAN)(function))
 

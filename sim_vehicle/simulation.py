@@ -50,7 +50,7 @@ def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
     return pull
 
 
-@jit
+@jit_arrays
 def delay_readings(y: Array, E: Array, dt: float) -> None:
     """Let the sensors of the group that comes late show in y (N, 19) what was so much earlier."""
     if E[_SKEW] != 0.0 and E[_SKEW_S] > 0.0:

@@ -41,21 +41,12 @@ _SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
 
 
-@jit_fused_arrays
-def _add_shear(x: Array, gradient: float, A: Array) -> None:
-    """Add to the rows of u v w in A (STAGE,) what a wind that grows with height makes of them."""
-    by_shear = np.empty((3, 7))
-    shear_slopes(x, gradient, by_shear)
-    for row in range(3):
-        for z in range(7):
-            A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
-
-
 @jit_fused
-def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, A: Array) -> None:
+def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, by_shear: Array, A: Array) -> None:
     """Rows of u v w p q r of the rates' Jacobian, and what the quaternion's rows follow from, into A (STAGE,).
 
     Rates that are imposed (finite in `slopes`) follow from nothing: their rows of A and of R become zero.
+    by_shear: (3, 7), work.
     """
     u, v, w, p, q, r = x[3], x[4], x[5], x[10], x[11], x[12]
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
@@ -79,7 +70,10 @@ def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, A: A
     A[16], A[17], A[18], A[19] = A[16] + g * q1, A[17] + g * q0, A[18] + g * q3, A[19] + g * q2
     A[26], A[27], A[28], A[29] = A[26] + g * q0, A[27] - g * q1, A[28] - g * q2, A[29] + g * q3
     if E[_SHEAR] != 0.0:
-        _add_shear(x, E[_SHEAR_G], A)
+        shear_slopes(x, E[_SHEAR_G], by_shear)
+        for row in range(3):
+            for z in range(7):
+                A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
     for row in range(slopes.size):
         if np.isfinite(slopes[row]):
             for z in range(STATE_COLUMNS):
@@ -95,7 +89,7 @@ def _tangent_step(
     x: Array, surfaces: Array, thrust: float, still: Array, gust: Array, rho: float, step: float, slopes: Array,
     P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray,
     X: Array, W: Array, scratch: Array, flow: Array, D: Array, J: Array, part: Array, products: Array, R: Array,
-    A: Array, force: Array, work: Array,
+    A: Array, force: Array, by_shear: Array, work: Array,
 ) -> None:  # fmt: skip
     """`runge_kutta_step` with its tangents X; the rest as in `simulate_tangents`, or work arrays."""
     for i in range(STATE_SIZE):
@@ -104,7 +98,7 @@ def _tangent_step(
         rate = scratch[stage]
         derivatives(scratch[4], surfaces, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
         force_jacobian(scratch[4], surfaces, np.isnan(thrust), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
-        _rate_rows(scratch[4], P[_GRAVITY], E, R, slopes, A[stage])
+        _rate_rows(scratch[4], P[_GRAVITY], E, R, slopes, by_shear, A[stage])
         direct_effects(R, products, terms, columns, force[stage])
         for i in range(slopes.size):
             if np.isfinite(slopes[i]):
@@ -193,7 +187,7 @@ def simulate_tangents(
     actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE))
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
-    part, angles = np.zeros((4, COLUMNS)), np.zeros((3, 4))
+    part, angles, by_shear = np.zeros((4, COLUMNS)), np.zeros((3, 4)), np.empty((3, 7))
     products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
     A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
@@ -230,7 +224,7 @@ def simulate_tangents(
                 W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
                 _tangent_step(
                     x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
-                    scratch, flow, D, J, part, products, R, A, force, work,
+                    scratch, flow, D, J, part, products, R, A, force, by_shear, work,
                 )  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
                 S[k + 1 - start :] = np.nan

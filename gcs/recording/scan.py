@@ -307,7 +307,7 @@ def runs_fit(
     return run == run_frame.size
 
 
-@jit
+@jit_arrays
 def rebuild(
     data: Bytes,
     rows: Ints,
