@@ -206,11 +206,12 @@ def _joint_step(
         rows = slopes[:, columns, :] * scale[:, :, None]
         pushes = np.stack([doubts[k].outputs[index][:, columns] * scale for k in inside], axis=2)
         here, there = estimation.places(index), [n + k for k in inside]
-        cross = np.einsum("kjp,kjq->pq", rows, pushes)
+        pushed = pushes.reshape(-1, pushes.shape[2])
+        cross = rows.reshape(-1, rows.shape[2]).T @ pushed
         joint[np.ix_(here, there)] += cross
         joint[np.ix_(there, here)] += cross.T
-        joint[np.ix_(there, there)] += np.einsum("kjp,kjq->pq", pushes, pushes)
-        gradient[there] += np.einsum("kjp,kj->p", pushes, white)
+        joint[np.ix_(there, there)] += pushed.T @ pushed
+        gradient[there] += white.ravel() @ pushed
     scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
     covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     return covariance @ gradient, covariance

@@ -326,13 +326,18 @@ class OutputError:
         middle = np.zeros((n, n))
         middle[:p, :p] = self.prior_information
         inflation = np.full(len(OUTPUTS), np.nan)
-        for j in self.columns:
-            kernel = autocorrelation([residual[:, j] for residual in residuals])
+        kernels = {int(j): autocorrelation([residual[:, j] for residual in residuals]) for j in self.columns}
+        for j, kernel in kernels.items():
             inflation[j] = max(float(np.sum(kernel)), 1.0)
-            for k, (residual, s) in enumerate(zip(residuals, S, strict=True)):
-                rows = s[:, j, :] * (np.isfinite(residual[:, j]) / sigma[j])[:, None]
-                place = self.places(k)
-                middle[np.ix_(place, place)] += rows.T @ (rows if kernel.size == 1 else _filtered(rows, kernel))
+        white_columns = np.array([j for j, kernel in kernels.items() if kernel.size == 1], dtype=np.int64)
+        jobs = [_POOL.submit(gram, s, nu, white_columns, sigma) for nu, s in zip(residuals, S, strict=True)]
+        for k, (residual, s, job) in enumerate(zip(residuals, S, jobs, strict=True)):
+            place = np.ix_(self.places(k), self.places(k))
+            middle[place] += job.result()[0]
+            for j, kernel in kernels.items():
+                if kernel.size > 1:
+                    rows = s[:, j, :] * (np.isfinite(residual[:, j]) / sigma[j])[:, None]
+                    middle[place] += rows.T @ _filtered(rows, kernel)
         coloured = white @ (0.5 * (middle + middle.T)) @ white
         growth = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
         return white * np.outer(growth, growth), inflation
