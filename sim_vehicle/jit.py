@@ -59,13 +59,14 @@ _COUNTING: dict[str, Any] = {**_OPTIONS, "_nrt": True}
 def jit(function: Function) -> Function:
     """Compile a numerical function on first call and keep the machine code on disk.
 
-    It works on arrays that its caller owns: it makes none, returns none, and calls nothing that does.
+    It works on arrays that its caller owns: it makes none (a slice assigned to a slice makes one on the way), returns
+    none, and calls nothing that does.
     """
     return cast(Function, numba.njit(**_LEAN)(function))
 
 
 def jit_arrays(function: Function) -> Function:
-    """As `jit`, for a function that makes arrays, or is given them by one that does."""
+    """As `jit`, for a function that makes arrays or returns them, or calls one that does."""
     return cast(Function, numba.njit(**_COUNTING)(function))
 
 

@@ -169,7 +169,8 @@ def read_lanes(X: Array, H: Array, rows: IntArray, gain: Array, products: Array,
                places: IntArray, out: Array, work: Array) -> None:  # fmt: skip
     """Derivatives of readings, gain times H (readings, COLUMNS), for every unknown: out[i, places[lane]].
 
-    rows: of H, one for each row of `out`. gain: likewise. terms, columns: as in `direct_effects`. work: (WIDTH,).
+    rows: of H, one for each row of `out`. gain: likewise. terms, columns: as in `direct_effects`. places: ascending.
+    work: (WIDTH,).
     """
     for block in range(X.shape[0]):
         first = block * WIDTH

@@ -174,10 +174,10 @@ def simulate_tangents(
     """Derivatives of what `simulate` gives with the arguments of the same names.
 
     terms, columns, places: (n,) of every unknown: the term it is the coefficient of, the column of `force_jacobian` it
-    acts through, and its place in the last axis of S. A term of -1 acts through the column by itself (the thrust), a
-    column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m unknowns
-    are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows, unknowns)
-    result; places that are not named stay as they are. Lags and delays of sensors, a lift that lags and the
+    acts through, and its place in the last axis of S, ascending. A term of -1 acts through the column by itself (the
+    thrust), a column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m
+    unknowns are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows,
+    unknowns) result; places that are not named stay as they are. Lags and delays of sensors, a lift that lags and the
     ground are left out; the height over which the wind changes is an input. A diverging motion leaves NaN.
     """
     x = x0.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
@@ -102,12 +102,16 @@ class Problem:
     thrust_errors: int = 0
 
 
-def excited_motion(records: Sequence[Record]) -> Motion:
-    """Which surfaces moved enough to tell anything; longitudinal motion alone if none did."""
+def excited_motion(records: Sequence[Record], lost: Collection[str] = ()) -> Motion:
+    """Which surfaces moved enough to tell anything; longitudinal motion alone if none did.
+
+    lost: "longitudinal" or "lateral" where a surface that steers it was not recorded; both parts may be left out then.
+    """
     travel = np.max([np.ptp(record.commands[:, :3], axis=0) for record in records], axis=0)
     lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
     still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
-    longitudinal = bool(travel[0] > QUIET_SURFACE) or not lateral
+    longitudinal = (bool(travel[0] > QUIET_SURFACE) or not lateral) and "longitudinal" not in lost
+    lateral = lateral and "lateral" not in lost
     wanted = (*(("alpha",) if longitudinal else ()), *(("beta",) if lateral else ()))
     ground = any(not _measured(record, wanted) and _measured(record, (*GROUND, "psi")) for record in records)
     return Motion(longitudinal, lateral, still, ground)

@@ -7,8 +7,9 @@ noise of such a flight leaves open.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -45,26 +46,23 @@ def held_errors(compatible: CompatibilityResult, problem: Problem) -> list[Bench
     found = []
     for size, mode in zip(sizes, modes.T, strict=True):
         if size > _SMALLEST * sizes[-1]:
-            error = unit * mode * np.sqrt(size)
-            found.append(BenchError(SOURCE, _moved(dict(zip(names, error.tolist(), strict=True)))))
+            error = dict(zip(names, (unit * mode * np.sqrt(size)).tolist(), strict=True))
+            found.append(BenchError(SOURCE, partial(shifted, errors=error)))
     return found
 
 
-def _moved(errors: Mapping[str, float]) -> Callable[[Record], Record]:
-    """The change of imposed states if the sensor errors were so much larger."""
+def shifted(record: Record, errors: Mapping[str, float]) -> Record:
+    """The record with the longitudinal states that it imposes as they are if these sensor errors are so much larger."""
 
     def off(name: str, reading: Array) -> Array:
         """What a signal is too high by."""
         return errors.get(f"{name}_scale", 0.0) * reading + errors.get(f"{name}_bias", 0.0)
 
-    def change(record: Record) -> Record:
-        held = record.held.copy()
-        u, w = record.held[:, _U], record.held[:, _W]
-        along = np.hypot(u, w)
-        stretched, turned = 1.0 - off("airspeed", along) / along, -off("alpha", np.arctan2(w, u))
-        held[:, _U], held[:, _W] = u * stretched - w * turned, w * stretched + u * turned
-        held[:, _THETA] -= off("theta", record.held[:, _THETA])
-        held[:, _Q] -= errors.get("gyro_bias_q", 0.0)
-        return replace(record, held=held)
-
-    return change
+    held = record.held.copy()
+    u, w = record.held[:, _U], record.held[:, _W]
+    along = np.hypot(u, w)
+    stretched, turned = 1.0 - off("airspeed", along) / along, -off("alpha", np.arctan2(w, u))
+    held[:, _U], held[:, _W] = u * stretched - w * turned, w * stretched + u * turned
+    held[:, _THETA] -= off("theta", record.held[:, _THETA])
+    held[:, _Q] -= errors.get("gyro_bias_q", 0.0)
+    return replace(record, held=held)

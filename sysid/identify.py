@@ -227,12 +227,10 @@ def _likeliest(
     progress(0.40, "maximum likelihood")
     vehicle, compatible = posed.vehicle, posed.compatible
     turbulent = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
-    errors = bench_errors(posed.prepared, vehicle)
-    if compatible.gust_sigma == 0.0:
-        errors += held_errors(compatible, posed.problem)
     return maximum_likelihood(
         posed.problem, replace(turbulent, known=posed.problem.known), posed.start, posed.names, _free_effects(posed),
-        compatible, errors, delays=posed.check.delays if delays else None,
+        compatible, bench_errors(posed.prepared, vehicle), held=held_errors(compatible, posed.problem),
+        delays=posed.check.delays if delays else None,
         singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,
         progress=lambda s, t: progress(0.4 + 0.45 * s, t),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class OutputFit:
 
 @dataclass
 class Part:
-    """Arrays of one part; `nominal` (N, 6) and `gusts` (N, 3) are the trajectory linearised about and change.
+    """Arrays of one part; `nominal` (N, 6) and `gusts` (N, 3), the trajectory linearised about, are replaced by others
+    but never written to.
 
     imu: (N, 6) at the centre of gravity. z: (N, 9) outputs, NaN missing. noise: (9,), imu_noise: (6,) sigma.
     dt: s. speed: mean true airspeed, m/s. layout: (7,) packed. measured_start: (N, 6) states from the sensors alone.
@@ -81,13 +82,14 @@ class Part:
     measured: Array
     nominal: Array
     gusts: Array
-    _kept: tuple[Array, Array, Array, Linearised] | None = None
+    _kept: tuple[Array, Array, Array, Linearised] | None = field(default=None, init=False, repr=False, compare=False)
 
     def linearised(self, theta: Array) -> Linearised:
         """What `linearise_part` tells of sensor errors (18,) along the nominal trajectory; the last is kept."""
         kept = self._kept
         if kept is not None and kept[0] is self.nominal and kept[1] is self.gusts and np.array_equal(kept[2], theta):
             return kept[3]
+        self._kept = None  # what is kept is large
         told = linearise_part(self.nominal, self.gusts, theta, self.imu, self.dt, self.layout)
         self._kept = (self.nominal, self.gusts, theta.copy(), told)
         return told

@@ -70,6 +70,7 @@ def maximum_likelihood(
     compatible: CompatibilityResult,
     bench: Sequence[BenchError] = (),
     *,
+    held: Sequence[BenchError] = (),
     delays: Sequence[Delay] | None = None,
     singles: bool = False,
     late_model: Model | None = None,
@@ -81,7 +82,8 @@ def maximum_likelihood(
 
     problem: of the flight, cut into runs that a free simulation follows. turbulent: the same in longer runs, for filter
     error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the innovations
-    confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations.
+    confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations. held: of a
+    motion that output error takes from the measurement (sysid.held).
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
     singles: whether to ask for mistakes of single sensors; where there are any the estimate ends there.
     late_model: start values with the delay of the commands that `problem` starts from, where they differ.
@@ -128,7 +130,7 @@ def maximum_likelihood(
         late = lag_or_delay(problem, model, coefficients, effects, result, given)
         warnings += late.warnings
         if singles:
-            alone = told_by_motion(problem, model, coefficients, effects, result, bench)
+            alone = told_by_motion(problem, model, coefficients, effects, result, [*bench, *held])
     if alone:
         # Whatever comes next would take them for aerodynamics; the flight is estimated anew without them.
         left = _left(problem, result)
@@ -144,9 +146,9 @@ def maximum_likelihood(
         text = "the flight shows what the structure does not hold, and the standard errors do not count it"
         warnings.append(f"{text}: {error}")
     if wider is not None:
-        return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()))
+        return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()), held)
     problem, result = with_input_noise(problem, model, coefficients, effects, result)
-    result, shares = carry(bench, problem, model, coefficients, effects, result)
+    result, shares = carry([*bench, *held], problem, model, coefficients, effects, result)
     return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
 
 
@@ -219,9 +221,11 @@ def _with_misfit(
     effects: Sequence[tuple[str, str]],
     refused: tuple[Refusal, ...],
     warnings: tuple[str, ...],
+    held: Sequence[BenchError],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
     corrected, result = with_input_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    result, _ = carry(held, corrected, wider.model, wider.coefficients, effects, result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
     told = replace(corrected, known=problem.known)

@@ -55,7 +55,9 @@ def make_problem(
     Raises EstimationError where that leaves nothing to be simulated.
     """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
-    motion = _without(excited_motion([stretch.record for stretch in stretches]), dead or {})
+    motion = excited_motion([stretch.record for stretch in stretches], {part_of(name) for name in dead or {}})
+    if dead and not (motion.longitudinal or motion.lateral):
+        raise EstimationError("; ".join(dead.values()))
     if ground and motion.longitudinal and motion.lateral and "wind_north" in compatible.parameters:
         motion = replace(motion, ground=True)
     runs, paths = [], []
@@ -77,15 +79,6 @@ def make_problem(
     )
     guesses = tuple(path[0].copy() for path in paths)
     return Problem(vehicle, tuple(runs), guesses, motion, start, priors, at_once, paths=tuple(paths))
-
-
-def _without(motion: Motion, dead: Mapping[str, str]) -> Motion:
-    """The motion less the parts that dead surfaces steer."""
-    lost = {part_of(name) for name in dead}
-    longitudinal, lateral = motion.longitudinal and "longitudinal" not in lost, motion.lateral and "lateral" not in lost
-    if not (longitudinal or lateral):
-        raise EstimationError("; ".join(dead.values()))
-    return replace(motion, longitudinal=longitudinal, lateral=lateral)
 
 
 def corrected_parts(

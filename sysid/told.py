@@ -64,13 +64,15 @@ def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]])
 
 def quiet(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:
     """Refusals of what no surface excited, or one that was not recorded (`dead`, of de, da, dr)."""
-    lost = {part_of(surface): surface for surface in dead}
+    lost: dict[str, list[str]] = {}
+    for surface in dead:
+        lost.setdefault(part_of(surface), []).append(surface)
     refused = []
     for name in structure:
-        surface = lost.get("longitudinal" if is_longitudinal(name) else "lateral")
-        if name not in names and surface is not None:
-            reason = f"the channel of {surface} is dead, and what it did to the motion would pass for this"
-            refused.append(Refusal(name, reason, f"the same with {surface} recorded"))
+        surfaces = " and ".join(lost.get("longitudinal" if is_longitudinal(name) else "lateral", []))
+        if name not in names and surfaces:
+            reason = f"the channel of {surfaces} is dead, and what it did to the motion would pass for this"
+            refused.append(Refusal(name, reason, f"the same with {surfaces} recorded"))
         elif name not in names:
             refused.append(Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name)))
     return refused

@@ -59,7 +59,8 @@ class Demo:
                 service.wait(timeout=20)
         print(f"\nDone in {time.monotonic() - began:.0f} s. Everything is in {self.folder}/; to look around:")
         print(
-            f"  gcs serve --data {self.folder}/service --vehicle {VEHICLE}    then open /docs on the address it prints"
+            f"  {Path(sys.argv[0])} serve --data {self.folder}/service --vehicle {VEHICLE}    "
+            "then open the address it prints (/docs: the REST answers)"
         )
 
     def _steps(self) -> None:

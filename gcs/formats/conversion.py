@@ -106,7 +106,8 @@ def import_file(
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
         raise ImportFileError(
-            f"{ending or 'a file without an ending'} cannot be imported; this version reads {', '.join(IMPORTS)}"
+            f"{name or source.name}: {ending or 'a file without an ending'} cannot be imported; this version reads "
+            + ", ".join(IMPORTS)
         )
     check_file(source)
     if target.exists() and target.samefile(source):

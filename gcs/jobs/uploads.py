@@ -94,7 +94,7 @@ class Uploads:
                 continue
             told |= said if isinstance(said, dict) else {}
         if "error" in told:
-            raise ImportFileError(told["error"])
+            raise ImportFileError(str(told["error"]).replace(str(upload), shown))
         if code != 0 or "flight" not in told:
             raise ImportFileError(f"{shown} cannot be read: {last_words(code, errors)}")
         return dict(told["flight"])

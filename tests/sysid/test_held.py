@@ -10,10 +10,14 @@ from simulated import fly_mav
 
 from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
+from sysid.compatibility import moved_by
 from sysid.errors import SysidError
 from sysid.flight import FlightSignals
-from sysid.held import SOURCE
+from sysid.held import SOURCE, shifted
 from sysid.identify import Identification, identify
+from sysid.parameterisation import STATES
+from sysid.posing import make_problem
+from sysid.prepare import check_compatibility, prepare
 
 VEHICLE, TRUE = load_vehicle("iitb-mav"), read_model("iitb-mav").values()
 
@@ -41,12 +45,12 @@ def test_intervals_hold_where_airspeed_is_measured_and_not_simulated() -> None:
     """Airspeed known to 0.3 % moves Cl_da and Cn_dr by twenty times what the noise of such a flight leaves open."""
     found = [
         identify([frozen(fly_mav("multisine", seed, duration=14.0)[0], "de")], VEHICLE, systematic=False)
-        for seed in (2, 4, 6)
+        for seed in (2, 4, 5)
     ]
     held = [z for one in found for z in scores(one, shares=True).values()]
     alone = [scores(one, shares=False)[name] for one in found for name in ("Cl_da", "Cn_dr")]
     assert len(held) == 3 * 18
-    assert np.sqrt(np.mean(np.square(held))) < 1.6
+    assert 0.8 < np.sqrt(np.mean(np.square(held))) < 1.6
     assert max(np.abs(held)) < 4.0
     assert np.sqrt(np.mean(np.square(alone))) > 8.0
 
@@ -67,6 +71,33 @@ def test_coefficients_beside_a_dead_channel_are_refused_with_the_reason(
 
 def test_where_all_that_moved_is_dead_nothing_is_told() -> None:
     flight = frozen(fly_mav("elevator-3211", 3, duration=12.0)[0], "de")
-    with pytest.raises(SysidError) as told:
+    with pytest.raises(SysidError, match="channel is dead") as told:
         identify([flight], VEHICLE, systematic=False)
     assert "\n" not in str(told.value)
+
+
+def test_sensor_errors_move_the_measured_motion_as_smoothing_it_anew_does() -> None:
+    prepared = [prepare(frozen(fly_mav("multisine", 2, duration=14.0)[0], "de"), VEHICLE)]
+    compatible = check_compatibility(prepared)
+    problem = make_problem(prepared, VEHICLE, compatible, dead={"de": ""})
+    parts = [stretch.data for flight in prepared for stretch in flight.stretches]
+    record = problem.records[0]
+    for name, state in (
+        ("airspeed_scale", "u"), ("airspeed_bias", "u"), ("alpha_bias", "w"), ("theta_bias", "theta"),
+        ("gyro_bias_q", "q"),
+    ):  # fmt: skip
+        size = compatible.parameters[name].std
+        before, after = (one.states[0][state] for one in moved_by(parts, compatible, [{name: 0.0}, {name: size}]))
+        smoothed = (after - before)[: record.length]
+        ours = (shifted(record, {name: size}).held - record.held)[record.start :, STATES.index(state)]
+        assert ours.mean() == pytest.approx(smoothed.mean(), rel=0.15)
+
+
+def test_aerodynamics_outside_the_structure_are_still_seen_beside_a_measured_motion() -> None:
+    model = read_model("iitb-mav").with_coefficient("Cn_beta3", 0.15).with_coefficient("Cl_beta3", -0.15)
+    flight = fly_mav("aileron-3211,rudder-3211", 1, model=model, duration=24.0)[0]
+    found = identify([flight], VEHICLE, systematic=False)
+    assert any("beta3" in text and "what the structure does not hold" in text for text in found.warnings)
+    # Symmetric in sideslip, the terms leave the moments at none of it where they are.
+    told = scores(found, shares=True)
+    assert max(abs(told[name]) for name in ("CY_0", "Cl_0", "Cn_0")) < 4.0
