@@ -9,16 +9,19 @@ from pathlib import Path
 from gcs.errors import RecordingError
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
+from gcs.recording.repair import COMPLETED
 from sysid.errors import SegmentError, SignalError
 
 _CURE = "wait for its end, copy the whole file again, or record the flight anew"
 
 
 def cut_off(recording: Recording) -> str:
-    """One clause that says where a recording without an end stops; empty for one that has it."""
+    """One clause that says where a recording without an end stops; empty for one that has had it from the start."""
+    where = f"{recording.duration_s:.1f} s after its first message"
+    if COMPLETED in recording.metadata():
+        return f"{recording.path} was cut off {where} before it was taken in"
     if not recording.truncated:
         return ""
-    where = f"{recording.duration_s:.1f} s after its first message"
     return f"{recording.path} is incomplete: still being written, or cut off {where}"
 
 

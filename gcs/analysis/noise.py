@@ -36,6 +36,9 @@ _FILTERED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_PO
 _SLOW_M_S = 5.0  # below it an airspeed is the root of a pressure that is nothing but noise
 _MOVING_RAD_S = 0.05
 _MOVING_M_S = 1.0
+# What a motor that starts or a take-off run changes: by so many times the scatter within a twentieth of the recording.
+_STEADY = ("ax", "ay", "az", "airspeed", "differential_pressure", "thrust", "rpm")
+_UNSTEADY, _PIECES, _PIECE_LEAST = 5.0, 20, 5
 
 
 def noise_of_recording(
@@ -61,6 +64,7 @@ def noise_of_recording(
         del found["airspeed"]
         reason = "at rest it is the root of a pressure near 0, which says nothing of its noise in flight"
         refused.append({"name": "airspeed", "reason": f"{reason}; see differential_pressure"})
+    moved = _movement(found, signals)
     filtered = [name for name, signal in signals.items() if name in found and signal.source.split(".")[0] in _FILTERED]
     if not found:
         reason = refused[0]["reason"] if refused else "it holds no signal of a sensor"
@@ -69,9 +73,9 @@ def noise_of_recording(
         "schema": "noise/1",
         "file": path.name,
         "signals": {name: _to_json(noise) for name, noise in found.items()},
-        "vehicle_file": _vehicle_file(found, vehicle),
+        "vehicle_file": {} if moved else _vehicle_file(found, vehicle),
         "refused": refused,
-        "warnings": [*_movement(found), *_estimates(filtered), *flight.warnings],
+        "warnings": [*moved, *_estimates(filtered), *flight.warnings],
     }
 
 
@@ -110,13 +114,24 @@ def _sensor_noise(found: dict[str, SensorNoise], group: tuple[str, ...]) -> floa
     return math.sqrt(float(np.mean(squares))) if squares else None
 
 
-def _movement(found: dict[str, SensorNoise]) -> list[str]:
-    """What says that the aircraft was not at rest."""
+def _movement(found: dict[str, SensorNoise], signals: dict[str, Signal]) -> list[str]:
+    """What says that the aircraft was not at rest, or its motor not off."""
     limits = dict.fromkeys(("p", "q", "r"), _MOVING_RAD_S) | dict.fromkeys(("vn", "ve", "vd"), _MOVING_M_S)
     moving = [name for name, limit in limits.items() if name in found and _spread(found[name]) > limit]
+    moving += [name for name in _STEADY if name in found and _is_unsteady(signals[name], found[name].quantisation)]
     if not moving:
         return []
-    return [f"{', '.join(moving)} moved: the aircraft was not at rest, so the noise is too large; give --from and --to"]
+    text = "the aircraft was not at rest or its motor not off, so the noise is too large for a vehicle file"
+    return [f"{', '.join(moving)} moved: {text}; give the part at rest by --from and --to"]
+
+
+def _is_unsteady(signal: Signal, step: float | None) -> bool:
+    """Whether the whole scatters far more than its pieces do; step: of the reading, below which nothing is told."""
+    values = signal.values[np.isfinite(signal.values)]
+    if values.size < _PIECES * _PIECE_LEAST:
+        return False
+    within = float(np.median([np.std(piece) for piece in np.array_split(values, _PIECES)]))
+    return float(np.std(values)) > _UNSTEADY * max(within, step or 0.0)
 
 
 def _spread(noise: SensorNoise) -> float:
@@ -159,8 +174,9 @@ def noise_text(result: dict[str, Any]) -> str:
         "one-sided density is 1.41 times that); instability: floor of the Allan deviation;",
         "walk: per s and sqrt(Hz); step: of the reading; -: none shows in this recording (--json says why).",
         "",
-        "[sensors]  # for the vehicle file, beside each sensor's position",
     ]
+    if result["vehicle_file"]:
+        lines.append("[sensors]  # for the vehicle file, beside each sensor's position")
     lines += [f"{key} = {{ noise = {value:.3g} }}" for key, value in result["vehicle_file"].items()]
     lines += ["", *(f"refused: {entry['name']}: {entry['reason']}" for entry in result["refused"])]
     lines += [f"warning: {warning}" for warning in result["warnings"]]

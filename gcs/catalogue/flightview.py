@@ -13,6 +13,7 @@ from gcs.catalogue.decimate import decimate
 from gcs.catalogue.store import Flight
 from gcs.errors import CatalogueError, GcsError, SignalMapError
 from gcs.recording.reader import Recording
+from gcs.recording.repair import COMPLETED
 from gcs.settings import Settings
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle import load_vehicle
@@ -63,10 +64,12 @@ class FlightViewer:
                 self._contents.move_to_end(version)
                 return self._contents[version]
         recording = Recording(paths)
+        completed = recording.metadata().get(COMPLETED)
+        cut = [] if completed is None else [f"cut off before it was taken in; {completed.get('notes', '')}"]
         found = {
             "topics": recording.counts(),
             "lost": sum(recording.lost().values()),
-            "damage": list(recording.damage.notes),
+            "damage": [*recording.damage.notes, *cut],
         }
         with self._lock:
             self._contents[version] = found

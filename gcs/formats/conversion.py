@@ -19,7 +19,7 @@ def _copy(source: Path, target: Path, progress: Progress, dialect: str, name: st
     from gcs.recording.repair import repair
 
     if Container(source).damage.truncated:
-        repair([source], target)
+        repair([source], target, remember=True)
     else:
         shutil.copyfile(source, target)
 

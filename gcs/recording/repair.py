@@ -22,22 +22,26 @@ from gcs.recording.storage import SyncPolicy
 
 #: Behind the name of a file that is being made out of another.
 UNFINISHED = ".unfinished"
+#: Metadata of a recording that was completed after it had been cut off; its `notes` say what was left out.
+COMPLETED = "completed"
 # Of a message's record in front of its data: opcode, length, channel, sequence and two times.
 _MESSAGE_HEAD = 9 + 22
 _WAITING_BYTES = 64 << 20
 
 
-def repair(sources: Sequence[Path], target: Path) -> Damage:
+def repair(sources: Sequence[Path], target: Path, remember: bool = False) -> Damage:
     """Write all that is whole in a recording to `target`; what had to be left out.
 
-    sources: its file, or its parts in order. Raises RecordingError if there is nothing in them, or if `target` cannot
-    be written, which is then not there.
+    sources: its file, or its parts in order. remember: whether the new file is to say that it was cut off. Raises
+    RecordingError if there is nothing in them, or if `target` cannot be written, which is then not there.
     """
     container = JoinedContainer(sources)
     sink = RecordingSink(target, "none", SyncPolicy(at_close=True), 0, 0)
     try:
         for name, values in container.metadata:
             sink.put_metadata(name, values)
+        if remember and container.damage.truncated:
+            sink.put_metadata(COMPLETED, {"notes": "; ".join(container.damage.notes)})
         for file in container.attachments:
             sink.put_attachment(file)
         copied = sum(_copy_chunks(part, sink, sorted(container.channels)) for part in container.containers)

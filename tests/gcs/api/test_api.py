@@ -255,6 +255,14 @@ def test_uploads_as_form_and_as_body(client: httpx.Client) -> None:
     assert again.json()["messages"] == 52
 
 
+def test_an_upload_that_was_cut_off_says_so_for_good(bench: Bench, client: httpx.Client) -> None:
+    whole = client.get(f"/api/flights/{bench.record(5, 4, START)}/recording").content
+    made = client.post("/api/flights", params={"name": "cut.mcap"}, content=whole[:-60]).json()
+    told = client.get(f"/api/flights/{made['id']}").json()
+    assert made["messages"] > 0
+    assert any("cut off before it was taken in" in line for line in told["damage"])
+
+
 def test_uploads_that_are_no_recordings_leave_nothing_behind(bench: Bench, client: httpx.Client) -> None:
     assert ".exe" in problem(client.post("/api/flights", files={"file": ("x.exe", b"MZ")}), 422)
     problem(client.post("/api/flights", files={"file": ("x.mcap", b"this is no MCAP file")}), 422)
