@@ -66,22 +66,14 @@ def with_input_noise(
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
-    groups: dict[tuple[str, int], list[int]] = {}
-    for index, record in enumerate(problem.records):
-        if record.thrust_doubt.size or record.rotor_doubt.size:
-            groups.setdefault((record.flight, record.stretch), []).append(index)
-    if not groups:
+    if not any(_is_doubtful(record) for record in problem.records):
         return problem, result
     estimation = build(problem, model, coefficients, effects, result.sigma)
     theta = result.theta
     predicted = estimation.predict(theta)
     S = estimation.sensitivities(theta, predicted)
     residuals = estimation.residuals(predicted)
-    doubts = [
-        _doubt(problem, estimation, theta, predicted, indices, part)
-        for indices in groups.values()
-        for part in range(len(_parts(problem.records[indices[0]])))
-    ]
+    doubts = _doubts(problem, estimation, theta, predicted)
     step, covariance = _joint_step(estimation, result, residuals, S, doubts)
     n = theta.size
     white = covariance[:n, :n]
@@ -97,6 +89,27 @@ def with_input_noise(
         residuals=tuple(left),
     )  # fmt: skip
     return replace(problem, records=_corrected(problem.records, doubts, step[n:])), corrected
+
+
+def input_slopes(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> list[Array]:
+    """What each error of thrust and propeller speed, of one standard deviation, adds to the outputs of each record,
+    (N, 15, errors); arguments as of `with_input_noise`."""
+    estimation = build(problem, model, coefficients, effects, result.sigma)
+    predicted = estimation.predict(result.theta)
+    doubts = _doubts(problem, estimation, result.theta, predicted)
+    nothing = [np.zeros_like(y) for y in predicted]
+    return [
+        np.stack([doubt.outputs.get(index, nothing[index]) for doubt in doubts], axis=2)
+        if doubts
+        else np.zeros((*nothing[index].shape, 0))
+        for index in range(len(predicted))
+    ]
 
 
 def with_thrust_by_airspeed(
@@ -149,6 +162,23 @@ def with_thrust_by_airspeed(
     except EstimationError:
         # The estimate before stands, with the thrust that it had.
         return problem, result
+
+
+def _is_doubtful(record: Record) -> bool:
+    return bool(record.thrust_doubt.size or record.rotor_doubt.size)
+
+
+def _doubts(problem: Problem, estimation: OutputError, theta: Array, predicted: Sequence[Array]) -> list[_Doubt]:
+    """Every error of the inputs; records of one stretch share theirs."""
+    groups: dict[tuple[str, int], list[int]] = {}
+    for index, record in enumerate(problem.records):
+        if _is_doubtful(record):
+            groups.setdefault((record.flight, record.stretch), []).append(index)
+    return [
+        _doubt(problem, estimation, theta, predicted, indices, part)
+        for indices in groups.values()
+        for part in range(len(_parts(problem.records[indices[0]])))
+    ]
 
 
 def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float], calibrated: bool) -> Array:

@@ -22,6 +22,7 @@ from sysid.estimate import Problem, build, fit, warmed
 from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array
 from sysid.hypotheses import scale_hypothesis
+from sysid.inputnoise import input_slopes
 from sysid.mistakes import GAIN, LONGEST_DELAY_S, SCALE_LEAST, SCALE_REFUSED, SCALE_SIGMAS, noise_at_most
 from sysid.output_error import OutputError, OutputErrorResult, autocorrelation
 from sysid.records import GROUND, OUTPUTS, Record
@@ -116,14 +117,15 @@ def told_by_motion(
     """The surest mistake of a single sensor, if any; others show better once the flight is estimated anew without it.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air. bench: errors
-    of calibrations. Over a long flight what they leave stands out, and is no mistake of another sensor.
+    of calibrations. Over a long flight what they leave stands out, over a short one the noise of the thrust; neither is
+    a mistake of another sensor.
     """
     found: list[Mistake] = []
     slopes: list[Array] | None = None
     for _ in range(_MOST):
         errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
-        if errors and bench and slopes is None:
-            slopes = bench_slopes(bench, problem, model, coefficients, effects, result)
+        if errors and slopes is None:
+            slopes = _slopes_of_inputs(bench, problem, model, coefficients, effects, result)
             errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
         best = max(errors, key=lambda one: one.sigmas, default=None)
         told = None if best is None else _settled(problem, model, coefficients, effects, result, best, slopes)
@@ -134,6 +136,22 @@ def told_by_motion(
     if found and not _explained(problem, result):
         return ()
     return tuple(found[:1])
+
+
+def _slopes_of_inputs(
+    bench: Sequence[BenchError],
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: OutputErrorResult,
+) -> list[Array]:
+    """Per record (N, 15, K): what benches leave open, and the noise of thrust and propeller speed."""
+    noise = input_slopes(problem, model, coefficients, effects, result)
+    if not bench:
+        return noise
+    left = bench_slopes(bench, problem, model, coefficients, effects, result)
+    return [np.concatenate(pair, axis=2) for pair in zip(left, noise, strict=True)]
 
 
 def _settled(

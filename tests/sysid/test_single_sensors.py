@@ -110,3 +110,15 @@ def test_noise_is_told_of_interpolated_readings_and_of_motion() -> None:
     for part in (0.0, 0.25, 0.5):
         read = (1.0 - part) * noise[:-1] + part * noise[1:] + 40.0 * np.sin(2.0 * np.pi * 1.5 * time[1:])
         assert sample_noise(read, 0.02) == pytest.approx(np.hypot(1.0 - part, part), rel=0.08)
+
+
+def test_noise_of_the_thrust_in_a_short_stretch_is_no_mistake_of_another_sensor() -> None:
+    """What it does in the seven seconds of a rudder doublet looks like an accelerometer with a wrong scale."""
+    wind = ("steady_wind:north=1,east=-1,down=0",)
+    found = told(fly_mav("elevator-3211,aileron-doublet,rudder-doublet", 108, effects=wind)[0])
+    assert found.check.findings() == []
+    for name in ("CY_dr", "Cl_r", "Cn_r"):
+        entry = found.model.coefficients[name]
+        assert entry.value is not None
+        assert entry.std is not None
+        assert abs(entry.value - TRUE[name]) < 3.5 * entry.std
