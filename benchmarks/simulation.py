@@ -15,7 +15,7 @@ from telemetry import compare
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.layout import CHANNELS
-from sim_vehicle.model import Coefficient, Model, ModelEffect, read_model
+from sim_vehicle.model import Model, read_model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.plant import Plant
 from sim_vehicle.simulation import simulate
@@ -39,12 +39,9 @@ SWITCHED_ON = {
 
 def with_effects(model: Model) -> Model:
     """The model with those effects on top of its own."""
-    more = tuple(
-        ModelEffect(name, {key: Coefficient(value) for key, value in parameters.items()})
-        for name, parameters in SWITCHED_ON.items()
-    )
-    assert all(set(SWITCHED_ON[name]) <= {one.name for one in EFFECTS[name].parameters} for name in SWITCHED_ON)
-    return Model(model.name, model.coefficients, (*model.effects, *more))
+    for name, parameters in SWITCHED_ON.items():
+        model = model.with_effect(EFFECTS[name], parameters)
+    return model
 
 
 def own(model: Model) -> Callable[[], object]:
