@@ -41,7 +41,8 @@ export function discrepancy(page, result, summary, signal) {
       h('span', { id: 'model-download' })),
     result.effects.length && h('h2', {}, 'Effects'), effects(result),
     h('h2', {}, 'The gap'), h('p', {}, 'The gap of an output is the rms of measured minus free-running simulation, '
-      + 'in times of its noise floor: at 1 nothing is left to explain.'), bars, ...gapTables(result),
+      + 'in times of its noise floor: at 1 nothing is left to explain. Coefficients fitted again without an effect are the '
+      + 'likeliest from sample to sample, and may simulate five seconds worse than those given.'), bars, ...gapTables(result),
     h('h2', {}, 'Measured and simulated'), simulated(result.series, signal),
     h('h2', {}, 'Where it disagrees'), ...where(result, signal),
     result.reasons?.length && h('h2', {}, 'Why'), listing(result.reasons ?? []),
