@@ -1,7 +1,8 @@
 """One Gauss-Newton iteration of output error, against CasADi and scipy. Run: python benchmarks/output_error.py
 
 A flight of 60 s at 50 Hz, 12 states, 12 outputs, 25 unknowns (16 coefficients and 9 initial states). Every contestant
-predicts the outputs, finds their sensitivities and sums the normal equations; all must find the same matrix.
+predicts the outputs, finds their sensitivities and sums the normal equations. All must find the same matrix, but for
+scipy's solve_ivp called as it mostly is, whose differences are noise.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import statistics
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -38,7 +39,7 @@ Array = NDArray[np.float64]
 Equations = tuple[Array, Array]
 
 INTERVAL, SAMPLES = 0.02, 3000
-SCIPY = "scipy solve_ivp, differences"
+SCIPY, SCIPY_HELD = "scipy solve_ivp, one call", "scipy, a call per command held"
 # Of the differences that scipy's derivatives are: well above what its integration leaves open.
 STEP = 3e-4
 NOISE = np.array([0.1, 0.005, 0.005, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005, 0.1, 0.1, 0.1])
@@ -158,23 +159,31 @@ class Case:
 
         return iteration
 
-    def scipy(self) -> Callable[[], Equations]:
-        """solve_ivp from one change of the commands to the next, forward differences."""
+    def scipy(self, calls_by_command: bool) -> Callable[[], Equations]:
+        """solve_ivp and forward differences; commands are held, and looked up by time.
+
+        One call for the whole flight, in steps of no more than a sample (longer ones fail at every command, which takes
+        four times as long); or one call from each change of the commands to the next. With the first, steps refused
+        where a command jumps differ from simulation to simulation, which spoils the differences.
+        """
         surfaces = self.commands[:, :3]
         held = np.flatnonzero(np.any(np.diff(surfaces, axis=0) != 0.0, axis=1)) + 1
-        edges = np.concatenate(([0], held, [SAMPLES]))
+        edges = [0, *held.tolist(), SAMPLES] if calls_by_command else [0, SAMPLES]
+        steps = {} if calls_by_command else {"first_step": INTERVAL, "max_step": INTERVAL}
+        commanded = surfaces.tolist()
 
         def outputs(values: Array, start: Array) -> Array:
             named = {**self.coefficients, **dict(zip(FREE, values.tolist(), strict=True))}
             x, at = np.empty((len(STATES), SAMPLES)), np.concatenate((start, np.zeros(3)))
-            for begin, end in pairwise(edges.tolist()):
-                moved = surfaces[begin].tolist()
+            for begin, end in pairwise(edges):
+                last = end - 1
 
-                def rates(t: float, x: Array, moved: Sequence[float] = moved) -> list[float]:
-                    return rates_and_outputs(x.tolist(), moved, named, self.body, math)[0]
+                def rates(t: float, x: Array, begin: int = begin, last: int = last) -> list[float]:
+                    now = max(begin, min(int(t / INTERVAL + 1e-9), last))
+                    return rates_and_outputs(x.tolist(), commanded[now], named, self.body, math)[0]
 
                 times = INTERVAL * np.arange(begin, end + 1)
-                flown = solve_ivp(rates, (times[0], times[-1]), at, t_eval=times, rtol=1e-6).y
+                flown = solve_ivp(rates, (times[0], times[-1]), at, t_eval=times, rtol=1e-6, **steps).y
                 x[:, begin:end], at = flown[:, :-1], flown[:, -1]
             return np.array(rates_and_outputs(list(x), list(surfaces.T), named, self.body, np)[1]).T
 
@@ -191,14 +200,15 @@ class Case:
         return iteration
 
 
-def assert_same(own: Equations, peer: Equations, name: str, tolerance: float) -> None:
-    """Both matrices and gradients agree in units of the unknowns' standard errors."""
+def compare(own: Equations, peer: Equations, name: str, tolerance: float | None) -> None:
+    """Say how far matrix and gradient differ in units of the unknowns' standard errors, and that they do not."""
     scale = 1.0 / np.sqrt(np.diag(own[0]))
     worst = np.abs((own[0] - peer[0]) * np.outer(scale, scale)).max()
     gradient = np.abs((own[1] - peer[1]) * scale).max()
-    assert worst < tolerance, f"{name}: the information matrix differs by {worst:.2g}"
-    assert gradient < 0.5, f"{name}: the gradient differs by {gradient:.2g} standard errors"
-    print(f"  {name}: matrix agrees to {worst:.1e}, gradient to {gradient:.2g} standard errors")
+    if tolerance is not None:
+        assert worst < tolerance, f"{name}: the information matrix differs by {worst:.2g}"
+        assert gradient < 0.5, f"{name}: the gradient differs by {gradient:.2g} standard errors"
+    print(f"  {name}: matrix within {worst:.1e}, gradient within {gradient:.2g} standard errors")
 
 
 def main() -> None:
@@ -215,14 +225,15 @@ def main() -> None:
             "this": own,
             "CasADi, generated C": case.casadi(Path(folder)),
         }
-        slow = case.scipy()
+        slow = {SCIPY: case.scipy(False), SCIPY_HELD: case.scipy(True)}
         reference = own()
         print("one iteration of output error, 60 s at 50 Hz, 12 outputs, 25 unknowns")
-        assert_same(reference, runs["CasADi, generated C"](), "CasADi", 1e-4)
-        assert_same(reference, slow(), "scipy", 2e-2)
-        seconds: dict[str, list[float]] = {name: [] for name in (*runs, SCIPY)}
+        compare(reference, runs["CasADi, generated C"](), "CasADi", 1e-4)
+        for name, peer in slow.items():
+            compare(reference, peer(), name, None if name == SCIPY else 2e-2)
+        seconds: dict[str, list[float]] = {name: [] for name in (*runs, *slow)}
         for turn in range(rounds):
-            present = {**runs, SCIPY: slow} if turn < arguments.scipy_rounds else runs
+            present = {**runs, **slow} if turn < arguments.scipy_rounds else runs
             for name in list(present)[:: 1 if turn % 2 == 0 else -1]:
                 begin = time.process_time()
                 present[name]()

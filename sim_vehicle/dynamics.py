@@ -320,7 +320,8 @@ def derivatives(
         rate[13] = lag_rate(alpha, x[13], E[_SLOW_TAU])
     fx, fz, ly, my, nz = _propeller_loads(surfaces[3], thrust, alpha, beta, V, q, r, rho, P, E)
 
-    ca, sa = math.cos(alpha), math.sin(alpha)
+    plane = math.sqrt(ua * ua + wa * wa)
+    ca, sa = (ua / plane, wa / plane) if plane > 0.0 else (1.0, 0.0)
     CL = _lift(E, C, F, K, T, W, alpha, lift_alpha, near)
     W[_AD] = 0.0
     if P[_HAS_ADOT] != 0.0:

@@ -249,12 +249,13 @@ def _alphadot_slopes(x: Array, W: Array, P: Array, mass: float, fx: float, fz: f
 
 
 @jit_fused
-def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: float, fz: float, qS: float, flow: Array,
-                   by_T: Array, by_flow: Array, J: Array, R: Array) -> None:  # fmt: skip
+def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: float, fz: float, wa: float, qS: float,
+                   flow: Array, by_T: Array, by_flow: Array, J: Array, R: Array) -> None:  # fmt: skip
     """Jacobian R (6, COLUMNS) of ax ay az p' q' r' from that of the coefficients, J."""
     V, b, c = W[_V], P[_B], P[_C]
     p, q, r = x[10], x[11], x[12]
-    ca, sa = math.cos(W[0]), math.sin(W[0])
+    plane = math.sqrt(W[_UB] * W[_UB] + wa * wa)
+    ca, sa = W[_UB] / plane, wa / plane
     scale = 1.0 + E[_INERTIA_E] if E[_INERTIA] != 0.0 else 1.0
     Ixx, Iyy, Izz, Ixz = P[_IXX] * scale, P[_IYY] * scale, P[_IZZ] * scale, P[_IXZ] * scale
     CL, CD = W[_CL], W[_CL + 1]
@@ -338,7 +339,7 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
         if D[axis, _R_CL] != 0.0:
             for z in range(COLUMNS):
                 J[axis, z] += D[axis, _R_CL] * J[0, z]
-    _accelerations(x, W, P, E, mass, fx, fz, qS, flow, by_T, by_flow, J, R)
+    _accelerations(x, W, P, E, mass, fx, fz, wa, qS, flow, by_T, by_flow, J, R)
     gain = 1.0 + E[_TSC_K] if E[_TSC] != 0.0 else 1.0
     loss = gain * surfaces[3] * E[_LOSS_K] if E[_LOSS] != 0.0 else 0.0
     if by_throttle:

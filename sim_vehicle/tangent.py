@@ -177,7 +177,7 @@ def simulate_tangents(
     acts through, and its place in the last axis of S, ascending. A term of -1 acts through the column by itself (the
     thrust), a column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m
     unknowns are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows,
-    unknowns) result; places that are not named stay as they are. Lags and delays of sensors, a lift that lags and the
+    unknowns) result, 0 at places that are not named. Lags and delays of sensors, a lift that lags and the
     ground are left out; the height over which the wind changes is an input. A diverging motion leaves NaN.
     """
     x = x0.copy()
@@ -213,6 +213,10 @@ def simulate_tangents(
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
         force_jacobian(x, now, np.isnan(thrust[k]), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
         reading_jacobian(x, W, x[5] - gust[2], P, E, flow, R, angles, H)
+        # Row by row, while it is in the cache: a result that was cleared at once would come from memory again.
+        for row in range(rows.size):
+            for i in range(S.shape[2]):
+                S[k - start, row, i] = 0.0
         read_lanes(X, H, rows, gain, products, terms, columns, places, S[k - start], reading)
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])

@@ -291,7 +291,9 @@ class Predictor:
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
         unknowns = count + len(self.free_states[index])
-        by_sample = np.zeros((record.length, len(OUTPUTS), unknowns))
+        exact = has_tangents(flat)
+        shape = (record.length, len(OUTPUTS), unknowns)
+        by_sample = np.empty(shape) if exact else np.zeros(shape)
         result = np.moveaxis(by_sample, 2, 0)
         simulated = [
             i
@@ -300,7 +302,7 @@ class Predictor:
             or self.parameters[i].kind in ("coefficient", "effect")
             or (self.parameters[i].name == "accel_bias_x" and record.moving_mass > 0.0)
         ]
-        if has_tangents(flat):
+        if exact:
             differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
             self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
             late = late_readings(by_sample, errors, record.interval_s)
