@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.model import Model
 from sim_vehicle.vehicle import Vehicle
 from sysid.calibration import Calibration
 from sysid.estimate import Problem, build
 from sysid.flight import Array
 from sysid.late import COMMAND_DELAY, with_late_commands
+from sysid.linearised import Linearised
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.prepare import Prepared
 from sysid.records import OUTPUTS, STANDARD_DENSITY, SURFACES, Record, angle_wrap
@@ -110,84 +110,58 @@ def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
     return change
 
 
-def carry(
-    errors: Sequence[BenchError],
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> tuple[OutputErrorResult, dict[str, dict[str, float]]]:
-    """The result with the bench errors in its covariance, and what each of them contributes.
+@dataclass(frozen=True)
+class Misled:
+    """A bench error with what it feigns, and what it adds to the residuals (N, 15) of each record."""
 
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`. A reported sensor error is
-    that of the signal as it was used, bench error included, so its own curve's error does not widen it.
-    Returns parameter -> source -> standard deviation beside the result.
-    """
-    shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
-    if not errors:
-        return result, shares
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    predicted = estimation.predict(result.theta)
-    residuals = estimation.residuals(predicted)
-    S = estimation.sensitivities(result.theta, predicted)
-    information, _ = estimation.normal_equations(result.theta, residuals, S, result.sigma)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-    inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
-    covariance, white = result.covariance.copy(), result.covariance_white.copy()
-    for error in errors:
-        false, shifted = _misled(error, problem, model, coefficients, effects, result, residuals)
-        added = [angle_wrap(after - before) for before, after in zip(residuals, shifted, strict=True)]
-        pull = estimation.pull(added, S, result.sigma)
-        pull[: len(result.parameters)] += _prior_pull(estimation, problem, false.sensors)
-        step = inverse @ pull
-        for i, parameter in enumerate(result.parameters):
-            step[i] -= false.sensors.get(parameter.name, 0.0)
-            moved = shares[parameter.name].get(error.source, 0.0)
-            shares[parameter.name][error.source] = float(np.hypot(moved, step[i]))
-        covariance += np.outer(step, step)
-        white += np.outer(step, step)
-    return replace(result, covariance=covariance, covariance_white=white), shares
+    error: BenchError
+    feigned: Feigned
+    added: list[Array]
 
 
-def bench_slopes(
-    errors: Sequence[BenchError],
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> list[Array]:
-    """What each bench error, of one standard deviation, adds to the residuals of each record, (N, 15, errors).
-
-    0 where nothing was read.
-    """
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    residuals = estimation.residuals(estimation.predict(result.theta))
-    added: list[list[Array]] = [[] for _ in residuals]
-    for error in errors:
-        _, shifted = _misled(error, problem, model, coefficients, effects, result, residuals)
-        for k, (before, after) in enumerate(zip(residuals, shifted, strict=True)):
-            added[k].append(np.nan_to_num(angle_wrap(after - before)))
-    return [np.stack(one, axis=2) for one in added]
+def misled(errors: Sequence[BenchError], here: Linearised) -> list[Misled]:
+    """What each of the bench errors, of one standard deviation, does at an estimate."""
+    return [_misled(error, here) for error in errors]
 
 
-def _misled(
-    error: BenchError,
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    residuals: Sequence[Array],
-) -> tuple[Feigned, list[Array]]:
-    """What a bench error feigns, and the residuals of each record with it; `residuals` are those without."""
+def _misled(error: BenchError, here: Linearised) -> Misled:
+    problem = here.problem
     changed = replace(problem, records=tuple(map(error.record, problem.records)))
     false = feigned(changed, problem)
     if not false.inputs_changed:
-        return false, [residual + change for residual, change in zip(residuals, false.outputs, strict=True)]
-    other = build(changed, model, coefficients, effects, result.sigma)
-    return false, other.residuals(other.predict(result.theta))
+        return Misled(error, false, [angle_wrap(change) for change in false.outputs])
+    other = build(changed, here.model, here.coefficients, here.effects, here.result.sigma)
+    after = other.residuals(other.predict(here.result.theta))
+    return Misled(error, false, [angle_wrap(new - old) for new, old in zip(after, here.residuals, strict=True)])
+
+
+def carry(
+    every: Sequence[Misled], here: Linearised, result: OutputErrorResult
+) -> tuple[OutputErrorResult, dict[str, dict[str, float]]]:
+    """The result with the bench errors in its covariance, and what each of them contributes.
+
+    here: the estimate, or one so near to `result` that the same slopes hold. A reported sensor error is that of the
+    signal as it was used, bench error included, so its own curve's error does not widen it.
+    Returns parameter -> source -> standard deviation beside the result.
+    """
+    shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
+    if not every:
+        return result, shares
+    information, _ = here.normal
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
+    inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
+    covariance, white = result.covariance.copy(), result.covariance_white.copy()
+    for one in every:
+        pull = here.estimation.pull(one.added, here.S, result.sigma)
+        pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
+        step = inverse @ pull
+        for i, parameter in enumerate(result.parameters):
+            step[i] -= one.feigned.sensors.get(parameter.name, 0.0)
+            moved = shares[parameter.name].get(one.error.source, 0.0)
+            shares[parameter.name][one.error.source] = float(np.hypot(moved, step[i]))
+        covariance += np.outer(step, step)
+        white += np.outer(step, step)
+    return replace(result, covariance=covariance, covariance_white=white), shares
 
 
 @dataclass(frozen=True)

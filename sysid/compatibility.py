@@ -10,7 +10,6 @@ Identification", chapter 10; R. K. Mehra, "Approaches to adaptive filtering", IE
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,13 +28,13 @@ from sysid.kinematic_part import (
     part_states,
     prepare_part,
 )
+from sysid.parallel import side_by_side
 
 __all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "SensorLayout", "compatibility", "correct"]
 
 Mask = NDArray[np.bool_]
 
 _COUNT = len(PARAMETERS)
-_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="kinematics")
 _MAX_ITERATIONS = 20
 # Passes from the sensors' own readings to a smoothed motion that moves no more.
 _SETTLING_PASSES = 4
@@ -297,8 +296,7 @@ def _pass(parts: list[Part], theta: Array, setting: _Setting, smooth: bool = Fal
         )
         return passed[:5], smooth_part(*passed[3:], linear[1], linear[3], decay) if smooth else None
 
-    # The loops are compiled and let other threads run.
-    for passed, backward in _POOL.map(forward, parts):
+    for passed, backward in side_by_side(forward, parts):
         likelihood += passed[0]
         information += passed[1]
         gradient += passed[2]

@@ -11,7 +11,6 @@ feigns three times the information there is. Source: Maine & Iliff, NASA RP-1168
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +18,10 @@ import numpy as np
 from sysid.dryden import Turbulence
 from sysid.filter_path import FilteredFlight, Pass, Path
 from sysid.flight import Array
+from sysid.parallel import side_by_side
 
 _SHARE = 3e-3  # of a standard error, by which a parameter is moved
 _NUDGE = 1e-4  # by which a logarithm is
-_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="scores")
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def joint_scores(
             rows[k][:, :, place] = np.where(good, nu / h, 0.0) * scale
             widths[k][:, :, place] = np.where(good, variance / h, 0.0) * scale**2
 
-    list(_POOL.map(fill, range(count)))
+    side_by_side(fill, range(count))
     information, spread = np.zeros((count, count)), np.zeros((count, count))
     for slopes, wider in zip(rows, widths, strict=True):
         flat, wide = slopes.reshape(-1, count), wider.reshape(-1, count)

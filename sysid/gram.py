@@ -41,6 +41,17 @@ def _pull(s: Array, residual: Array, columns: IntArray, sigma: Array, g: Array) 
                     g[i] += weighted * s[k, j, i]
 
 
+@jit
+def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
+    """Add the squares of residuals (N, outputs) to `sums` (outputs,), and how many are no NaN to `counts`."""
+    for k in range(residual.shape[0]):
+        for j in range(residual.shape[1]):
+            value = residual[k, j]
+            if np.isfinite(value):
+                sums[j] += value * value
+                counts[j] += 1
+
+
 def pull(s: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
     """Gradient S' R^-1 nu (unknowns,) of `gram` alone."""
     g = np.zeros(s.shape[2])
@@ -66,3 +77,43 @@ def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Ar
             M += part.T @ part
             g += target[:count] @ part
     return M, g
+
+
+def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array, Array]:
+    """What further unknowns add to the equations of `gram`: S' R^-1 N, N' R^-1 N and N' R^-1 nu.
+
+    more: N, (samples, outputs, further unknowns), in memory in this order; the rest as `gram` has it.
+    """
+    n, count = s.shape[2], more.shape[2]
+    across, own, pulled = np.zeros((n, count)), np.zeros((count, count)), np.zeros(count)
+    size = max(1, _CACHED_NUMBERS // max(columns.size * (n + count), 1))
+    rows, others = np.empty((size * columns.size, n)), np.empty((size * columns.size, count))
+    target = np.empty(size * columns.size)
+    for begin in range(0, s.shape[0], size):
+        end = min(begin + size, s.shape[0])
+        _weigh(s, residual, columns, sigma, begin, end, rows, target)
+        used = _weigh(more, residual, columns, sigma, begin, end, others, target)
+        with np.errstate(over="ignore", invalid="ignore"):
+            across += rows[:used].T @ others[:used]
+            own += others[:used].T @ others[:used]
+            pulled += target[:used] @ others[:used]
+    return across, own, pulled
+
+
+@jit
+def single_pulls(s: Array, residual: Array, columns: IntArray, sigma: Array, alone: Array, across: Array) -> None:
+    """Add to `across` (outputs, kinds, unknowns) what S' R^-1 d is for further unknowns that act on one output each.
+
+    alone: (samples, outputs, kinds) slopes d of the output by each of its further unknowns.
+    """
+    for k in range(s.shape[0]):
+        for c in range(columns.size):
+            j = columns[c]
+            if not np.isfinite(residual[k, j]):
+                continue
+            weight = 1.0 / (sigma[j] * sigma[j])
+            for kind in range(alone.shape[2]):
+                weighted = weight * alone[k, j, kind]
+                if weighted != 0.0:
+                    for i in range(s.shape[2]):
+                        across[j, kind, i] += weighted * s[k, j, i]

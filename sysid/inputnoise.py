@@ -21,7 +21,9 @@ from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.inputs import denoised_thrust
-from sysid.output_error import OutputError, OutputErrorResult
+from sysid.linearised import Linearised, others_of
+from sysid.output_error import OutputErrorResult
+from sysid.parallel import side_by_side
 from sysid.parameterisation import STATES, Predictor, free_states
 from sysid.records import OUTPUTS, Record
 
@@ -31,7 +33,7 @@ _AIRSPEED_EFFECTS = ("airspeed_error", "pitot_lag", "density_error")
 
 
 @dataclass(frozen=True)
-class _Doubt:
+class Doubt:
     """One error of the inputs of some records: record index -> its errors of thrust and throttle, (M,) each, of one
     standard deviation, and what it does to the record's outputs (N, 15).
     """
@@ -55,61 +57,31 @@ def _with_errors(record: Record, thrust: Array, throttle: Array) -> Record:
     return replace(record, thrust=record.thrust + thrust, commands=commands)
 
 
-def with_input_noise(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> tuple[Problem, OutputErrorResult]:
+def with_input_noise(here: Linearised, found: Sequence[Doubt] | None = None) -> tuple[Problem, OutputErrorResult]:
     """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected.
 
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
+    found: `doubts` of the estimate, if known.
     """
-    if not any(_is_doubtful(record) for record in problem.records):
+    problem, result = here.problem, here.result
+    every = doubts(here) if found is None else found
+    if not every:
         return problem, result
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    theta = result.theta
-    predicted = estimation.predict(theta)
-    S = estimation.sensitivities(theta, predicted)
-    residuals = estimation.residuals(predicted)
-    doubts = _doubts(problem, estimation, theta, predicted)
-    step, covariance = _joint_step(estimation, result, residuals, S, doubts)
-    n = theta.size
+    step, covariance = _joint_step(here, every)
+    n = result.theta.size
     white = covariance[:n, :n]
     # What colour of the residuals adds to the standard errors, it adds here too.
     growth = np.sqrt(np.diag(result.covariance) / np.diag(result.covariance_white))
-    left = [residual.copy() for residual in residuals]
+    left = [residual.copy() for residual in here.residuals]
     for index in range(len(left)):
-        left[index] -= S[index] @ step[estimation.places(index)]
-        for doubt, size in zip(doubts, step[n:], strict=True):
-            left[index] -= size * doubt.outputs.get(index, 0.0)
+        left[index] -= here.S[index] @ step[here.estimation.places(index)]
+        for doubt, size in zip(every, step[n:], strict=True):
+            if index in doubt.outputs:
+                left[index] -= size * doubt.outputs[index]
     corrected = replace(
-        result, theta=theta + step[:n], covariance=white * np.outer(growth, growth), covariance_white=white,
+        result, theta=result.theta + step[:n], covariance=white * np.outer(growth, growth), covariance_white=white,
         residuals=tuple(left),
     )  # fmt: skip
-    return replace(problem, records=_corrected(problem.records, doubts, step[n:])), corrected
-
-
-def input_slopes(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> list[Array]:
-    """What each error of thrust and propeller speed, of one standard deviation, adds to the outputs of each record,
-    (N, 15, errors); arguments as of `with_input_noise`."""
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    predicted = estimation.predict(result.theta)
-    doubts = _doubts(problem, estimation, result.theta, predicted)
-    nothing = [np.zeros_like(y) for y in predicted]
-    return [
-        np.stack([doubt.outputs.get(index, nothing[index]) for doubt in doubts], axis=2)
-        if doubts
-        else np.zeros((*nothing[index].shape, 0))
-        for index in range(len(predicted))
-    ]
+    return replace(problem, records=_corrected(problem.records, every, step[n:])), corrected
 
 
 def with_thrust_by_airspeed(
@@ -168,16 +140,34 @@ def _is_doubtful(record: Record) -> bool:
     return bool(record.thrust_doubt.size or record.rotor_doubt.size)
 
 
-def _doubts(problem: Problem, estimation: OutputError, theta: Array, predicted: Sequence[Array]) -> list[_Doubt]:
+def doubts(here: Linearised) -> list[Doubt]:
     """Every error of the inputs; records of one stretch share theirs."""
     groups: dict[tuple[str, int], list[int]] = {}
-    for index, record in enumerate(problem.records):
+    for index, record in enumerate(here.problem.records):
         if _is_doubtful(record):
             groups.setdefault((record.flight, record.stretch), []).append(index)
+    if not groups:
+        return []
+    estimation, theta = here.estimation, here.result.theta
+    flat, errors = estimation.predictor.apply(theta)
+    pushes = {index: _parts(here.problem.records[index]) for indices in groups.values() for index in indices}
+    every = [(index, part) for index, parts in pushes.items() for part in range(len(parts))]
+    before = here.predicted
+
+    def pushed(index: int, part: int) -> Array:
+        other = Predictor(
+            estimation.predictor.flat, estimation.predictor.parameters,
+            (_with_errors(here.problem.records[index], *pushes[index][part]),),
+            sub_steps=estimation.predictor.sub_steps, command_first=here.problem.command_first,
+        )  # fmt: skip
+        states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
+        return other.outputs(0, flat, errors, states) - before[index]
+
+    outputs = dict(zip(every, side_by_side(pushed, *zip(*every, strict=True)), strict=True))
     return [
-        _doubt(problem, estimation, theta, predicted, indices, part)
+        Doubt({index: pushes[index][part] for index in indices}, {index: outputs[index, part] for index in indices})
         for indices in groups.values()
-        for part in range(len(_parts(problem.records[indices[0]])))
+        for part in range(len(pushes[indices[0]]))
     ]
 
 
@@ -189,68 +179,19 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
     return np.asarray(flown * np.sqrt(SEA_LEVEL_DENSITY / rho) if calibrated else flown)
 
 
-def _doubt(
-    problem: Problem,
-    estimation: OutputError,
-    theta: Array,
-    predicted: Sequence[Array],
-    indices: Sequence[int],
-    part: int,
-) -> _Doubt:
-    """The error numbered `part` of the inputs of the records `indices`, which share it."""
-    flat, errors = estimation.predictor.apply(theta)
-    inputs, outputs = {}, {}
-    for index in indices:
-        record = problem.records[index]
-        inputs[index] = _parts(record)[part]
-        pushed = _with_errors(record, *inputs[index])
-        other = Predictor(
-            estimation.predictor.flat, estimation.predictor.parameters, (pushed,),
-            sub_steps=estimation.predictor.sub_steps, command_first=problem.command_first,
-        )  # fmt: skip
-        states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
-        outputs[index] = other.outputs(0, flat, errors, states) - predicted[index]
-    return _Doubt(inputs, outputs)
-
-
-def _joint_step(
-    estimation: OutputError,
-    result: OutputErrorResult,
-    residuals: Sequence[Array],
-    S: Sequence[Array],
-    doubts: Sequence[_Doubt],
-) -> tuple[Array, Array]:
+def _joint_step(here: Linearised, every: Sequence[Doubt]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
-    information, downhill = estimation.normal_equations(result.theta, residuals, S, result.sigma)
-    n, columns = information.shape[0], estimation.columns
-    joint = np.eye(n + len(doubts))
-    joint[:n, :n] = information
-    gradient = np.concatenate((downhill, np.zeros(len(doubts))))
-    for index, (residual, slopes) in enumerate(zip(residuals, S, strict=True)):
-        inside = [k for k, doubt in enumerate(doubts) if index in doubt.outputs]
-        if not inside:
-            continue
-        good = np.isfinite(residual[:, columns])
-        scale = np.where(good, 1.0 / result.sigma[columns], 0.0)
-        white = np.where(good, residual[:, columns], 0.0) * scale
-        rows = slopes[:, columns, :] * scale[:, :, None]
-        pushes = np.stack([doubts[k].outputs[index][:, columns] * scale for k in inside], axis=2)
-        here, there = estimation.places(index), [n + k for k in inside]
-        pushed = pushes.reshape(-1, pushes.shape[2])
-        cross = rows.reshape(-1, rows.shape[2]).T @ pushed
-        joint[np.ix_(here, there)] += cross
-        joint[np.ix_(there, here)] += cross.T
-        joint[np.ix_(there, there)] += pushed.T @ pushed
-        gradient[there] += white.ravel() @ pushed
+    added = others_of([doubt.outputs for doubt in every], here)
+    joint, gradient = here.beside(added)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
     covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     return covariance @ gradient, covariance
 
 
-def _corrected(records: Sequence[Record], doubts: Sequence[_Doubt], sizes: Array) -> tuple[Record, ...]:
+def _corrected(records: Sequence[Record], every: Sequence[Doubt], sizes: Array) -> tuple[Record, ...]:
     """The records with the estimated errors added to their inputs."""
     corrected = list(records)
-    for doubt, size in zip(doubts, sizes, strict=True):
+    for doubt, size in zip(every, sizes, strict=True):
         for index, (thrust, throttle) in doubt.inputs.items():
             corrected[index] = _with_errors(corrected[index], size * thrust, size * throttle)
     return tuple(corrected)

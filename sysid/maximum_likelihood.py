@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from sim_vehicle.model import Model
-from sysid.bench import BenchError, carry, late_commands
+from sysid.bench import BenchError, carry, late_commands, misled
 from sysid.compatibility import CompatibilityResult
 from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
 from sysid.delays import COMMANDS, Delay
+from sysid.disturbed import Disturbed
 from sysid.errors import EstimationError
 from sysid.estimate import Likeliest, Problem, fit, likelier_timing
 from sysid.filter_error import FilterErrorResult
@@ -18,6 +19,7 @@ from sysid.findings import Mistake
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_input_noise, with_thrust_by_airspeed
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
+from sysid.linearised import Linearised
 from sysid.misfit import Widened, widened
 from sysid.output_error import OutputErrorResult
 from sysid.sensorchoice import with_told_sensors
@@ -42,7 +44,8 @@ class MaximumLikelihood:
     method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
     words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
     delays: what the estimate adds to those that the data were corrected for. mistakes: of single sensors, which the
-    estimate does not know of.
+    estimate does not know of. linearised: of output error without mistakes, where the last step started, the noise of
+    the inputs not yet taken out.
     """
 
     problem: Problem
@@ -54,6 +57,7 @@ class MaximumLikelihood:
     wider: Widened | None = None
     delays: tuple[Delay, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
+    linearised: Linearised | None = field(default=None, repr=False)
 
     @property
     def estimate(self) -> Likeliest:
@@ -126,11 +130,14 @@ def maximum_likelihood(
     if delays is not None:
         progress(0.95, "delays")
         problem, result = with_told_delays(problem, model, coefficients, effects, result, _corrected(delays))
+    here = Linearised(problem, model, coefficients, effects, result)
+    disturbed = Disturbed(here, [*bench, *held])
+    if delays is not None:
         given = sum(one.value for one in delays if one.of_commands)
         late = lag_or_delay(problem, model, coefficients, effects, result, given)
         warnings += late.warnings
         if singles:
-            alone = told_by_motion(problem, model, coefficients, effects, result, [*bench, *held])
+            alone = told_by_motion(here, disturbed.others)
     if alone:
         # Whatever comes next would take them for aerodynamics; the flight is estimated anew without them.
         left = _left(problem, result)
@@ -147,9 +154,10 @@ def maximum_likelihood(
         warnings.append(f"{text}: {error}")
     if wider is not None:
         return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()), held)
-    problem, result = with_input_noise(problem, model, coefficients, effects, result)
-    result, shares = carry([*bench, *held], problem, model, coefficients, effects, result)
-    return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, _left(problem, result))
+    problem, result = with_input_noise(here, disturbed.doubts)
+    result, shares = carry(disturbed.misled, here, result)
+    left = _left(problem, result)
+    return MaximumLikelihood(problem, result, "oe", late.refused, tuple(warnings), shares, None, left, linearised=here)
 
 
 def _mistaken(
@@ -166,7 +174,8 @@ def _mistaken(
             problem, result = likelier_timing(problem, model, coefficients, effects, result)
     except EstimationError:
         return None
-    alone = told_by_motion(problem, model, coefficients, effects, result, bench)
+    here = Linearised(problem, model, coefficients, effects, result)
+    alone = told_by_motion(here, Disturbed(here, bench).others)
     if not alone:
         return None
     return MaximumLikelihood(problem, result, "oe", (), (), {}, None, _left(problem, result), alone)
@@ -224,14 +233,15 @@ def _with_misfit(
     held: Sequence[BenchError],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
-    corrected, result = with_input_noise(wider.problem, wider.model, wider.coefficients, effects, wider.result)
-    result, _ = carry(held, corrected, wider.model, wider.coefficients, effects, result)
+    here = Linearised(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    corrected, result = with_input_noise(here)
+    result, _ = carry(misled(held, here), here, result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
     told = replace(corrected, known=problem.known)
     nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
     left = _left(corrected, result)
-    return MaximumLikelihood(told, nearest, "oe", refused, warnings, nothing, solved, left)
+    return MaximumLikelihood(told, nearest, "oe", refused, warnings, nothing, solved, left, linearised=here)
 
 
 def _rough(compatible: CompatibilityResult) -> str:
@@ -246,8 +256,6 @@ def systematic(
     """What errors of the vehicle file would do to each estimate: parameter -> perturbation -> change."""
     if isinstance(found.result, FilterErrorResult):
         return systematic_in_turbulence(found.problem, model, coefficients, effects, found.result)
-    if found.wider is not None:
-        wider = found.wider
-        changes = systematic_errors(wider.problem, wider.model, wider.coefficients, effects, wider.result)
-        return wider.projected_changes(changes)
-    return systematic_errors(found.problem, model, coefficients, effects, found.result)
+    assert found.linearised is not None  # output error leaves it
+    changes = systematic_errors(found.linearised)
+    return changes if found.wider is None else found.wider.projected_changes(changes)

@@ -7,7 +7,6 @@ covariance is diagonal and estimated with the parameters (concentrated likelihoo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,8 @@ from scipy.ndimage import convolve1d
 from sysid.convolution import convolved, correlation
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
-from sysid.gram import gram, pull
+from sysid.gram import add_squares, gram, pull
+from sysid.parallel import side_by_side
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS, angle_wrap
@@ -35,7 +35,6 @@ _UNDAMPED, _DAMPED, _KEPT = 1e-9, 1e-3, 0.25
 _NEAR, _FAR = 3.0, 6.0
 _SIGMA_FLOOR = 1e-7
 _LONG_KERNEL = 64  # weights from which on the fast Fourier transform is faster
-_POOL = ThreadPoolExecutor(max_workers=2, thread_name_prefix="simulations")
 
 
 @dataclass(frozen=True)
@@ -114,8 +113,8 @@ class OutputError:
     ) -> None:
         self.predictor = predictor
         self.guesses = [np.asarray(guess, dtype=np.float64) for guess in guesses]
-        measured = np.any([np.isfinite(record.z).any(axis=0) for record in predictor.records], axis=0)
-        self.columns = np.array([OUTPUTS.index(name) for name in used if measured[OUTPUTS.index(name)]])
+        _, self._measured = self._squares([record.z for record in predictor.records])
+        self.columns = np.array([OUTPUTS.index(name) for name in used if self._measured[OUTPUTS.index(name)]])
         self.known_sigma = sigma
         self.prior_mean, self.prior_information = prior_knowledge(predictor.parameters, prior)
 
@@ -131,13 +130,10 @@ class OutputError:
     def predict(self, theta: Array) -> list[Array]:
         """Predicted outputs of every record."""
         flat, errors = self.predictor.apply(theta)
-        jobs = [
-            _POOL.submit(
-                self.predictor.outputs, i, flat, errors, self.predictor.initial_states(i, theta, self.guesses[i])
-            )
-            for i in range(len(self.predictor.records))
-        ]
-        return [job.result() for job in jobs]
+        return side_by_side(
+            lambda i: self.predictor.outputs(i, flat, errors, self.predictor.initial_states(i, theta, self.guesses[i])),
+            range(len(self.predictor.records)),
+        )
 
     def residuals(self, predicted: Sequence[Array]) -> list[Array]:
         """Measured minus predicted of every record, angles wrapped."""
@@ -147,70 +143,63 @@ class OutputError:
         """Noise of each output: root mean square of its residuals over all records."""
         if self.known_sigma is not None:
             return self.known_sigma
-        stacked = np.concatenate(residuals)
+        sums, counts = self._squares(residuals)
         sigma = np.full(len(OUTPUTS), np.nan)
         for j in self.columns:
-            good = stacked[np.isfinite(stacked[:, j]), j]
-            sigma[j] = max(float(np.sqrt(np.mean(good**2))), _SIGMA_FLOOR) if good.size else np.nan
+            sigma[j] = max(float(np.sqrt(sums[j] / counts[j])), _SIGMA_FLOOR) if counts[j] else np.nan
         return sigma
+
+    def _squares(self, residuals: Sequence[Array]) -> tuple[Array, IntArray]:
+        """Sum of squares (15,) of the residuals of each output, and how many there are."""
+        sums, counts = np.zeros(len(OUTPUTS)), np.zeros(len(OUTPUTS), dtype=np.int64)
+        for residual in residuals:
+            add_squares(residual, sums, counts)
+        return sums, counts
 
     def cost(self, theta: Array, residuals: Sequence[Array]) -> float:
         """Negative log likelihood, constants left out; infinite where the simulation diverged."""
         total = 0.0
-        stacked = np.concatenate(residuals)
         sigma = self.sigma(residuals)
+        sums, counts = self._squares(residuals)
         for j in self.columns:
-            measured = np.concatenate([record.z[:, j] for record in self.predictor.records])
-            count = int(np.isfinite(measured).sum())
-            good = stacked[np.isfinite(stacked[:, j]), j]
-            if good.size < count:
+            if counts[j] < self._measured[j]:
                 return np.inf
-            if count:
-                total += count * np.log(sigma[j]) + 0.5 * float(good @ good) / sigma[j] ** 2
+            if counts[j]:
+                total += counts[j] * np.log(sigma[j]) + 0.5 * float(sums[j]) / sigma[j] ** 2
         from_prior = theta[: len(self.prior_mean)] - self.prior_mean
         return total + 0.5 * float(from_prior @ self.prior_information @ from_prior)
 
     def sensitivities(self, theta: Array, predicted: Sequence[Array]) -> list[Array]:
         """Derivatives of every record's outputs, (N, 15, P + its own initial states)."""
-        jobs = [
-            _POOL.submit(
-                self.predictor.derivatives, k, theta, self.predictor.initial_states(k, theta, self.guesses[k]), y
-            )
-            for k, y in enumerate(predicted)
-        ]
-        return [np.moveaxis(job.result(), 0, 2) for job in jobs]
 
-    def places(self, index: int, nuisances: int = 0) -> IntArray:
-        """Where the unknowns of a record's sensitivities stand among all unknowns, nuisances behind them."""
-        own, size = self.predictor.state_slice(index), self.predictor.size
-        shared = np.arange(len(self.prior_mean))
-        return np.concatenate((shared, np.arange(own.start, own.stop), np.arange(size, size + nuisances)))
+        def of_record(k: int, y: Array) -> Array:
+            states = self.predictor.initial_states(k, theta, self.guesses[k])
+            return np.moveaxis(self.predictor.derivatives(k, theta, states, y), 0, 2)
+
+        return side_by_side(of_record, range(len(predicted)), predicted)
+
+    def places(self, index: int) -> IntArray:
+        """Where the unknowns of a record's sensitivities stand among all unknowns."""
+        own = self.predictor.state_slice(index)
+        return np.concatenate((np.arange(len(self.prior_mean)), np.arange(own.start, own.stop)))
 
     def normal_equations(
-        self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, nuisances: int = 0
+        self, theta: Array, residuals: Sequence[Array], S: Sequence[Array], sigma: Array
     ) -> tuple[Array, Array]:
-        """Information matrix and gradient (downhill), prior included.
-
-        nuisances: how many of the last columns of every sensitivity are of unknowns that are 0 with standard
-        deviation 1, the same in all records, and stand behind all others.
-        """
-        p, size = len(self.prior_mean), self.predictor.size
-        M, g = self.data_equations(residuals, S, sigma, nuisances)
+        """Information matrix and gradient (downhill), prior included."""
+        p = len(self.prior_mean)
+        M, g = self.data_equations(residuals, S, sigma)
         M[:p, :p] += self.prior_information
-        M[size:, size:] += np.eye(nuisances)
         g[:p] -= self.prior_information @ (theta[:p] - self.prior_mean)
         return M, g
 
-    def data_equations(
-        self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, nuisances: int = 0
-    ) -> tuple[Array, Array]:
+    def data_equations(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> tuple[Array, Array]:
         """What the measurements alone add to the normal equations: (unknowns, unknowns) and (unknowns,)."""
-        n = self.predictor.size + nuisances
+        n = self.predictor.size
         M, g = np.zeros((n, n)), np.zeros(n)
-        jobs = [_POOL.submit(gram, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
-        for k, job in enumerate(jobs):
-            place = self.places(k, nuisances)
-            information, gradient = job.result()
+        found = side_by_side(lambda s, nu: gram(s, nu, self.columns, sigma), S, residuals)
+        for k, (information, gradient) in enumerate(found):
+            place = self.places(k)
             M[np.ix_(place, place)] += information
             g[place] += gradient
         return M, g
@@ -218,9 +207,8 @@ class OutputError:
     def pull(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> Array:
         """Gradient (unknowns,) of `data_equations` alone."""
         g = np.zeros(self.predictor.size)
-        jobs = [_POOL.submit(pull, s, nu, self.columns, sigma) for nu, s in zip(residuals, S, strict=True)]
-        for k, job in enumerate(jobs):
-            g[self.places(k)] += job.result()
+        for k, part in enumerate(side_by_side(lambda s, nu: pull(s, nu, self.columns, sigma), S, residuals)):
+            g[self.places(k)] += part
         return g
 
     def solve(
@@ -330,14 +318,17 @@ class OutputError:
         for j, kernel in kernels.items():
             inflation[j] = max(float(np.sum(kernel)), 1.0)
         white_columns = np.array([j for j, kernel in kernels.items() if kernel.size == 1], dtype=np.int64)
-        jobs = [_POOL.submit(gram, s, nu, white_columns, sigma) for nu, s in zip(residuals, S, strict=True)]
-        for k, (residual, s, job) in enumerate(zip(residuals, S, jobs, strict=True)):
-            place = np.ix_(self.places(k), self.places(k))
-            middle[place] += job.result()[0]
+
+        def of_record(s: Array, residual: Array) -> Array:
+            total, _ = gram(s, residual, white_columns, sigma)
             for j, kernel in kernels.items():
                 if kernel.size > 1:
                     rows = s[:, j, :] * (np.isfinite(residual[:, j]) / sigma[j])[:, None]
-                    middle[place] += rows.T @ _filtered(rows, kernel)
+                    total += rows.T @ _filtered(rows, kernel)
+            return total
+
+        for k, total in enumerate(side_by_side(of_record, S, residuals)):
+            middle[np.ix_(self.places(k), self.places(k))] += total
         coloured = white @ (0.5 * (middle + middle.T)) @ white
         growth = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
         return white * np.outer(growth, growth), inflation

@@ -9,22 +9,21 @@ sensor: else it is the model that lacks something, and no sensor is blamed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_vehicle.model import Model
-from sysid.bench import BenchError, bench_slopes
 from sysid.delays import Delay
 from sysid.errors import EstimationError
-from sysid.estimate import Problem, build, fit, warmed
+from sysid.estimate import fit, warmed
 from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array
+from sysid.gram import single_pulls
 from sysid.hypotheses import scale_hypothesis
-from sysid.inputnoise import input_slopes
+from sysid.linearised import Linearised, Others
 from sysid.mistakes import GAIN, LONGEST_DELAY_S, SCALE_LEAST, SCALE_REFUSED, SCALE_SIGMAS, noise_at_most
-from sysid.output_error import OutputError, OutputErrorResult, autocorrelation
+from sysid.output_error import autocorrelation
 from sysid.records import GROUND, OUTPUTS, Record
 from sysid.shifts import read_later
 from sysid.steps import inverse
@@ -40,6 +39,7 @@ SIGMAS, SIGMAS_OF_LIFT, LEAST_S = 5.0, 8.0, 4e-3
 # Residuals above the sensors' noise by which a model does not explain the flight.
 _UNEXPLAINED = 1.15
 _MOST, _STEPS = 3, 4
+KINDS = ("scale", "delay")
 
 
 @dataclass(frozen=True)
@@ -106,64 +106,34 @@ class _Error:
         return Mistake(self.output, "scale", factor, self.std * factor**2, "1", sentence, (self.output,), usable)
 
 
-def told_by_motion(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    bench: Sequence[BenchError] = (),
-) -> tuple[Mistake, ...]:
+def told_by_motion(here: Linearised, others: Callable[[], Sequence[Others]]) -> tuple[Mistake, ...]:
     """The surest mistake of a single sensor, if any; others show better once the flight is estimated anew without it.
 
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`, in calm air. bench: errors
-    of calibrations. Over a long flight what they leave stands out, over a short one the noise of the thrust; neither is
-    a mistake of another sensor.
+    here: an estimate in calm air. others: gives what the errors of calibrations and the noise of thrust and propeller
+    speed do to every record; asked for where something stands out. Over a long flight what calibrations leave does,
+    over a short one the noise of the thrust; neither is a mistake of another sensor.
     """
     found: list[Mistake] = []
-    slopes: list[Array] | None = None
+    known: Sequence[Others] | None = None
     for _ in range(_MOST):
-        errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
-        if errors and slopes is None:
-            slopes = _slopes_of_inputs(bench, problem, model, coefficients, effects, result)
-            errors = [one for one in _errors(problem, model, coefficients, effects, result, slopes) if one.likely()]
+        errors = [one for one in _errors(here, known) if one.likely()]
+        if errors and known is None:
+            known = others()
+            errors = [one for one in _errors(here, known) if one.likely()]
         best = max(errors, key=lambda one: one.sigmas, default=None)
-        told = None if best is None else _settled(problem, model, coefficients, effects, result, best, slopes)
+        told = None if best is None else _settled(here, best, known)
         if told is None:
             break
-        error, problem, result = told
+        error, here = told
         found.append(error.mistake())
-    if found and not _explained(problem, result):
+    if found and not _explained(here):
         return ()
     return tuple(found[:1])
 
 
-def _slopes_of_inputs(
-    bench: Sequence[BenchError],
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> list[Array]:
-    """Per record (N, 15, K): what benches leave open, and the noise of thrust and propeller speed."""
-    noise = input_slopes(problem, model, coefficients, effects, result)
-    if not bench:
-        return noise
-    left = bench_slopes(bench, problem, model, coefficients, effects, result)
-    return [np.concatenate(pair, axis=2) for pair in zip(left, noise, strict=True)]
-
-
-def _settled(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    error: _Error,
-    slopes: Sequence[Array] | None,
-) -> tuple[_Error, Problem, OutputErrorResult] | None:
+def _settled(here: Linearised, error: _Error, others: Sequence[Others] | None) -> tuple[_Error, Linearised] | None:
     """An error after further steps with the flight corrected for it, and that flight's estimate; None if it fades."""
+    problem, result = here.problem, here.result
     values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
     before = result.cost
     for _ in range(_STEPS):
@@ -172,101 +142,76 @@ def _settled(
         records = tuple(error.corrected(record) for record in problem.records)
         other = replace(warmed(problem, result), records=records)
         try:
-            there = fit(other, model, coefficients, effects, values)
+            fitted = fit(other, here.model, here.coefficients, here.effects, values)
         except EstimationError:
             return None
-        (more,) = (
-            one
-            for one in _errors(other, model, coefficients, effects, there, slopes)
-            if (one.output, one.kind) == (error.output, error.kind)
-        )
+        there = replace(here, problem=other, result=fitted)
+        (more,) = (one for one in _errors(there, others) if (one.output, one.kind) == (error.output, error.kind))
         if abs(more.value) < more.std:
             break
         error = error.joined(more)
     error = replace(error, std=more.std, white=more.white)
-    gain = before - there.cost - error.stretched(problem.records)
-    return (error, other, there) if error.counts() and gain > GAIN else None
+    gain = before - fitted.cost - error.stretched(problem.records)
+    return (error, there) if error.counts() and gain > GAIN else None
 
 
-def _explained(problem: Problem, result: OutputErrorResult) -> bool:
+def _explained(here: Linearised) -> bool:
     """Whether no residual exceeds its sensor's noise."""
-    for name in problem.motion.outputs:
+    for name in here.problem.motion.outputs:
         j = OUTPUTS.index(name)
-        dense = [r for r in problem.records if np.isfinite(r.z[:, j]).mean() > 0.9]
+        dense = [r for r in here.problem.records if np.isfinite(r.z[:, j]).mean() > 0.9]
         if name not in GROUND and dense:
             noise = float(np.mean([noise_at_most(r.z[:, j], r.interval_s) for r in dense]))
-            if result.sigma[j] > _UNEXPLAINED * noise:
+            if here.result.sigma[j] > _UNEXPLAINED * noise:
                 return False
     return True
 
 
-def _errors(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    nuisances: Sequence[Array] | None = None,
-) -> list[_Error]:
-    """What one step from the estimate makes of every reading's scale and delay, each alone.
+def _errors(here: Linearised, others: Sequence[Others] | None = None) -> list[_Error]:
+    """What one step from the estimate makes of every reading's scale and delay, each alone beside all unknowns.
 
-    nuisances: per record (N, 15, K), what others that are 0 with standard deviation 1 add to the residuals.
+    others: what else the residuals hold, of every record.
     """
-    problem = warmed(problem, result)
-    estimation = build(problem, model, coefficients, effects, result.sigma)
-    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
-    theta = estimation.start(values)
-    predicted = estimation.predict(theta)
-    residuals, S = estimation.residuals(predicted), estimation.sensitivities(theta, predicted)
-    if nuisances is not None:
-        S = [np.concatenate(pair, axis=2) for pair in zip(S, nuisances, strict=True)]
-    count = 0 if nuisances is None else nuisances[0].shape[2]
-    information, gradient = estimation.normal_equations(theta, residuals, S, result.sigma, count)
+    information, gradient = here.normal if others is None else here.beside(others)
     white = inverse(information)
+    estimation, sigma, size = here.estimation, here.result.sigma, gradient.size
+    own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
+    across = np.zeros((len(OUTPUTS), 2, size))
+    for k, (record, y, nu, s) in enumerate(
+        zip(here.problem.records, here.predicted, here.residuals, here.S, strict=True)
+    ):
+        alone = _slopes(record, y)
+        part = np.zeros((len(OUTPUTS), 2, s.shape[2]))
+        single_pulls(s, nu, estimation.columns, sigma, alone, part)
+        across[:, :, estimation.places(k)] += part
+        if others is not None:
+            part = np.zeros((len(OUTPUTS), 2, others[k].which.size))
+            single_pulls(others[k].added, nu, estimation.columns, sigma, alone, part)
+            across[:, :, estimation.predictor.size + others[k].which] += part
+        weighted = np.where(np.isfinite(nu)[:, :, None], alone, 0.0) / sigma[:, None] ** 2
+        own += np.einsum("njk,njk->jk", weighted, alone)
+        downhill += np.einsum("njk,nj->jk", weighted, np.nan_to_num(nu))
     found = []
     for j in estimation.columns:
-        kernel = autocorrelation([residual[:, j] for residual in residuals])
-        for kind, columns in _slopes(problem.records, predicted, int(j)):
-            value, std = _alone(estimation, residuals, S, white, gradient, int(j), columns)
-            if np.isfinite(value) and std > 0.0:
-                inflation = max(float(np.sum(kernel)), 1.0)
-                found.append(_Error(OUTPUTS[j], kind, value, std * float(np.sqrt(inflation)), std))
+        kernel = autocorrelation([nu[:, j] for nu in here.residuals])
+        inflation = max(float(np.sum(kernel)), 1.0)
+        for i, kind in enumerate(KINDS):
+            # The Gauss-Newton step of one more unknown beside all others.
+            left = own[j, i] - float(across[j, i] @ white @ across[j, i])
+            if left > 1e-9 * own[j, i]:
+                value = float((downhill[j, i] - across[j, i] @ white @ gradient) / left)
+                found.append(_Error(OUTPUTS[j], kind, value, float(np.sqrt(inflation / left)), left**-0.5))
     return found
 
 
-def _slopes(records: Sequence[Record], predicted: Sequence[Array], j: int) -> Iterator[tuple[str, list[Array]]]:
-    """Derivatives (N,) of one output's readings by its scale, and by its delay, s."""
-    if OUTPUTS[j] in SCALED:
-        yield "scale", [y[:, j] for y in predicted]
-    if OUTPUTS[j] in TIMED:
-        yield (
-            "delay",
-            [
-                -np.gradient(np.unwrap(y[:, j]) if OUTPUTS[j] == "phi" else y[:, j], record.interval_s)
-                for record, y in zip(records, predicted, strict=True)
-            ],
+def _slopes(record: Record, y: Array) -> Array:
+    """Derivatives (N, 15, 2) of every output's readings by their scale, and by their delay, s; 0 where it has none."""
+    slopes = np.zeros((*y.shape, len(KINDS)))
+    for name in SCALED:
+        slopes[:, OUTPUTS.index(name), 0] = y[:, OUTPUTS.index(name)]
+    for name in TIMED:
+        reading = y[:, OUTPUTS.index(name)]
+        slopes[:, OUTPUTS.index(name), 1] = -np.gradient(
+            np.unwrap(reading) if name == "phi" else reading, record.interval_s
         )
-
-
-def _alone(
-    estimation: OutputError,
-    residuals: Sequence[Array],
-    S: Sequence[Array],
-    white: Array,
-    gradient: Array,
-    j: int,
-    columns: Sequence[Array],
-) -> tuple[float, float]:
-    """One more unknown beside all others: its Gauss-Newton step and standard error for white residuals."""
-    own, across, downhill = 0.0, np.zeros(gradient.size), 0.0
-    weight = float(estimation.sigma(residuals)[j]) ** -2.0
-    for k, (residual, s, column) in enumerate(zip(residuals, S, columns, strict=True)):
-        rows = np.where(np.isfinite(residual[:, j]), column, 0.0) * weight
-        own += float(rows @ column)
-        downhill += float(rows @ np.nan_to_num(residual[:, j]))
-        own_places = estimation.places(k, gradient.size - estimation.predictor.size)
-        across[own_places] += rows @ s[:, j, :]
-    left = own - float(across @ white @ across)
-    if not left > 1e-9 * own:
-        return float("nan"), float("inf")
-    return (downhill - float(across @ white @ gradient)) / left, left**-0.5
+    return slopes

@@ -22,7 +22,8 @@ from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.gram import gram
-from sysid.output_error import OutputErrorResult
+from sysid.linearised import Linearised
+from sysid.parallel import side_by_side
 from sysid.records import SURFACES, Record, angle_wrap
 from sysid.shifts import held_back
 from sysid.steps import damped_step
@@ -103,43 +104,32 @@ def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
     return LINEAR if all(record.thrust_source.measured for record in records) else (*LINEAR, THRUST)
 
 
-def systematic_errors(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> dict[str, dict[str, float]]:
+def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
     NaN for late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
-
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
     """
-    values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
-    start = warmed(problem, result)
+    result, theta = here.result, here.result.theta
+    values = {parameter.name: float(v) for parameter, v in zip(result.parameters, theta, strict=False)}
+    start = warmed(here.problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
-    estimation = build(start, model, coefficients, effects, result.sigma)
-    theta = estimation.start(dict(values))
-    predicted = estimation.predict(theta)
-    S = estimation.sensitivities(theta, predicted)
-    information, _ = estimation.normal_equations(theta, estimation.residuals(predicted), S, result.sigma)
-    for change in perturbations(problem.records):
+    information, _ = here.normal
+    for change in perturbations(start.records):
         changed = replace(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
-        after = build(changed, model, coefficients, effects, result.sigma).predict(theta)
-        downhill = estimation.pull(_shifts(start, predicted, after), S, result.sigma)
-        step = damped_step(information, downhill, 0.0, problem.records[0].flight)
+        after = build(changed, here.model, here.coefficients, here.effects, result.sigma).predict(theta)
+        downhill = here.estimation.pull(_shifts(start, here.predicted, after), here.S, result.sigma)
+        step = damped_step(information, downhill, 0.0, start.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
-    told = np.array(
-        [
-            np.diag(gram(s, record.z, estimation.columns, result.sigma)[0])[: len(values)]
-            for s, record in zip(S, problem.records, strict=True)
-        ]
+    columns, p = here.estimation.columns, len(values)
+    told = side_by_side(
+        lambda s, record: np.diag(gram(s, record.z, columns, result.sigma)[0])[:p], here.S, start.records
     )
-    late = _moved_by_late_commands(_some_runs(start, told), start, model, coefficients, effects, values)
+    late = _moved_by_late_commands(
+        _some_runs(start, np.array(told)), start, here.model, here.coefficients, here.effects, values
+    )
     for name in values:
         moved[name][LATE.name] = late.get(name, math.nan)
     return moved

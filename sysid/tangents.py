@@ -63,7 +63,7 @@ def tangents(
     gains: Sequence[float],
     out: Array,
 ) -> None:
-    """Derivatives of `outputs` times `gains` by the unknowns, into `out` (N, outputs, unknowns) at their places, 0 elsewhere.
+    """Derivatives of `outputs` times `gains` by the unknowns, into `out` (N, outputs, unknowns), 0 at other places.
 
     x0: (14,) state at the start. states: which of the nine initial states u v w p q r phi theta psi the last lanes are.
     outputs: names among READINGS.

@@ -1,0 +1,97 @@
+"""An estimate with the simulation and its sensitivities there, each computed once for all that ask what moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sim_vehicle.model import Model
+from sysid.estimate import Problem, build
+from sysid.flight import Array, IntArray
+from sysid.gram import crossed
+from sysid.output_error import OutputError, OutputErrorResult
+from sysid.parallel import side_by_side
+
+
+@dataclass(frozen=True)
+class Others:
+    """What further unknowns, 0 with standard deviation 1, add to one record's residuals or take from them.
+
+    added: (N, 15, K), numbers everywhere. which: (K,) numbers of these unknowns among all such.
+    """
+
+    added: Array
+    which: IntArray
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """An estimate of output error and its neighbourhood.
+
+    problem, model, coefficients, effects: as they were given to `sysid.estimate.fit`, which gave `result`.
+    """
+
+    problem: Problem
+    model: Model
+    coefficients: Sequence[str]
+    effects: Sequence[tuple[str, str]]
+    result: OutputErrorResult
+
+    @cached_property
+    def estimation(self) -> OutputError:
+        """The estimation, with the noise of the sensors as it was estimated."""
+        return build(self.problem, self.model, self.coefficients, self.effects, self.result.sigma)
+
+    @cached_property
+    def predicted(self) -> list[Array]:
+        """Outputs (N, 15) of every record."""
+        return self.estimation.predict(self.result.theta)
+
+    @cached_property
+    def residuals(self) -> list[Array]:
+        """Measured minus predicted, (N, 15) of every record."""
+        return self.estimation.residuals(self.predicted)
+
+    @cached_property
+    def S(self) -> list[Array]:
+        """Sensitivities (N, 15, P + states) of every record."""
+        return self.estimation.sensitivities(self.result.theta, self.predicted)
+
+    @cached_property
+    def normal(self) -> tuple[Array, Array]:
+        """Information matrix and gradient, downhill, prior included."""
+        return self.estimation.normal_equations(self.result.theta, self.residuals, self.S, self.result.sigma)
+
+    def beside(self, others: Sequence[Others]) -> tuple[Array, Array]:
+        """Information matrix and gradient of the unknowns and, behind them, of the `others` of every record."""
+        information, downhill = self.normal
+        n = information.shape[0]
+        count = max((int(one.which.max()) + 1 for one in others if one.which.size), default=0)
+        joint, gradient = np.eye(n + count), np.concatenate((downhill, np.zeros(count)))
+        joint[:n, :n] = information
+        columns, sigma = self.estimation.columns, self.result.sigma
+        found = side_by_side(
+            lambda s, one, nu: crossed(s, one.added, nu, columns, sigma), self.S, others, self.residuals
+        )
+        for k, ((across, own, pulled), one) in enumerate(zip(found, others, strict=True)):
+            here, there = self.estimation.places(k), n + one.which
+            joint[np.ix_(here, there)] += across
+            joint[np.ix_(there, here)] += across.T
+            joint[np.ix_(there, there)] += own
+            gradient[there] += pulled
+        return joint, gradient
+
+
+def others_of(added: Sequence[Mapping[int, Array]], here: Linearised) -> list[Others]:
+    """What further unknowns do to each record; added: of each of them, record -> (N, 15) for those that it acts on."""
+    found = []
+    for k, y in enumerate(here.predicted):
+        which = [number for number, one in enumerate(added) if k in one]
+        slopes = np.empty((*y.shape, len(which)))
+        for i, number in enumerate(which):
+            slopes[:, :, i] = np.nan_to_num(added[number][k])
+        found.append(Others(slopes, np.array(which, dtype=np.int64)))
+    return found
