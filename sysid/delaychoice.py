@@ -17,10 +17,13 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
+from sysid.flight import Array
 from sysid.identifiability import Refusal
-from sysid.late import COMMAND_DELAY, SENSOR_DELAYS, with_late_commands
+from sysid.late import COMMAND_DELAY, DELAY_STEP_S, SENSOR_DELAYS, delay_derivative, with_late_commands
+from sysid.linearised import Linearised, others_of
 from sysid.output_error import OutputErrorResult
-from sysid.records import OUTPUTS
+from sysid.records import OUTPUTS, angle_wrap
+from sysid.steps import inverse
 
 # A delay is an unknown from four standard errors and one millisecond on.
 SIGMAS, LEAST_S = 4.0, 1e-3
@@ -41,37 +44,35 @@ def candidates(problem: Problem, model: Model) -> list[str]:
     return found + [name for name, outputs in SENSOR_DELAYS.items() if shown.intersection(outputs)]
 
 
-def with_told_delays(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    sure: Sequence[str] = (),
-) -> tuple[Problem, OutputErrorResult]:
+def with_told_delays(here: Linearised, sure: Sequence[str] = ()) -> Linearised:
     """Estimate once more with those delays that the flight insists on.
 
-    problem, model, coefficients, effects: as they were given to `fit`, which gave `result`. sure: delays that the data
-    were corrected for already, whose remaining error counts in any case. The same two come back where there are none.
+    sure: delays that the data were corrected for already, whose remaining error counts in any case. The same comes back
+    where there are none.
     """
-    possible = candidates(problem, model)
+    possible = candidates(here.problem, here.model)
     for _ in range(_ROUNDS):
+        problem, result = here.problem, here.result
         kept = {name: value for name, value in problem.delays.items() if name in sure or _clear(result, name)}
         told = dict.fromkeys((name for name in sure if name in possible), 0.0) | kept
-        told |= _insisting(problem, model, coefficients, effects, result, possible)
+        if _worth_a_look(here, possible):
+            told |= _insisting(here, possible)
         if set(told) == set(problem.delays):
             break
-        values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
         other = replace(warmed(problem, result), delays=told)
         try:
-            found = fit(other, model, coefficients, effects, told | values)
+            found = fit(other, here.model, here.coefficients, here.effects, told | _values(result))
         except EstimationError:
             break
         asked = set(told) - set(sure) - set(problem.delays)
         if not found.converged or (asked and found.cost > result.cost - _GAIN):
             break
-        problem, result = other, found
-    return problem, result
+        here = replace(here, problem=other, result=found)
+    return here
+
+
+def _values(result: OutputErrorResult) -> dict[str, float]:
+    return {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
 
 
 def _clear(result: OutputErrorResult, name: str) -> bool:
@@ -79,19 +80,35 @@ def _clear(result: OutputErrorResult, name: str) -> bool:
     return abs(result.value(name)) > max(SIGMAS * result.std(name), LEAST_S)
 
 
-def _insisting(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    names: Sequence[str],
-) -> dict[str, float]:
+def _worth_a_look(here: Linearised, names: Sequence[str]) -> bool:
+    """Whether one step finds any of `names` as clearly as it must with white residuals; coloured ones ask for more."""
+    free = [name for name in names if name not in here.problem.delays]
+    predictor, theta = here.estimation.predictor, here.result.theta
+    flat, errors = predictor.apply(theta)
+    slopes: list[dict[int, Array]] = [{} for _ in free]
+    later = {**errors, COMMAND_DELAY: errors.get(COMMAND_DELAY, 0.0) + DELAY_STEP_S}
+    for k, (record, y) in enumerate(zip(here.problem.records, here.predicted, strict=True)):
+        for name, of_name in zip(free, slopes, strict=True):
+            of_name[k] = np.zeros_like(y)
+            if name == COMMAND_DELAY:
+                states = predictor.initial_states(k, theta, here.estimation.guesses[k])
+                of_name[k] = angle_wrap(predictor.outputs(k, flat, later, states) - y) / DELAY_STEP_S
+            else:
+                delay_derivative(name, y, record.interval_s, of_name[k])
+    # The prior that these come with, of one second, says nothing beside what a flight tells.
+    information, gradient = here.beside(others_of(slopes, here))
+    white = inverse(information)
+    n = theta.size
+    steps, stds = (white @ gradient)[n:], np.sqrt(np.diag(white)[n:])
+    return bool(np.any(np.abs(steps) > np.maximum(SIGMAS * stds, LEAST_S)))
+
+
+def _insisting(here: Linearised, names: Sequence[str]) -> dict[str, float]:
     """Delays of `names` that one step from the estimate finds clearly, with what it makes of them, s."""
-    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
-    every = dict.fromkeys(names, 0.0) | dict(problem.delays)
-    estimation = build(replace(warmed(problem, result), delays=every), model, coefficients, effects, result.sigma)
-    step, covariance = estimation.step_at(estimation.start(values))
+    problem, result = here.problem, here.result
+    every = replace(warmed(problem, result), delays=dict.fromkeys(names, 0.0) | dict(problem.delays))
+    estimation = build(every, here.model, here.coefficients, here.effects, result.sigma)
+    step, covariance = estimation.step_at(estimation.start(_values(result)))
     place = {parameter.name: i for i, parameter in enumerate(estimation.predictor.parameters)}
     found = {}
     for name in names:
@@ -109,18 +126,12 @@ class LagOrDelay:
     warnings: tuple[str, ...] = ()
 
 
-def lag_or_delay(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-    corrected_s: float,
-) -> LagOrDelay:
+def lag_or_delay(here: Linearised, corrected_s: float) -> LagOrDelay:
     """Compare the delay of the commands that was found with a lag of the servos in its place.
 
     corrected_s: the part of the delay that the data were corrected for, whole samples.
     """
+    problem, model, result = here.problem, here.model, here.result
     if COMMAND_DELAY not in problem.delays or model.effect("actuator_lag") is not None:
         return LagOrDelay()
     total_s = corrected_s + result.value(COMMAND_DELAY)
@@ -132,11 +143,11 @@ def lag_or_delay(
         delays={name: value for name, value in problem.delays.items() if name != COMMAND_DELAY},
         records=tuple(with_late_commands(record, -corrected_s) for record in problem.records),
     )
-    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
+    values = _values(result)
     values["actuator_lag.tau"] = min(total_s, _LONGEST_LAG_S)
     try:
         found = fit(
-            instead, lagging, coefficients, [*effects, ("actuator_lag", "tau")], values,
+            instead, lagging, here.coefficients, [*here.effects, ("actuator_lag", "tau")], values,
             max_iterations=_LAG_STEPS, give_up_above=result.cost + _LAG_MARGIN,
         )  # fmt: skip
     except EstimationError:

@@ -126,18 +126,18 @@ def maximum_likelihood(
     if sensors is None and compatible.gust_sigma == 0.0:
         unclear = [refusal.name for refusal in compatible.refused]
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
+    here = Linearised(problem, model, coefficients, effects, result)
     late, alone = LagOrDelay(), tuple[Mistake, ...]()
     if delays is not None:
         progress(0.95, "delays")
-        problem, result = with_told_delays(problem, model, coefficients, effects, result, _corrected(delays))
-    here = Linearised(problem, model, coefficients, effects, result)
-    disturbed = Disturbed(here, [*bench, *held])
-    if delays is not None:
-        given = sum(one.value for one in delays if one.of_commands)
-        late = lag_or_delay(problem, model, coefficients, effects, result, given)
+        here = with_told_delays(here, _corrected(delays))
+        late = lag_or_delay(here, sum(one.value for one in delays if one.of_commands))
         warnings += late.warnings
-        if singles:
-            alone = told_by_motion(here, disturbed.others)
+    disturbed = Disturbed(here, [*bench, *held])
+    problem, result = here.problem, here.result
+    if delays is not None and singles:
+        progress(0.96, "single sensors")
+        alone = told_by_motion(here, disturbed.others)
     if alone:
         # Whatever comes next would take them for aerodynamics; the flight is estimated anew without them.
         left = _left(problem, result)

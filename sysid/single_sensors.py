@@ -24,6 +24,7 @@ from sysid.hypotheses import scale_hypothesis
 from sysid.linearised import Linearised, Others
 from sysid.mistakes import GAIN, LONGEST_DELAY_S, SCALE_LEAST, SCALE_REFUSED, SCALE_SIGMAS, noise_at_most
 from sysid.output_error import autocorrelation
+from sysid.parallel import side_by_side
 from sysid.records import GROUND, OUTPUTS, Record
 from sysid.shifts import read_later
 from sysid.steps import inverse
@@ -177,20 +178,26 @@ def _errors(here: Linearised, others: Sequence[Others] | None = None) -> list[_E
     estimation, sigma, size = here.estimation, here.result.sigma, gradient.size
     own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
     across = np.zeros((len(OUTPUTS), 2, size))
-    for k, (record, y, nu, s) in enumerate(
-        zip(here.problem.records, here.predicted, here.residuals, here.S, strict=True)
-    ):
+    nothing = Others(np.zeros((0, len(OUTPUTS), 0)), np.zeros(0, dtype=np.int64))
+
+    def of_record(record: Record, y: Array, nu: Array, s: Array, other: Others) -> tuple[Array, Array, Array, Array]:
         alone = _slopes(record, y)
-        part = np.zeros((len(OUTPUTS), 2, s.shape[2]))
-        single_pulls(s, nu, estimation.columns, sigma, alone, part)
-        across[:, :, estimation.places(k)] += part
-        if others is not None:
-            part = np.zeros((len(OUTPUTS), 2, others[k].which.size))
-            single_pulls(others[k].added, nu, estimation.columns, sigma, alone, part)
-            across[:, :, estimation.predictor.size + others[k].which] += part
         weighted = np.where(np.isfinite(nu)[:, :, None], alone, 0.0) / sigma[:, None] ** 2
-        own += np.einsum("njk,njk->jk", weighted, alone)
-        downhill += np.einsum("njk,nj->jk", weighted, np.nan_to_num(nu))
+        mine = np.zeros((len(OUTPUTS), 2, s.shape[2]))
+        single_pulls(s, nu, estimation.columns, sigma, alone, mine)
+        theirs = np.zeros((len(OUTPUTS), 2, other.which.size))
+        if other.which.size:
+            single_pulls(other.added, nu, estimation.columns, sigma, alone, theirs)
+        pulled = np.einsum("njk,nj->jk", weighted, np.nan_to_num(nu))
+        return mine, theirs, np.einsum("njk,njk->jk", weighted, alone), pulled
+
+    every = others or [nothing] * len(here.S)
+    parts = side_by_side(of_record, here.problem.records, here.predicted, here.residuals, here.S, every)
+    for k, (mine, theirs, part, pulled) in enumerate(parts):
+        across[:, :, estimation.places(k)] += mine
+        across[:, :, estimation.predictor.size + every[k].which] += theirs
+        own += part
+        downhill += pulled
     found = []
     for j in estimation.columns:
         kernel = autocorrelation([nu[:, j] for nu in here.residuals])

@@ -94,7 +94,7 @@ THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12
 # Seconds of flight on which an estimation is repeated.
-_REPEATED_S = 120.0
+_REPEATED_S = 60.0
 # What these runs tell of each parameter, over what as much of the whole flight tells in the mean, at least.
 _LEAST_TOLD = 0.3
 
