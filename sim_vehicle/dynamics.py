@@ -137,13 +137,15 @@ def _propeller_loads(
     E: Array,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Forces x and z, N, and moments about the centre of gravity, N m, of the propeller in body axes."""
-    fx, fz = thrust * math.cos(P[_PI]), -thrust * math.sin(P[_PI])
-    ly = -P[_PY] * thrust * math.sin(P[_PI])
+    # Mostly the propeller's axis is that of the body, and a sine takes as long as all the rest.
+    along, across = (math.cos(P[_PI]), math.sin(P[_PI])) if P[_PI] != 0.0 else (1.0, 0.0)
+    fx, fz = thrust * along, -thrust * across
+    ly = -P[_PY] * thrust * across
     my = P[_PZ] * fx - P[_PX] * fz
     nz = -P[_PY] * fx
     torque = P[_ROT] * throttle_torque(throttle, V, rho, P)
-    ly -= torque * math.cos(P[_PI])
-    nz += torque * math.sin(P[_PI])
+    ly -= torque * along
+    nz += torque * across
     if E[_NORM] != 0.0:
         fz -= normal_force(thrust, alpha, E[_NORM_K])
     if E[_LINE] != 0.0:

@@ -167,8 +167,9 @@ def _thrust_slopes(x: Array, throttle: float, W: Array, P: Array, E: Array, by_T
     """
     thrust, alpha, beta = W[_T], W[0], W[2]
     by_flow[:] = 0.0
-    by_T[0], by_T[1] = math.cos(P[_PI]), -math.sin(P[_PI])
-    by_T[2] = -P[_PY] * math.sin(P[_PI])
+    along, across = (math.cos(P[_PI]), math.sin(P[_PI])) if P[_PI] != 0.0 else (1.0, 0.0)
+    by_T[0], by_T[1] = along, -across
+    by_T[2] = -P[_PY] * across
     by_T[3] = P[_PZ] * by_T[0] - P[_PX] * by_T[1]
     by_T[4] = -P[_PY] * by_T[0]
     if E[_NORM] != 0.0:
@@ -184,7 +185,7 @@ def _thrust_slopes(x: Array, throttle: float, W: Array, P: Array, E: Array, by_T
         by_T[4] += arm * alpha
         by_flow[1] = by_flow[2] = arm * thrust
     torque_V = P[_ROT] * speed_slopes(throttle, W[_V], W[_RHO], P)[1]
-    by_flow[5], by_flow[6] = -torque_V * math.cos(P[_PI]), torque_V * math.sin(P[_PI])
+    by_flow[5], by_flow[6] = -torque_V * along, torque_V * across
     if E[_GYRO] != 0.0:
         momentum = E[_GYRO_I] * P[_ROT] * rotor_speed(throttle, thrust, P)
         by_flow[3], by_flow[4] = -momentum, momentum

@@ -19,7 +19,6 @@ import numpy as np
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.flight import Array
-from sysid.kinematics import midpoints, step
 
 PARAMETERS = (
     *("accel_bias_x", "accel_bias_y", "accel_bias_z", "gyro_bias_p", "gyro_bias_q", "gyro_bias_r"),
@@ -88,88 +87,6 @@ def predict_readings(states: Array, gusts: Array, imu: Array, theta: Array, layo
         true_outputs(states[i], gusts[i], rates, layout, y)
         sensor_model(y, theta, predicted[i])
     return predicted
-
-
-@jit
-def _linearise_outputs(
-    x: Array, gust: Array, rates: Array, layout: Array, theta: Array, work: Array, predicted: Array, h: Array
-) -> None:
-    """Predicted readings (9,) and their gradient h (9, 9) at a nominal point; work: (4, 9)."""
-    y, shifted, trial, trial_gust = work[0], work[1], work[2], work[3]
-    for i in range(6):
-        trial[i] = x[i]
-    for i in range(3):
-        trial_gust[i] = gust[i]
-    true_outputs(x, gust, rates, layout, y)
-    sensor_model(y, theta, predicted)
-    for a in range(_G):
-        delta = 1e-6 if 3 <= a < 6 else 1e-5
-        if a < 6:
-            trial[a] += delta
-        else:
-            trial_gust[a - 6] += delta
-        true_outputs(trial, trial_gust, rates, layout, shifted)
-        if a < 6:
-            trial[a] = x[a]
-        else:
-            trial_gust[a - 6] = gust[a - 6]
-        for j in range(_M):
-            h[j, a] = (shifted[j] - y[j]) / delta
-    for a in range(_G):
-        h[0, a] *= 1.0 + theta[10]
-        h[1, a] *= 1.0 + theta[6]
-        h[2, a] *= 1.0 + theta[8]
-        h[4, a] *= 1.0 + theta[13]
-
-
-@jit
-def _linearise_step(
-    x: Array, imu_now: Array, imu_mid: Array, imu_next: Array, theta: Array, dt: float, gravity: float, work: Array,
-    f: Array, ahead: Array,
-) -> None:  # fmt: skip
-    """Next state (6,) and its gradient f (6, 12) to the state and the six IMU biases; work: (9, 6)."""
-    bias, trial, shifted, inner = work[6], work[7], work[8], work[:6]
-    for i in range(6):
-        bias[i], trial[i] = theta[i], x[i]
-    step(x, imu_now, imu_mid, imu_next, bias, dt, gravity, inner, ahead)
-    for a in range(12):
-        delta = 1e-6 if 3 <= a < 6 or a >= 9 else 1e-5
-        if a < 6:
-            trial[a] += delta
-        else:
-            bias[a - 6] += delta
-        step(trial, imu_now, imu_mid, imu_next, bias, dt, gravity, inner, shifted)
-        if a < 6:
-            trial[a] = x[a]
-        else:
-            bias[a - 6] = theta[a - 6]
-        for i in range(6):
-            f[i, a] = (shifted[i] - ahead[i]) / delta
-
-
-@jit_arrays
-def linearise_part(
-    nominal: Array, gusts: Array, theta: Array, imu: Array, dt: float, layout: Array
-) -> tuple[Array, Array, Array, Array]:
-    """The equations about a trajectory of one part, which hold whatever the noise.
-
-    nominal: (N, 6), gusts: (N, 3) trajectory. theta: (18,) sensor errors. imu: (N, 6). dt: s. layout: (7,), see
-    true_outputs. Returns predicted readings (N, 9), their gradients H (N, 9, 9) by state and gust, each next state
-    (N, 6) and its gradients F (N, 6, 12) by the state and the IMU's biases, the last of both 0.
-    """
-    n = nominal.shape[0]
-    predicted, slopes = np.empty((n, _M)), np.empty((n, _M, _G))
-    ahead, steps = np.zeros((n, 6)), np.zeros((n, 6, 12))
-    rates, at_outputs, at_step, middle = np.empty(3), np.empty((4, _M)), np.empty((9, 6)), midpoints(imu)
-    for i in range(n):
-        for a in range(3):
-            rates[a] = imu[i, 3 + a] - theta[3 + a]
-        _linearise_outputs(nominal[i], gusts[i], rates, layout, theta, at_outputs, predicted[i], slopes[i])
-        if i + 1 < n:
-            _linearise_step(
-                nominal[i], imu[i], middle[i], imu[i + 1], theta, dt, layout[6], at_step, steps[i], ahead[i]
-            )
-    return predicted, slopes, ahead, steps
 
 
 @jit
@@ -297,7 +214,7 @@ def filter_part(
     """Forward pass over one part of a flight.
 
     nominal: (N, 6) and gusts: (N, 3) trajectory about which theta, (18,) sensor errors, have been linearised into the
-    next four (see `linearise_part`). z: (N, 9), NaN missing. noise: (9,) variances of the outputs. q_imu: (6,)
+    next four (see `sysid.kinematic_slopes`). z: (N, 9), NaN missing. noise: (9,) variances of the outputs. q_imu: (6,)
     variances of the IMU samples. gust: (2,) standard deviation m/s and decay per step. p_start: (9, 9) covariance of
     the first state about the nominal one, of the first gust about zero.
     Returns log likelihood; information (18, 18) and gradient (18,) of the sensor errors if `slopes_wanted`, else

@@ -9,7 +9,8 @@ import numpy as np
 
 from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
-from sysid.kinematic_filter import OUTPUTS, PARAMETERS, linearise_part, predict_readings
+from sysid.kinematic_filter import OUTPUTS, PARAMETERS, predict_readings
+from sysid.kinematic_slopes import linearise_part
 from sysid.kinematics import STATES, air_data, body_velocity, reconstruct, to_centre_of_gravity
 from sysid.smoothing import fourier_smooth, sample_noise
 
