@@ -24,7 +24,7 @@ from sim_vehicle.vehicle import load_vehicle
 from sysid.compatibility import compatibility
 from sysid.flight import Array, FlightData
 from sysid.gap import Fixed
-from sysid.gram import gram, pull
+from sysid.gram import gram
 from sysid.parameterisation import Predictor, coefficient
 from sysid.records import OUTPUTS, Record
 from sysid.residuals import known_propulsion
@@ -60,8 +60,7 @@ def _differentiate() -> None:
     theta = np.concatenate((predictor.flat.C, _states()))
     S = predictor.derivatives(0, theta, _states(), np.zeros((_SAMPLES, len(OUTPUTS))))
     outputs = np.arange(len(OUTPUTS))
-    for work in (gram, pull):
-        work(np.moveaxis(S, 0, 2), np.zeros((_SAMPLES, outputs.size)), outputs, np.ones(outputs.size))
+    gram(S, np.zeros((_SAMPLES, outputs.size)), outputs, np.ones(outputs.size))
 
 
 def _reconstruct() -> None:

@@ -31,17 +31,6 @@ def _weigh(
 
 
 @jit
-def _pull(s: Array, residual: Array, columns: IntArray, sigma: Array, g: Array) -> None:
-    for k in range(s.shape[0]):
-        for c in range(columns.size):
-            j = columns[c]
-            if np.isfinite(residual[k, j]):
-                weighted = residual[k, j] / (sigma[j] * sigma[j])
-                for i in range(s.shape[2]):
-                    g[i] += weighted * s[k, j, i]
-
-
-@jit
 def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
     """Add the squares of residuals (N, outputs) to `sums` (outputs,), and how many are no NaN to `counts`."""
     for k in range(residual.shape[0]):
@@ -50,13 +39,6 @@ def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
             if np.isfinite(value):
                 sums[j] += value * value
                 counts[j] += 1
-
-
-def pull(s: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
-    """Gradient S' R^-1 nu (unknowns,) of `gram` alone."""
-    g = np.zeros(s.shape[2])
-    _pull(s, residual, columns, sigma, g)
-    return g
 
 
 def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:

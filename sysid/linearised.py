@@ -65,6 +65,21 @@ class Linearised:
         """Information matrix and gradient, downhill, prior included."""
         return self.estimation.normal_equations(self.result.theta, self.residuals, self.S, self.result.sigma)
 
+    def pulls(self, shifts: Sequence[Sequence[Array]]) -> Array:
+        """Gradients (unknowns, shifts) from changes of the residuals, (N, 15) of every record each; NaN is none."""
+        # Found side by side themselves, so before records are worked on side by side.
+        S, residuals = self.S, self.residuals
+        columns, sigma = self.estimation.columns, self.result.sigma
+
+        def of_record(k: int) -> Array:
+            more = np.nan_to_num(np.stack([shift[k] for shift in shifts], axis=2))
+            return crossed(S[k], more, residuals[k], columns, sigma)[0]
+
+        pulled = np.zeros((self.estimation.predictor.size, len(shifts)))
+        for k, part in enumerate(side_by_side(of_record, range(len(S)))):
+            pulled[self.estimation.places(k)] += part
+        return pulled
+
     def beside(self, others: Sequence[Others]) -> tuple[Array, Array]:
         """Information matrix and gradient of the unknowns and, behind them, of the `others` of every record."""
         information, downhill = self.normal

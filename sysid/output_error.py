@@ -15,7 +15,7 @@ from scipy.ndimage import convolve1d
 from sysid.convolution import convolved, correlation
 from sysid.errors import EstimationError
 from sysid.flight import Array, IntArray
-from sysid.gram import add_squares, gram, pull
+from sysid.gram import add_squares, gram
 from sysid.parallel import side_by_side
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
@@ -169,12 +169,17 @@ class OutputError:
         from_prior = theta[: len(self.prior_mean)] - self.prior_mean
         return total + 0.5 * float(from_prior @ self.prior_information @ from_prior)
 
-    def sensitivities(self, theta: Array, predicted: Sequence[Array]) -> list[Array]:
-        """Derivatives of every record's outputs, (N, 15, P + its own initial states)."""
+    def sensitivities(
+        self, theta: Array, predicted: Sequence[Array], into: Sequence[Array] | None = None
+    ) -> list[Array]:
+        """Derivatives of every record's outputs, (N, 15, P + its own initial states).
+
+        into: earlier ones to write over; they are large, and new memory takes as long as a part of the work.
+        """
 
         def of_record(k: int, y: Array) -> Array:
             states = self.predictor.initial_states(k, theta, self.guesses[k])
-            return np.moveaxis(self.predictor.derivatives(k, theta, states, y), 0, 2)
+            return self.predictor.derivatives(k, theta, states, y, None if into is None else into[k])
 
         return side_by_side(of_record, range(len(predicted)), predicted)
 
@@ -203,13 +208,6 @@ class OutputError:
             M[np.ix_(place, place)] += information
             g[place] += gradient
         return M, g
-
-    def pull(self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array) -> Array:
-        """Gradient (unknowns,) of `data_equations` alone."""
-        g = np.zeros(self.predictor.size)
-        for k, part in enumerate(side_by_side(lambda s, nu: pull(s, nu, self.columns, sigma), S, residuals)):
-            g[self.places(k)] += part
-        return g
 
     def solve(
         self,
@@ -240,7 +238,7 @@ class OutputError:
             iteration += 1
             sigma = self.sigma(residuals)
             if age > 0 and (age > 1 or gained > SAME_SENSITIVITIES):
-                S, age = self.sensitivities(theta, predicted), 0
+                S, age = self.sensitivities(theta, predicted, S), 0
             M, g = self.normal_equations(theta, residuals, S, sigma)
             first = iteration == 1
             promised = 0.5 * float(g @ damped_step(M, g, 0.0, flight)) if first or np.isfinite(give_up_above) else 0.0
@@ -266,7 +264,7 @@ class OutputError:
             theta, predicted, residuals, cost = trial, trial_predicted, trial_residuals, trial_cost
             progress(iteration, cost)
         if age > 0 and gained > COST_TOLERANCE:
-            S = self.sensitivities(theta, predicted)
+            S = self.sensitivities(theta, predicted, S)
         return self._result(theta, S, residuals, cost, iteration, converged)
 
     def step_at(self, theta: Array) -> tuple[Array, Array]:

@@ -280,10 +280,10 @@ class Predictor:
             flat.T, shift, y,
         )  # fmt: skip
 
-    def derivatives(self, index: int, theta: Array, states: Array, predicted: Array) -> Array:
+    def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:
         """Derivatives of a record's outputs by the parameters and its own free initial states.
 
-        Returns (P + states, N, outputs), in memory by sample, output, unknown.
+        Returns (N, outputs, P + states): `out`, if that is given, written over.
         theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors and
         their delays enter in closed form, parameters of effects and the commands' delay by forward differences, all
         else by tangents of the simulation. Where lift lags there are differences alone.
@@ -293,7 +293,9 @@ class Predictor:
         unknowns = count + len(self.free_states[index])
         exact = has_tangents(flat)
         shape = (record.length, len(OUTPUTS), unknowns)
-        by_sample = np.empty(shape) if exact else np.zeros(shape)
+        by_sample = np.empty(shape) if out is None else out
+        if not exact:
+            by_sample[:] = 0.0
         result = np.moveaxis(by_sample, 2, 0)
         simulated = [
             i
@@ -319,7 +321,7 @@ class Predictor:
                 result[i] += angle_wrap(self.outputs(index, flat, later, states) - predicted) / parameter.step
             elif parameter.kind == "delay":
                 delay_derivative(parameter.name, predicted, record.interval_s, result[i])
-        return result
+        return by_sample
 
     def _tangents(
         self, index: int, flat: FlatModel, errors: Mapping[str, float], states: Array, places: Sequence[int], out: Array

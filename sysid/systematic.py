@@ -114,12 +114,15 @@ def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
     start = warmed(here.problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
     information, _ = here.normal
-    for change in perturbations(start.records):
+    changes = perturbations(start.records)
+    shifts = []
+    for change in changes:
         changed = replace(
             start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
         )
         after = build(changed, here.model, here.coefficients, here.effects, result.sigma).predict(theta)
-        downhill = here.estimation.pull(_shifts(start, here.predicted, after), here.S, result.sigma)
+        shifts.append(_shifts(start, here.predicted, after))
+    for change, downhill in zip(changes, here.pulls(shifts).T, strict=True):
         step = damped_step(information, downhill, 0.0, start.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sysid.gram import gram, pull
+from sysid.gram import crossed, gram
 
 
 @pytest.mark.parametrize("columns", [np.array([0, 2, 3]), np.array([1]), np.array([], dtype=np.int64)])
-def test_gram_and_pull_are_the_weighted_sums_over_what_was_measured(columns: np.ndarray) -> None:
+def test_gram_and_what_others_add_are_the_weighted_sums_over_what_was_measured(columns: np.ndarray) -> None:
     generator = np.random.default_rng(0)
     s, residual = generator.standard_normal((2000, 4, 9)), generator.standard_normal((2000, 4))
     residual[::7, 2] = np.nan
@@ -25,4 +25,8 @@ def test_gram_and_pull_are_the_weighted_sums_over_what_was_measured(columns: np.
     told = gram(s, residual, columns, sigma)
     np.testing.assert_allclose(told[0], information, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(told[1], gradient, rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(pull(s, residual, columns, sigma), gradient, rtol=1e-12, atol=1e-9)
+    # The same rows cut in two: what the second half adds to the equations of the first.
+    across, own, pulled = crossed(s[:, :, :5].copy(), s[:, :, 5:].copy(), residual, columns, sigma)
+    np.testing.assert_allclose(across, information[:5, 5:], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(own, information[5:, 5:], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(pulled, gradient[5:], rtol=1e-12, atol=1e-9)

@@ -181,8 +181,11 @@ def test_the_estimators_derivatives_are_those_of_its_outputs(effect: str) -> Non
     def outputs(at: Array) -> Array:
         return predictor.outputs(0, *predictor.apply(at), predictor.initial_states(0, at, STATES))
 
-    found = predictor.derivatives(0, theta, STATES, outputs(theta))
-    coarse = Predictor(model, chosen, [record]).derivatives(0, theta, STATES, outputs(theta))
+    found = np.moveaxis(predictor.derivatives(0, theta, STATES, outputs(theta)), 2, 0)
+    # Written over what other values left.
+    stale = np.full((N - START, len(OUTPUTS), theta.size), np.nan)
+    coarse = Predictor(model, chosen, [record]).derivatives(0, theta, STATES, outputs(theta), stale)
+    coarse = np.moveaxis(coarse, 2, 0)
     size = np.abs(found).max(axis=1, keepdims=True)
     assert np.all(np.abs(coarse - found) <= 3e-3 * np.maximum(size, 1e-3 * size.max(axis=2, keepdims=True)))
     assert found.shape == (theta.size, N - START, len(OUTPUTS))
