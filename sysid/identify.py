@@ -226,9 +226,13 @@ def _likeliest(
     """The estimate; singles: whether to ask for mistakes of single sensors, which kinematics did not find any of."""
     progress(0.40, "maximum likelihood")
     vehicle, compatible = posed.vehicle, posed.compatible
-    turbulent = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
+
+    def turbulent() -> Problem:
+        problem = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
+        return replace(problem, known=posed.problem.known)
+
     return maximum_likelihood(
-        posed.problem, replace(turbulent, known=posed.problem.known), posed.start, posed.names, _free_effects(posed),
+        posed.problem, turbulent, posed.start, posed.names, _free_effects(posed),
         compatible, bench_errors(posed.prepared, vehicle), held=held_errors(compatible, posed.problem),
         delays=posed.check.delays if delays else None,
         singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,

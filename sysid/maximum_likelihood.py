@@ -67,7 +67,7 @@ class MaximumLikelihood:
 
 def maximum_likelihood(
     problem: Problem,
-    turbulent: Problem,
+    turbulent: Callable[[], Problem],
     model: Model,
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
@@ -84,9 +84,9 @@ def maximum_likelihood(
 ) -> MaximumLikelihood:
     """Estimate coefficients, effect parameters and sensor errors together.
 
-    problem: of the flight, cut into runs that a free simulation follows. turbulent: the same in longer runs, for filter
-    error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the innovations
-    confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations. held: of a
+    problem: of the flight, cut into runs that a free simulation follows. turbulent: gives the same in longer runs, for
+    filter error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the
+    innovations confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations. held: of a
     motion that output error takes from the measurement (sysid.held).
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
     singles: whether to ask for mistakes of single sensors; where there are any the estimate ends there.
@@ -106,7 +106,7 @@ def maximum_likelihood(
         models = (model, late_model or model)
         try:
             found = _filtered(
-                turbulent, models, coefficients, effects, compatible, bench, sensors, suspected, method, progress
+                turbulent(), models, coefficients, effects, compatible, bench, sensors, suspected, method, progress
             )
         except EstimationError as error:
             if method == "fe":
