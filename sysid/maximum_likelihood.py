@@ -86,8 +86,8 @@ def maximum_likelihood(
 
     problem: of the flight, cut into runs that a free simulation follows. turbulent: gives the same in longer runs, for
     filter error. method: "oe", "fe", or "auto", which takes filter error where kinematics saw turbulence and the
-    innovations confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations. held: of a
-    motion that output error takes from the measurement (sysid.held).
+    innovations confirm it. sensors: sensor errors asked for; None lets the flight decide. bench: errors of
+    calibrations. held: of a motion that output error takes from the measurement (sysid.held).
     delays: those that the data are corrected for, to which the motion may add; None leaves time as it is.
     singles: whether to ask for mistakes of single sensors; where there are any the estimate ends there.
     late_model: start values with the delay of the commands that `problem` starts from, where they differ.
