@@ -75,7 +75,8 @@ class _Axis:
         parts = [self._commands[a : a + n] for a, n in zip(starts, self._lengths, strict=True)]
         late = np.concatenate([read_later(part, -delay, self._interval_s) for part in parts])
         columns = self._free(late[self._keep])
-        left: Array = self._target - columns @ np.linalg.lstsq(columns, self._target, rcond=1e-12)[0]
+        basis = np.linalg.qr(columns)[0]
+        left: Array = self._target - basis @ (basis.T @ self._target)
         return left
 
 

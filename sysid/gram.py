@@ -99,3 +99,16 @@ def single_pulls(s: Array, residual: Array, columns: IntArray, sigma: Array, alo
                 if weighted != 0.0:
                     for i in range(s.shape[2]):
                         across[j, kind, i] += weighted * s[k, j, i]
+
+
+@jit
+def single_gram(residual: Array, columns: IntArray, sigma: Array, alone: Array, own: Array, pulled: Array) -> None:
+    """Add to `own` and `pulled` (outputs, kinds) what d' R^-1 d and d' R^-1 nu are of `single_pulls`."""
+    for k in range(residual.shape[0]):
+        for c in range(columns.size):
+            j = columns[c]
+            if np.isfinite(residual[k, j]):
+                for kind in range(alone.shape[2]):
+                    weighted = alone[k, j, kind] / (sigma[j] * sigma[j])
+                    own[j, kind] += weighted * alone[k, j, kind]
+                    pulled[j, kind] += weighted * residual[k, j]

@@ -15,14 +15,18 @@ def read_later(values: Array, delay: float, interval: float) -> Array:
     place = delay / interval
     whole = int(np.floor(place + 1e-9))
     part = max(place - whole, 0.0)
-    index = np.arange(values.shape[0]) + whole
+    # The ends repeated far enough, so that all neighbours are slices.
+    count = values.shape[0]
+    moved = min(max(whole, -count - 2), count + 1)
+    edge = abs(moved) + 2
+    ends = np.concatenate([np.repeat(values[:1], edge, axis=0), values, np.repeat(values[-1:], edge, axis=0)])
 
     def near(offset: int) -> Array:
-        taken: Array = values[np.clip(index + offset, 0, values.shape[0] - 1)]
+        taken: Array = ends[edge + moved + offset :][:count]
         return taken
 
     if part < 1e-6:
-        return near(0)
+        return near(0).copy()
     return (
         -part * (part - 1.0) * (part - 2.0) / 6.0 * near(-1)
         + (part + 1.0) * (part - 1.0) * (part - 2.0) / 2.0 * near(0)

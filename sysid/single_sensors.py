@@ -19,7 +19,7 @@ from sysid.errors import EstimationError
 from sysid.estimate import fit, warmed
 from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array
-from sysid.gram import single_pulls
+from sysid.gram import single_gram, single_pulls
 from sysid.hypotheses import scale_hypothesis
 from sysid.linearised import Linearised, Others
 from sysid.mistakes import GAIN, LONGEST_DELAY_S, SCALE_LEAST, SCALE_REFUSED, SCALE_SIGMAS, noise_at_most
@@ -182,14 +182,14 @@ def _errors(here: Linearised, others: Sequence[Others] | None = None) -> list[_E
 
     def of_record(record: Record, y: Array, nu: Array, s: Array, other: Others) -> tuple[Array, Array, Array, Array]:
         alone = _slopes(record, y)
-        weighted = np.where(np.isfinite(nu)[:, :, None], alone, 0.0) / sigma[:, None] ** 2
+        own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
+        single_gram(nu, estimation.columns, sigma, alone, own, downhill)
         mine = np.zeros((len(OUTPUTS), 2, s.shape[2]))
         single_pulls(s, nu, estimation.columns, sigma, alone, mine)
         theirs = np.zeros((len(OUTPUTS), 2, other.which.size))
         if other.which.size:
             single_pulls(other.added, nu, estimation.columns, sigma, alone, theirs)
-        pulled = np.einsum("njk,nj->jk", weighted, np.nan_to_num(nu))
-        return mine, theirs, np.einsum("njk,njk->jk", weighted, alone), pulled
+        return mine, theirs, own, downhill
 
     every = others or [nothing] * len(here.S)
     parts = side_by_side(of_record, here.problem.records, here.predicted, here.residuals, here.S, every)
