@@ -50,6 +50,11 @@ def dynamic_pressure(data: FlightData, body: Body) -> Array:
     return np.asarray(0.5 * density * data["V"] ** 2, dtype=np.float64)
 
 
+def off_centre(data: FlightData, body: Body) -> bool:
+    """Whether specific forces are those at an accelerometer away from the centre of gravity."""
+    return data.notes.get("reference") != "centre of gravity" and any(body.accelerometer)
+
+
 def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[str, Array]:
     """Coefficients of every axis at every sample.
 
@@ -65,7 +70,7 @@ def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[
         raise SignalError(f"{data.name}: coefficients need {', '.join(missing)}, which the flight lacks")
     force = np.column_stack([data[name] for name in ("ax", "ay", "az")])
     rates = np.column_stack([data[name] for name in ("p", "q", "r")])
-    if data.notes.get("reference") != "centre of gravity" and any(body.accelerometer):
+    if off_centre(data, body):
         force = to_centre_of_gravity(force, rates, rate_derivatives, body.accelerometer)
     direction = np.asarray(body.thrust_direction) / np.linalg.norm(body.thrust_direction)
     push = np.outer(data["thrust"], direction)

@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sim_vehicle.terms import Term
-from sysid.coefficients import AXES, Body, coefficients, dynamic_pressure
+from sysid.coefficients import AXES, Body, coefficients, dynamic_pressure, off_centre
 from sysid.errors import EstimationError, SignalError
 from sysid.flight import Array, FlightData
 from sysid.smoothing import Smoothed, fourier_smooth, smooth_columns
@@ -115,11 +115,12 @@ class PartEquations:
         for name in ("alpha", "V", "p", "q", "r", *sorted(needed & {"beta", *CONTROLS})):
             self._column(name)
         rates = np.column_stack([data[name] for name in ("p", "q", "r")])
-        slopes = np.column_stack([self._smooth(rate).derivative for rate in rates.T])
         self.weight = dynamic_pressure(data, body) / mean_pressure
-        forces = coefficients(data, body, slopes)
         # Without angular accelerations the moment equations keep their gyroscopic and propulsive part.
-        still = coefficients(data, body, np.zeros_like(slopes))
+        forces = still = coefficients(data, body, np.zeros_like(rates))
+        if off_centre(data, body):
+            slopes = np.column_stack([self._smooth(rate).derivative for rate in rates.T])
+            forces = coefficients(data, body, slopes)
         self.force = {axis: self.weight * forces[axis] for axis in FORCES}
         self.rest = {axis: self.weight * still[axis] for axis in MOMENTS}
         p, q, r = rates.T
