@@ -200,8 +200,10 @@ def _regressors(throttle: Array, interval_s: float, lag_s: float | None) -> Arra
 
 
 def _fitted(thrust: Array, regressors: Array) -> Array:
-    """What the regressors explain of thrust, by least squares."""
-    return np.asarray(regressors @ np.linalg.lstsq(regressors, thrust, rcond=None)[0], dtype=np.float64)
+    """What the regressors, all of about the same size, explain of thrust, by least squares."""
+    squares = regressors.T @ regressors
+    gains = np.linalg.lstsq(squares, regressors.T @ thrust, rcond=1e-13)[0]
+    return np.asarray(regressors @ gains, dtype=np.float64)
 
 
 def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:
