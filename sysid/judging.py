@@ -12,6 +12,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.flight import FlightSignals
 from sysid.gap import Fixed
+from sysid.largest import Stretch, largest_residual
 from sysid.prepare import Prepared, prepare
 from sysid.residuals import moment_noise
 from sysid.series import Comparison
@@ -50,4 +51,20 @@ def validation_of(compared: Comparison) -> Validation:
     noise = {a: noise_sigma(z[a], compared.flights[-1].data.interval_s) for a in z if a in ("CL", "CD", "CY")}
     stretches = [stretch for flight in compared.flights for stretch in flight.stretches]
     moments = [moment_noise(stretch.record, compared.vehicle) for stretch in stretches]
-    return validate(z, y, noise | {a: float(np.median([m[a] for m in moments])) for a in ("Cl", "Cm", "Cn") if a in z})
+    noise |= {a: float(np.median([m[a] for m in moments])) for a in ("Cl", "Cm", "Cn") if a in z}
+    found = {axis: largest_residual(axis, noise[axis], _stretches(compared)) for axis in z if axis in noise}
+    return replace(validate(z, y, noise), largest={axis: one for axis, one in found.items() if one is not None})
+
+
+def _stretches(compared: Comparison) -> list[Stretch]:
+    """Residuals of every stretch beside the surfaces' commands."""
+    return [
+        Stretch(
+            flight.data.name,
+            path.time_s,
+            stretch.record.commands[stretch.record.start : stretch.record.start + stretch.record.length, :3],
+            {axis: path.measured[axis] - path.predicted[axis] for axis in compared.axes},
+        )
+        for flight, paths in zip(compared.flights, compared.paths, strict=True)
+        for stretch, path in zip(flight.stretches, paths, strict=True)
+    ]

@@ -9,6 +9,7 @@ from typing import Any
 from sysid.compatibility import CompatibilityResult, SensorError
 from sysid.filter_error import FilterErrorResult
 from sysid.identify import Identification
+from sysid.largest import told
 from sysid.linear import LinearModel
 from sysid.series import series_json
 from sysid.validation import Validation
@@ -102,11 +103,18 @@ def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict
         return None
     return {
         "flights": list(flights),
-        "outputs": {name: output.to_json() for name, output in validation.outputs.items()},
+        "outputs": {name: output.to_json() | _largest(validation, name) for name, output in validation.outputs.items()},
         "acceptable": validation.acceptable,
         "limit": validation.limit,
         "reason": validation.reason,
+        "outliers": told(validation.largest),
     }
+
+
+def _largest(validation: Validation, name: str) -> dict[str, Any]:
+    """The output's largest residual, and when; nothing where its noise is unknown."""
+    found = validation.largest.get(name)
+    return {} if found is None else {"largest_over_noise": found.over_noise, "largest_at": vars(found)}
 
 
 def finite_json(value: Any) -> Any:

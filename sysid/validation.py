@@ -9,12 +9,13 @@ Klein & Morelli, chapter 5 (R2, whiteness).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sysid.errors import EstimationError
 from sysid.flight import Array
+from sysid.largest import Largest
 from sysid.statistics import autocorrelation, effective_count, gaussian_p
 
 TIC_LIMIT = 0.25
@@ -51,12 +52,16 @@ class OutputValidation:
 
 @dataclass(frozen=True)
 class Validation:
-    """All outputs, the verdict, and what it rests on. limit: largest TIC that counts as acceptable."""
+    """All outputs, the verdict, and what it rests on. limit: largest TIC that counts as acceptable.
+
+    largest: output -> its largest residual, where its noise is known.
+    """
 
     outputs: dict[str, OutputValidation]
     acceptable: bool
     limit: float
     reason: str
+    largest: dict[str, Largest] = field(default_factory=dict)
 
 
 def validate_output(z: Array, y: Array, noise: float | None = None) -> OutputValidation:

@@ -134,8 +134,11 @@ def identification_text(result: dict[str, Any]) -> str:
     validation = result.get("validation") or {}
     if validation.get("outputs"):
         verdict = {True: "acceptable", False: "not acceptable: fly again", None: "not judged"}
+        outliers = validation.get("outliers")
+        if outliers:
+            verdict[True] += " by TIC, not down to the noise"
         lines += ["", f"validation: {verdict[_truth(validation.get('acceptable'))]}"]
-        lines += _score_lines(validation["outputs"])
+        lines += [*_score_lines(validation["outputs"]), *([f"  {outliers}"] if outliers else [])]
     lines += [f"warning: {warning}" for warning in result.get("warnings", [])]
     return "\n".join(lines)
 

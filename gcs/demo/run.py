@@ -196,6 +196,8 @@ class Demo:
         validation = result["validation"]
         scores = ", ".join(f"{axis} {entry['tic']:.3f}" for axis, entry in validation["outputs"].items())
         print(f"   on flight 2, Theil's inequality coefficient: {scores} ({validation['reason']})")
+        if validation.get("outliers"):
+            print(f"   {validation['outliers']}")
 
     def _plots(self, result: dict[str, Any], found: dict[str, Any]) -> None:
         from gcs.demo.plots import draw

@@ -18,6 +18,7 @@ _METHODS = {
     "oe": "output error (maximum likelihood, calm air)",
     "fe": "filter error (maximum likelihood, turbulence as process noise)",
 }
+_UNACCEPTABLE = "Not acceptable, fly again"
 
 
 def report(result: Any) -> str:
@@ -138,8 +139,11 @@ def _validation_words(result: Result) -> str:
     if not found:
         return '<p class="verdict">Not judged: no flight was given to validate on (--validate).</p>'
     good = found.get("acceptable")
-    words = "Acceptable" if good else "Not acceptable, fly again"
-    return f'<p class="verdict{"" if good else " bad"}">{words}: {text(found.get("reason", ""))}.</p>'
+    outliers = found.get("outliers")
+    # TIC forgives what is short: a fit that is good by it may be off by many times the noise where a surface steps.
+    words = ("Acceptable by TIC, not down to the noise" if outliers else "Acceptable") if good else _UNACCEPTABLE
+    verdict = f'<p class="verdict{"" if good else " bad"}">{words}: {text(found.get("reason", ""))}.</p>'
+    return verdict + paragraph(f"{outliers}." if outliers else "")
 
 
 def _compatible(result: Result) -> str:

@@ -19,7 +19,7 @@ _PERTURBATIONS = {
 _SCORES = {
     "tic": "TIC", "tic_bias": "TIC: bias", "tic_variance": "TIC: variance", "tic_covariance": "TIC: covariance",
     "r2": "R²", "residual_mean": "residual mean", "residual_std": "residual std", "rms_over_noise": "rms / noise",
-    "white": "white", "gaussian_p": "Gaussian p",
+    "largest_over_noise": "largest / noise", "white": "white", "gaussian_p": "Gaussian p",
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import { gaps, legendAbove, level, line, plot, shown, source, BLUE, RED } from '
 
 const SCORES = {
   tic: 'TIC', r2: 'R²', residual_mean: 'Residual mean', residual_std: 'Residual σ', rms_over_noise: 'rms / noise',
-  gaussian_p: 'Gaussian p',
+  largest_over_noise: 'Largest / noise', gaussian_p: 'Gaussian p',
 }
 const BREAK = 5
 
@@ -57,8 +57,10 @@ function verdict({ validation }) {
     return remark('note', h('p', {},
       'Not judged on another flight: start the identification again and name one to validate on.'))
   }
+  const good = validation.outliers ? 'Acceptable by TIC, not down to the noise' : 'Acceptable'
   return remark(validation.acceptable ? 'good' : 'bad', h('p', {},
-    `${validation.acceptable ? 'Acceptable' : 'Not acceptable, fly again'}: ${validation.reason}.`))
+    `${validation.acceptable ? good : 'Not acceptable, fly again'}: ${validation.reason}.`),
+  ...there(validation.outliers ? h('p', {}, `${validation.outliers}.`) : null))
 }
 
 function compatible({ compatibility: found }) {

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gcs.cli import main
+from gcs.report.page import report
 
 VOID = {"meta", "br", "path", "use"}
 
@@ -284,3 +285,13 @@ def test_a_page_that_cannot_be_written_is_wrong_use(tmp_path: Path, capsys: pyte
     source.write_text(json.dumps(identification()), encoding="utf-8")
     assert main(["report", str(source), "-o", str(tmp_path / "nowhere" / "report.html")]) == 2
     assert "in no existing folder" in capsys.readouterr().err
+
+
+def test_a_fit_that_is_acceptable_by_tic_alone_says_so():
+    result = identification()
+    result["validation"] |= {"acceptable": True, "outliers": "The largest residuals are: Cl 40 times its noise"}
+    text = Page(report(result)).text
+    assert "Acceptable by TIC, not down to the noise" in text
+    assert "Cl 40 times its noise." in text
+    result["validation"]["outliers"] = ""
+    assert "Acceptable: TIC above" in Page(report(result)).text
