@@ -8,6 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from sim_vehicle.errors import VehicleFileError
 
+# Alike enough to be a slip: "mas" is "mass" (0.86), "Ixz" is not "Ixx" (0.67).
+_NEAR = 0.75
+
 
 class Table:
     """One table of a vehicle file, whose every error is one line naming file and key.
@@ -38,8 +41,14 @@ class Table:
     def _take(self, key: str) -> object:
         self._known.append(key)
         if key not in self._data:
-            raise self.error(key, "is missing")
+            raise self.error(key, f"is missing{self._instead_of(key)}")
         return self._data[key]
+
+    def _instead_of(self, key: str) -> str:
+        """What stands where `key` is missing and is spelt nearly like it, as a part of a sentence."""
+        others = {other.casefold(): other for other in self._data if other not in self._known}
+        near = difflib.get_close_matches(key.casefold(), others, 1, _NEAR)
+        return f"; {others[near[0]]} is not a key of a vehicle file, did you mean {key}?" if near else ""
 
     def optional(self, key: str) -> bool:
         """Declare `key` as known and tell whether it is there."""
