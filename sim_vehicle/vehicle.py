@@ -18,6 +18,8 @@ from sim_vehicle.table import Table
 STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
 SEA_LEVEL_DENSITY = 1.225  # kg/m^3, ICAO standard atmosphere
 _SWING_TEST_ERROR = 0.02  # of the moments of inertia: the sum of two may fall short of the third by that much
+# Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
+_WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
 VEHICLES = Path(__file__).resolve().parent / "vehicles"
 
 
@@ -294,26 +296,66 @@ def _read_flight(table: Table, mass: MassProperties, geometry: Geometry, environ
 
 
 def doubts(vehicle: Vehicle) -> list[str]:
-    """What is possible but hardly meant: a factor of 10 to 1000 that a wrong unit makes. One line each."""
-    mass, geometry, lines = vehicle.mass, vehicle.geometry, []
-    loading = mass.mass / geometry.b**3  # 1 for a MAV, 2 for an airliner, 12 for a fighter, 0.005 for a solar glider
-    if not 1e-3 < loading < 100.0:
-        unit = "grams" if loading >= 100.0 else "the span in cm"
-        lines.append(f"mass.mass: {mass.mass:g} kg on a span of {geometry.b:g} m is hardly possible: {unit}?")
+    """What is possible but hardly meant: a factor of 10 to 1000 that a wrong unit makes. One line each.
+
+    What rests on a mass or an area that is doubted itself is left alone: it would blame the wrong key.
+    """
+    mass, geometry = vehicle.mass, vehicle.geometry
+    of_mass, of_area = _doubted_mass(vehicle), []
     if not 0.3 < geometry.b**2 / geometry.S < 60.0:
-        lines.append(f"geometry.S: {geometry.S:g} m^2 on a span of {geometry.b:g} m is hardly possible: cm or dm?")
-    if not 0.3 < geometry.b * geometry.c / geometry.S < 3.0:
-        lines.append(f"geometry.c: span times chord is {geometry.b * geometry.c:g} m^2, S {geometry.S:g} m^2: cm?")
-    for key, value in (("Ixx", mass.Ixx), ("Iyy", mass.Iyy), ("Izz", mass.Izz)):
+        low, high = geometry.b**2 / 60.0, geometry.b**2 / 0.3
+        of_area.append(
+            f"geometry.S: {geometry.S:g} m^2 on a span of {geometry.b:g} m is hardly possible, {low:.2g} to {high:.2g}"
+            " m^2 are expected: cm or dm?"
+        )
+    elif not 0.3 < geometry.b * geometry.c / geometry.S < 3.0:
+        mean = geometry.S / geometry.b
+        of_area.append(
+            f"geometry.c: a chord of {geometry.c:g} m is hardly possible, S over the span is {mean:.3g} m: cm or mm?"
+        )
+    # The mass of small aircraft is judged by their area.
+    lines = [*(of_area or of_mass)] if geometry.b <= _SMALL_SPAN else [*of_mass, *of_area]
+    for key, value in () if of_mass else (("Ixx", mass.Ixx), ("Iyy", mass.Iyy), ("Izz", mass.Izz)):
         ratio = (value / mass.mass) ** 0.5 / geometry.b
         if not 0.02 < ratio < 1.5:
-            lines.append(f"mass.{key}: radius of gyration is {ratio:.3g} spans: {key} in g m^2 or kg cm^2?")
+            low, high = (mass.mass * (share * geometry.b) ** 2 for share in (0.02, 1.5))
+            lines.append(
+                f"mass.{key}: {value:g} kg m^2 is a radius of gyration of {ratio:.3g} spans, {low:.2g} to {high:.2g}"
+                f" kg m^2 are expected: {key} in g m^2 or kg cm^2?"
+            )
+    return [*lines, *_doubted_equipment(vehicle, rest_on_mass=not (of_mass or of_area))]
+
+
+def _doubted_mass(vehicle: Vehicle) -> list[str]:
+    """The mass against span and, of small aircraft, wing area."""
+    mass, geometry, gravity = vehicle.mass.mass, vehicle.geometry, vehicle.environment.gravity
+    if geometry.b <= _SMALL_SPAN:
+        loading = mass * gravity / geometry.S
+        low, high = _WING_LOADING
+        if low <= loading <= high:
+            return []
+        few, many = (limit * geometry.S / gravity for limit in _WING_LOADING)
+        unit = "grams" if loading > high else "a slipped decimal point"
+        return [
+            f"mass.mass: {mass:g} kg on a wing of {geometry.S:g} m^2 ({loading:.3g} N/m^2) is hardly possible,"
+            f" {few:.2g} to {many:.2g} kg are expected: {unit}?"
+        ]
+    filling = mass / geometry.b**3  # 1 for a MAV, 2 for an airliner, 12 for a fighter, 0.005 for a solar glider
+    if 1e-3 < filling < 100.0:
+        return []
+    unit = "grams" if filling >= 100.0 else "the span in cm"
+    return [f"mass.mass: {mass:g} kg on a span of {geometry.b:g} m is hardly possible: {unit}?"]
+
+
+def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
+    """Sensors, propulsion, environment and speed. rest_on_mass: mass and area are sound enough to judge these by."""
+    mass, geometry, lines = vehicle.mass, vehicle.geometry, []
     for key in Sensors.__dataclass_fields__:
         if max(map(abs, vehicle.sensors[key].position)) > 3.0 * geometry.b:
             lines.append(f"sensors.{key}.position: farther out than three spans: cm or mm?")
     lift = mass.mass * vehicle.environment.gravity
     thrust = vehicle.propulsion.max_thrust if vehicle.propulsion else None
-    if thrust is not None and not 0.02 < thrust / lift < 10.0:
+    if rest_on_mass and thrust is not None and not 0.02 < thrust / lift < 10.0:
         lines.append(f"propulsion.max_thrust: {thrust:g} N is {thrust / lift:.3g} times the weight: gram-force?")
     if not 9.7 < vehicle.environment.gravity < 9.9:
         lines.append(f"environment.gravity: {vehicle.environment.gravity:g} m/s^2 is not the Earth's")
@@ -321,6 +363,6 @@ def doubts(vehicle: Vehicle) -> list[str]:
     if density is not None and not 0.1 < density < 1.7:
         lines.append(f"environment.air_density: {density:g} kg/m^3 is not the lower atmosphere's")
     CL = lift / (0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S)
-    if not 0.01 < CL < 4.0:
+    if rest_on_mass and not 0.01 < CL < 4.0:
         lines.append(f"flight.airspeed: {vehicle.flight.airspeed:g} m/s needs a lift coefficient of {CL:.3g}: km/h?")
     return lines

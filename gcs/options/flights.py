@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,7 +52,9 @@ def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
     from gcs.text.progress import Progress
     from sim_vehicle.vehicle import load_vehicle
 
-    vehicle = load_vehicle(args.vehicle).path
+    vehicle = load_vehicle(args.vehicle)
+    for warning in vehicle.warnings:  # before the job: it takes minutes, and a wrong unit makes them worthless
+        print(f"gcs {args.command}: warning: {warning}", file=sys.stderr, flush=True)
     with as_recordings([*args.files, *args.validate], args.dialect) as paths, Progress() as progress:
         count = len(args.files)
-        yield OpenFlights(paths[:count], paths[count:], vehicle, progress)
+        yield OpenFlights(paths[:count], paths[count:], vehicle.path, progress)

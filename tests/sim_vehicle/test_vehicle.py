@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle import VEHICLES, Vehicle, load_vehicle
@@ -172,6 +174,31 @@ DOUBTFUL = {
 @pytest.mark.parametrize("message", DOUBTFUL)
 def test_what_is_doubtful_is_warned_of(tmp_path: Path, message: str) -> None:
     assert any(message in line for line in load(tmp_path, DOUBTFUL[message]).warnings)
+
+
+def test_a_wrong_unit_is_told_once_with_the_value_and_what_is_expected(tmp_path: Path) -> None:
+    """What rests on the mass (inertia, thrust, speed) is not blamed for a mass in grams."""
+    text = BASE + "[propulsion]\nmax_thrust = 8\n[flight]\nairspeed = 15\n"
+    (line,) = load(tmp_path, text.replace("mass = 1.0", "mass = 1200")).warnings
+    assert line.startswith("mass.mass: 1200 kg on a wing of 0.2 m^2 (5.88e+04 N/m^2) is hardly possible")
+    assert "0.1 to 10 kg are expected: grams?" in line
+    (line,) = load(tmp_path, text.replace("S = 0.2", "S = 2000")).warnings
+    assert "geometry.S: 2000 m^2 on a span of 1 m is hardly possible, 0.017 to 3.3 m^2 are expected" in line
+    (line,) = load(tmp_path, text.replace("c = 0.2", "c = 200")).warnings
+    assert "geometry.c: a chord of 200 m is hardly possible, S over the span is 0.2 m" in line
+    lines = load(tmp_path, text.replace("0.02", "20").replace("0.03", "30").replace("0.045", "45")).warnings
+    assert lines[0].startswith("mass.Ixx: 20 kg m^2 is a radius of gyration of 4.47 spans, 0.0004 to 2.2 kg m^2")
+
+
+@given(span=st.floats(0.3, 2.0), aspect=st.floats(3.0, 20.0), loading=st.floats(8.0, 400.0))
+def test_no_sound_small_aircraft_raises_a_doubt(
+    tmp_path_factory: pytest.TempPathFactory, span: float, aspect: float, loading: float
+) -> None:
+    area = span**2 / aspect
+    mass = loading * area / 9.80665
+    Ixx, Iyy, Izz = (mass * (radius * span) ** 2 for radius in (0.14, 0.17, 0.21))
+    text = f"[mass]\n{mass=}\n{Ixx=}\n{Iyy=}\n{Izz=}\n[geometry]\nS = {area}\nb = {span}\nc = {span / aspect}\n"
+    assert load(tmp_path_factory.mktemp("sound"), text).warnings == ()
 
 
 def test_big_aircraft_raise_no_doubt(tmp_path: Path) -> None:

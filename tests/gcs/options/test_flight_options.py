@@ -43,3 +43,14 @@ def test_it_is_one_line_beside_a_recording_too(tmp_path: Path, capsys: pytest.Ca
     recording.write_bytes(b"")
     assert main(["identify", str(recording), "--vehicle", "iitb-mav", "--dialect", "nowhere"]) == 1
     assert "unknown MAVLink dialect 'nowhere'" in capsys.readouterr().err
+
+
+def test_doubts_about_the_vehicle_are_told_before_the_job(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vehicle = log.with_name("grams.toml")
+    vehicle.write_text(
+        "[mass]\nmass = 1200\nIxx = 0.02\nIyy = 0.03\nIzz = 0.045\n[geometry]\nS = 0.2\nb = 1\nc = 0.2\n",
+        encoding="utf-8",
+    )
+    with open_flights(build_parser().parse_args(["identify", str(log), "--vehicle", str(vehicle)])):
+        told = capsys.readouterr().err.splitlines()
+    assert [line for line in told if line.startswith("gcs identify: warning: mass.mass: 1200 kg")] == told
