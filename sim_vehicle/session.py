@@ -12,7 +12,7 @@ import numpy as np
 
 from sim_vehicle.arming import Arming
 from sim_vehicle.craft import Channel, Craft
-from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.errors import SimVehicleError, SinkError
 from sim_vehicle.faultspec import FaultError, Faults, read_faults
 from sim_vehicle.fleet import OnTick, fly_together
 from sim_vehicle.flown import FlownFlight
@@ -32,6 +32,7 @@ from sim_vehicle.plan import Plan, plan_of
 from sim_vehicle.plant import Plant
 from sim_vehicle.sensors import SensorSuite
 from sim_vehicle.sinks import Link, Sink, TcpSink, UdpSink, open_link, open_recording
+from sim_vehicle.targets import unwritable
 from sim_vehicle.telemetry import Telemetry, Tick
 from sim_vehicle.timeline import Timeline
 from sim_vehicle.uplink import Uplink
@@ -83,6 +84,9 @@ def run(given: argparse.Namespace) -> None:
         raise UsageError(f"--fault {error}") from None
     key = read_key(given.signing_key) if given.signing_key else None
     plan = flight_plan(given, settings)
+    problem = unwritable(Path(given.truth)) if given.truth else None
+    if problem:
+        raise SinkError(f"--truth {given.truth} {problem}; give another file")
     flights = [_Flight(given, settings, plan, number) for number in range(given.vehicles)]
     flights[0].plant.trim()  # what cannot fly is told before a file is made or a ground station waited for
     _warm_up(flights[0].plant, steady)

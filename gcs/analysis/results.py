@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from gcs.errors import SettingsError
 from gcs.text.jsontext import dumps
+from sim_vehicle.targets import unwritable
 
 _Z95 = 1.96
 
@@ -187,15 +187,24 @@ def _gap_lines(gap: dict[str, dict[str, Any]]) -> list[str]:
     return lines
 
 
-def check_targets(*paths: Path | None) -> None:
-    """SettingsError where a file cannot be written: better known before an estimation than behind it."""
+def check_targets(*paths: Path | None, inputs: Sequence[Path] = ()) -> None:
+    """SettingsError where a file cannot be written, is named twice, or is one of `inputs`, which it would destroy."""
+    there: list[Path] = []
     for path in paths:
         if path is None:
             continue
-        place = path if path.exists() else path.parent
-        if path.is_dir() or not place.exists() or not os.access(place, os.W_OK):
-            why = "a folder" if path.is_dir() else "not to be written" if place.exists() else "in no existing folder"
-            raise SettingsError(f"{path} is {why}; give another file for the result")
+        why = unwritable(path)
+        if why is None and any(_same(path, other) for other in inputs):
+            why = "is one of the files to be read"
+        if why is None and any(_same(path, other) for other in there):
+            why = "is named for two results"
+        if why is not None:
+            raise SettingsError(f"{path} {why}; give another file for the result")
+        there.append(path)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve() and not one.is_char_device()
 
 
 def write_results(

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.results import check_targets, discrepancy_text, write_results
     from gcs.options.flights import open_flights
 
-    check_targets(args.output, args.write_model)
+    check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     with open_flights(args) as flights:
         result = discrepancy(
             flights.recordings, flights.vehicle, args.model, validate=flights.validate, progress=flights.progress

@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.report.page import report
     from gcs.report.source import read_result
 
-    check_targets(args.output)
+    check_targets(args.output, inputs=[args.result])
     args.output.write_text(report(read_result(args.result)), encoding="utf-8")
     print(f"{args.output} written")
     return 0
