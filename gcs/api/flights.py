@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
-from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView
+from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView, Uploaded
 from gcs.api.service import Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue.store import Flight
@@ -76,11 +76,16 @@ async def upload(
     request: Request,
     service: Serving,
     name: Annotated[str, Query(description="File name of a body that is not multipart")] = "",
-) -> FlightItem:
+) -> Uploaded:
     """Upload a .mcap, .tlog, .bin or .ulg: a form with the part `file`, or the file itself with `?name=`."""
     async with receive_upload(request, service.settings, name) as (path, original):
         flight = await run_in_threadpool(service.uploads.take_in, path, original)
-    return _item(flight)
+        same = await run_in_threadpool(service.catalogue.same_flight, flight)
+    seems = (
+        f"flight {same} has as many messages between the same instants, so it seems to be the same: go on with either"
+    )
+    note = seems if same else ""
+    return Uploaded.model_validate({**_fields(flight), "note": note})
 
 
 @router.get("/api/flights/{flight_id}", responses={404: _PROBLEM})

@@ -16,11 +16,12 @@ router = APIRouter(tags=["estimation"])
 _KINDS = {"identification": "identify", "discrepancy": "discrepancy"}
 _PAGE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
+OfJob = Annotated[str | None, Query(description="The job whose result is wanted; the newest without it")]
 
 
 @router.post("/api/flights/{flight_id}/jobs", status_code=202, responses={**_MISSING, 409: {"model": Problem}})
 def start_job(service: Serving, flight_id: str, request: JobRequest) -> JobView:
-    """Queue an identification or a discrepancy analysis."""
+    """Queue an identification or a discrepancy analysis; `log` begins with what is to be known of it beforehand."""
     wanted = request.model_dump(by_alias=True, exclude_none=True)
     return JobView.of(service.jobs.submit(flight_id, wanted).to_json())
 
@@ -32,17 +33,17 @@ def job(service: Serving, job_id: str) -> JobView:
 
 
 @router.get("/api/flights/{flight_id}/identification", responses=_MISSING)
-def identification(service: Serving, flight_id: str) -> dict[str, Any]:
-    """Newest result of schema identification/1."""
+def identification(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+    """Newest result of schema identification/1, or that of one job."""
     service.catalogue.flight(flight_id)
-    return service.catalogue.result(flight_id, "identify")
+    return service.catalogue.result(flight_id, "identify", job)
 
 
 @router.get("/api/flights/{flight_id}/discrepancy", responses=_MISSING)
-def discrepancy(service: Serving, flight_id: str) -> dict[str, Any]:
-    """Newest result of schema discrepancy/1."""
+def discrepancy(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+    """Newest result of schema discrepancy/1, or that of one job."""
     service.catalogue.flight(flight_id)
-    return service.catalogue.result(flight_id, "discrepancy")
+    return service.catalogue.result(flight_id, "discrepancy", job)
 
 
 @router.get("/api/flights/{flight_id}/report", response_class=HTMLResponse, responses=_MISSING)
@@ -50,10 +51,11 @@ def report(
     service: Serving,
     flight_id: str,
     of: Annotated[Literal["identification", "discrepancy"], Query(description="Which result")] = "identification",
+    job: OfJob = None,
 ) -> HTMLResponse:
-    """The newest result as one page to read, print and keep: style and figures inside, no scripts."""
+    """The newest result, or one job's, as one page to read, print and keep: style and figures inside, no scripts."""
     service.catalogue.flight(flight_id)
-    result = service.catalogue.result(flight_id, _KINDS[of])
+    result = service.catalogue.result(flight_id, _KINDS[of], job)
     return HTMLResponse(service.reports.page(result), headers={"Content-Security-Policy": _PAGE_POLICY})
 
 

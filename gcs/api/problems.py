@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
-from typing import cast
+from typing import Any, cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
+from gcs.api.schemas import JobRequest
 from gcs.errors import (
     CatalogueError,
     CatalogueFileError,
@@ -38,6 +40,7 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (SysidError, 422),
     (SimVehicleError, 422),
 )
+_A_JOB = 'send a JSON object such as {"kind": "identify"}, with the header Content-Type: application/json'
 
 
 def problem_response(status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
@@ -56,13 +59,31 @@ def _http(request: Request, error: Exception) -> Response:
     detail = str(error.detail)
     if error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
+    if isinstance(error.__cause__, UnicodeDecodeError | RecursionError):
+        detail = f"the body is no JSON; {_A_JOB}"
     return problem_response(error.status_code, detail, error.headers)
 
 
 def _invalid(request: Request, error: Exception) -> Response:
-    first = cast(RequestValidationError, error).errors()[0]
+    return problem_response(422, _in_words(cast(RequestValidationError, error).errors()))
+
+
+def _in_words(errors: Sequence[Mapping[str, Any]]) -> str:
+    """What is wrong with a request, and what to send instead."""
+    first = errors[0]
     where = ".".join(str(part) for part in first["loc"][1:]) or str(first["loc"][0])
-    return problem_response(422, f"{where}: {first['msg']}")
+    if first["type"] == "json_invalid":
+        return f"the body is no JSON ({first['ctx']['error']}, at character {where}); {_A_JOB}"
+    if first["loc"] == ("body",):
+        # Without its content type, JSON counts as text.
+        return f"the body is missing or no JSON object; {_A_JOB}"
+    unknown = [str(one["loc"][-1]) for one in errors if one["type"] == "extra_forbidden"]
+    if unknown:
+        known = [field.alias or name for name, field in JobRequest.model_fields.items()]
+        near = difflib.get_close_matches(unknown[0], known, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        return f"{', '.join(unknown)}: no such key in a job; {hint}"
+    return f"{where} is missing" if first["type"] == "missing" else f"{where}: {first['msg']}"
 
 
 def _unexpected(request: Request, error: Exception) -> Response:

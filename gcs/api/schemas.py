@@ -153,6 +153,12 @@ class FlightItem(BaseModel):
     recording_deleted: str | None = Field(description="When the recording was deleted to make room, null while kept")
 
 
+class Uploaded(FlightItem):
+    """The flight that an upload became."""
+
+    note: str = Field(description="What to know of it, as that the same flight is there already; empty else")
+
+
 class FlightPage(BaseModel):
     """Flights, newest first. `next` is the value of `after` for the page behind this one, null on the last."""
 

@@ -43,7 +43,7 @@ async def receive_upload(request: Request, settings: Settings, name: str) -> Asy
             await run_in_threadpool(file.write, bytes(pending))
         target.check_complete()
         if path.stat().st_size == 0:
-            raise HTTPException(422, "the upload holds no file; send it as the form's part 'file', or as the body")
+            raise HTTPException(422, target.nothing())
         yield path, target.name
 
 
@@ -92,6 +92,12 @@ class _Target:
         """HTTP 422 for a form that was cut off."""
         if self._parser is not None and not self._ended:
             raise HTTPException(422, "the form ends early; send it again")
+
+    def nothing(self) -> str:
+        """Why there is nothing to take in, and what to send."""
+        if self._seen_file or self.name:
+            return f"{self.name or 'the file'} is empty; send a recording that holds something"
+        return "the upload holds no file; send it as the form's part 'file', or as the body"
 
     def _begin_part(self) -> None:
         self._headers = {}

@@ -208,6 +208,14 @@ class Catalogue:
             )
         return [Flight(**row) for row in rows]
 
+    def same_flight(self, flight: Flight) -> str | None:
+        """The first other flight with as many messages between the same instants whose recording is kept."""
+        query = (
+            "SELECT id FROM flights WHERE (start_ns, end_ns, messages) = (?, ?, ?) AND id != ? AND deleted_ns IS NULL"
+        )
+        rows = self._rows(f"{query} ORDER BY rowid", flight.start_ns, flight.end_ns, flight.messages, flight.id)
+        return str(rows[0]["id"]) if rows else None
+
     def kept_flights(self) -> list[Flight]:
         """Flights whose recordings have not been deleted, oldest first."""
         rows = self._rows("SELECT * FROM flights WHERE deleted_ns IS NULL ORDER BY start_ns, id")
@@ -343,20 +351,23 @@ class Catalogue:
 
     # results and models
 
-    def result(self, flight_id: str, kind: str) -> dict[str, Any]:
-        """Newest result of a kind ("identify" or "discrepancy"); CatalogueError if there is none."""
-        rows = self._rows(
-            "SELECT json FROM results WHERE flight_id = ? AND kind = ? ORDER BY number DESC LIMIT 1",
-            flight_id,
-            kind,
-        )
+    def result(self, flight_id: str, kind: str, job_id: str | None = None) -> dict[str, Any]:
+        """Newest result of a kind ("identify" or "discrepancy"), or one job's; CatalogueError if none."""
+        return self.job_and_result(flight_id, kind, job_id)[1]
+
+    def job_and_result(self, flight_id: str, kind: str, job_id: str | None = None) -> tuple[str, dict[str, Any]]:
+        """The same with the id of the job that made it."""
+        query = "SELECT job_id, json FROM results WHERE flight_id = ? AND kind = ? AND job_id = ifnull(?, job_id)"
+        rows = self._rows(f"{query} ORDER BY number DESC LIMIT 1", flight_id, kind, job_id)
+        if not rows and job_id is not None:
+            raise CatalogueError(f"flight {flight_id} has no {kind} result of job {job_id!r}; the newest needs no job=")
         if not rows:
             skipped = [job for job in self.jobs_of(flight_id) if (job.kind, job.state) == (kind, "skipped")]
             reason = f" ({self.job(skipped[0].id).log[-1]})" if skipped else ""
             raise CatalogueError(
                 f"flight {flight_id} has no {kind} result yet{reason}; POST /api/flights/{flight_id}/jobs starts one"
             )
-        return dict(json.loads(rows[0]["json"]))
+        return str(rows[0]["job_id"]), dict(json.loads(rows[0]["json"]))
 
     def models(self) -> list[dict[str, Any]]:
         """Every model, newest first, without its coefficients."""

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.catalogue.store import Catalogue, Job
-from gcs.errors import CatalogueFileError, GcsError, JobError, in_words
+from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import SimVehicleError
@@ -98,9 +98,30 @@ class JobRunner:
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
+        note = self._puts_aside(flight_id, kind, request)
         job = self._catalogue.add_job(flight_id, kind, request)
+        if note:
+            self._catalogue.report_progress(job.id, 0.0, note)
+            job = self._catalogue.job(job.id)
         self._wake.set()
         return job
+
+    def _puts_aside(self, flight_id: str, kind: str, request: dict[str, Any]) -> str:
+        """What is to be known where a result that nothing judges is to be newer than one judged on other flights."""
+        if kind != "identify" or request.get("validate"):
+            return ""
+        try:
+            job, result = self._catalogue.job_and_result(flight_id, kind)
+        except CatalogueError:
+            return ""
+        judges = (result.get("validation") or {}).get("flights", [])
+        if not judges:
+            return ""
+        return (
+            f"the newest result so far was validated on {', '.join(map(str, judges))}; this job names no flight to"
+            ' validate on ("validate": [FLIGHT]), and its result will be the newest. The validated one stays at'
+            f" /api/flights/{flight_id}/identification?job={job}"
+        )
 
     def _model(self, given: str | dict[str, Any], where: str) -> dict[str, Any]:
         data = self._catalogue.model(given) if isinstance(given, str) else given

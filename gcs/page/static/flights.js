@@ -62,7 +62,7 @@ function uploadForm(done, signal) {
     try {
       const flight = await upload(file, progress, signal)
       words.replaceChildren(`${file.name} is in the list: `,
-        h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, 'open it'))
+        h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, 'open it'), flight.note && ` (${flight.note})`)
       await done()
     } catch (error) {
       words.className = 'remark bad'

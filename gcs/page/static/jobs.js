@@ -23,7 +23,10 @@ export async function jobs(page, summary, signal) {
   if (summary.state === 'recording') {
     page.append(remark('note', h('p', {}, 'Jobs can be started when the recording is over.')))
   } else {
-    const start = request => post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, request).then(add)
+    const start = request => post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, request).then(job => {
+      add(job)
+      return job
+    })
     page.append(h('div', { class: 'pair' }, identifyForm(others, models, start), discrepancyForm(others, models, start)))
   }
   page.append(h('h3', {}, 'Jobs'), list)
@@ -47,8 +50,8 @@ function form(title, words, label, parts, submit) {
       says.className = ''
       says.textContent = 'Sent …'
       try {
-        await submit()
-        says.textContent = 'Started; its progress stands below.'
+        const job = await submit()
+        says.textContent = ['Started; its progress stands below.', ...job.log].join(' ')
       } catch (error) {
         says.className = 'remark bad'
         says.textContent = error.message

@@ -253,6 +253,11 @@ def test_uploads_as_form_and_as_body(client: httpx.Client) -> None:
     recording = client.get(f"/api/flights/{made['id']}/recording").content
     again = client.post("/api/flights", params={"name": "copy.mcap"}, content=recording)
     assert again.json()["messages"] == 52
+    assert made["note"] == ""
+    for copy in (body.json(), again.json()):
+        assert copy["note"].startswith(f"flight {made['id']} has as many messages between the same instants")
+    other = client.post("/api/flights", params={"name": "x.tlog"}, content=tlog(Vehicle(3).second(), START)).json()
+    assert other["note"] == ""
 
 
 def test_an_upload_that_was_cut_off_says_so_for_good(bench: Bench, client: httpx.Client) -> None:
@@ -267,7 +272,12 @@ def test_uploads_that_are_no_recordings_leave_nothing_behind(bench: Bench, clien
     assert ".exe" in problem(client.post("/api/flights", files={"file": ("x.exe", b"MZ")}), 422)
     problem(client.post("/api/flights", files={"file": ("x.mcap", b"this is no MCAP file")}), 422)
     problem(client.post("/api/flights", files={"other": (None, b"no file")}), 422)
-    problem(client.post("/api/flights", content=b""), 422)
+    assert "holds no file; send it" in problem(client.post("/api/flights", content=b""), 422)
+    for empty in (
+        client.post("/api/flights", files={"file": ("none.mcap", b"")}),
+        client.post("/api/flights", params={"name": "none.mcap"}, content=b""),
+    ):
+        assert problem(empty, 422).startswith("none.mcap is empty; send")
     large = bytes(bench.settings.max_upload_bytes + 1)
     assert "larger" in problem(client.post("/api/flights", params={"name": "x.tlog"}, content=large), 413)
     chunked = client.post("/api/flights", params={"name": "x.tlog"}, content=iter([large[:600_000], large[:600_000]]))
@@ -275,6 +285,55 @@ def test_uploads_that_are_no_recordings_leave_nothing_behind(bench: Bench, clien
     assert client.get("/api/flights").json()["flights"] == []
     assert list(bench.settings.flights.iterdir()) == []
     assert not list(bench.settings.data.glob("upload-*"))
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (b'{"kind": identify}', "the body is no JSON (Expecting value, at character 9); send a JSON object such as"),
+        (b'{"kind": "\xff"}', "the body is no JSON; send a JSON object such as"),
+        (b"", "the body is missing or no JSON object; send"),
+        (b"[]", "the body is missing or no JSON object; send"),
+        (b"{}", "kind is missing"),
+        (b'{"kind": "identify", "valdate": [], "x": 1}', "valdate, x: no such key in a job; did you mean validate?"),
+        (b'{"kind": "identify", "vehicle": "a"}', "vehicle: no such key in a job; there are kind, model, structure"),
+        (b'{"kind": "fly"}', "kind: Input should be 'identify' or 'discrepancy'"),
+    ],
+)
+def test_a_job_that_cannot_be_read_says_what_to_send(
+    bench: Bench, client: httpx.Client, body: bytes, told: str
+) -> None:
+    flight = bench.record(1, 1, START)
+    kind = {"Content-Type": "application/json"}
+    answer = client.post(f"/api/flights/{flight}/jobs", content=body, headers=kind)
+    assert told in problem(answer, 400 if b"\xff" in body else 422)
+
+
+def test_json_without_its_content_type_is_told_so(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    answer = client.post(f"/api/flights/{flight}/jobs", content=b'{"kind": "identify"}')
+    assert "Content-Type: application/json" in problem(answer, 422)
+
+
+def test_a_result_that_nobody_judged_does_not_hide_the_validated_one_in_silence(
+    bench: Bench, client: httpx.Client
+) -> None:
+    flight = bench.record(1, 1, START)
+    judged = bench.catalogue.add_job(flight, "identify", {"kind": "identify", "validate": ["other"]})
+    result = {"schema": "identification/1", "validation": {"flights": ["other"]}}
+    bench.catalogue.finish_job(judged, result)
+    started = client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}).json()
+    place = f"/api/flights/{flight}/identification?job={judged.id}"
+    assert "validated on other" in started["log"][0]
+    assert started["log"][0].endswith(place)
+    wait_until(lambda: client.get(f"/api/jobs/{started['id']}").json()["state"] == "done")
+    assert "validation" not in client.get(f"/api/flights/{flight}/identification").json()
+    assert client.get(place).json() == result
+    assert "of job 'x'" in problem(client.get(f"/api/flights/{flight}/identification?job=x"), 404)
+    # A job that is judged itself, and one behind a result that was not, need no warning.
+    for request in ({"kind": "identify", "validate": [flight]}, {"kind": "identify"}):
+        log = client.post(f"/api/flights/{flight}/jobs", json=request).json()["log"]
+        assert not any("validated on" in line for line in log)
 
 
 def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None:
