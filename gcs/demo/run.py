@@ -21,6 +21,8 @@ from sim_vehicle.model import read_model
 from sim_vehicle.vehicle import load_vehicle
 
 VEHICLE = "iitb-mav"
+# The pages of the identification and of the discrepancy analysis.
+REPORT, REPORT_OF_EFFECT = "report.html", "report-effect.html"
 _PATIENCE_S = 150.0
 # What is flown: to fit, and to judge by.
 FIT, JUDGE = "elevator-3211,multisine", "elevator-doublet,aileron-doublet,rudder-doublet"
@@ -59,6 +61,9 @@ class Demo:
                 service.wait(timeout=20)
         print(f"\nDone in {time.monotonic() - began:.0f} s. Everything is in {self.folder}/; to look around:")
         print(
+            f"  open {self.folder / REPORT} (the model), {self.folder / REPORT_OF_EFFECT} (the effect) in a browser, or"
+        )
+        print(
             f"  {Path(sys.argv[0])} serve --data {self.folder}/service --vehicle {VEHICLE}    "
             "then open the address it prints (/docs: the REST answers)"
         )
@@ -86,6 +91,7 @@ class Demo:
                    str(self.folder / "repaired.tlog")])  # fmt: skip
         print(f"The model with the effect is in {repaired}; sim-vehicle has flown it.")
         self._plots(result, found)
+        self._reports(result, found)
         newest = self._get("/api/models")[0]
         print(f"\n4. REST answers: GET {self.url}/api/models/{newest['id']}")
         print("   " + json.dumps(self._get(f"/api/models/{newest['id']}"))[:200] + " …")
@@ -205,3 +211,11 @@ class Demo:
         picture = self.folder / "demo.png"
         draw(result, read_model(VEHICLE).values(), found, picture)
         print(f"   A picture of both results is in {picture}")
+
+    def _reports(self, result: dict[str, Any], found: dict[str, Any]) -> None:
+        """Both results as pages, as gcs report makes them."""
+        from gcs.report.page import report
+
+        for name, one in ((REPORT, result), (REPORT_OF_EFFECT, found)):
+            (self.folder / name).write_text(report(one), encoding="utf-8")
+        print(f"   Reports to read and print are {self.folder / REPORT} and {self.folder / REPORT_OF_EFFECT}")

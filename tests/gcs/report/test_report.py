@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gcs.cli import main
+from gcs.demo.run import REPORT, REPORT_OF_EFFECT, Demo
 from gcs.report.page import report
 
 VOID = {"meta", "br", "path", "use"}
@@ -287,7 +288,15 @@ def test_a_page_that_cannot_be_written_is_wrong_use(tmp_path: Path, capsys: pyte
     assert "in no existing folder" in capsys.readouterr().err
 
 
-def test_a_fit_that_is_acceptable_by_tic_alone_says_so():
+def test_the_demonstration_leaves_a_page_of_each_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = {"schema": "discrepancy/1", "verdict": "none", "model": identification()["model"], "effects": [], "gap": {}}
+    Demo(tmp_path, 1.0, 1, "stall")._reports(identification(), found)
+    assert "Flight model of" in Page((tmp_path / REPORT).read_text(encoding="utf-8")).text
+    assert "What the flight model lacks: none" in Page((tmp_path / REPORT_OF_EFFECT).read_text(encoding="utf-8")).text
+    assert str(tmp_path / "report.html") in capsys.readouterr().out
+
+
+def test_a_fit_that_is_acceptable_by_tic_alone_says_so() -> None:
     result = identification()
     result["validation"] |= {"acceptable": True, "outliers": "The largest residuals are: Cl 40 times its noise"}
     text = Page(report(result)).text
