@@ -50,7 +50,7 @@ $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
 	touch $@
 
-# The example of docs/howto/missing-effect.md: its commands run as they stand there, its pictures made anew (a minute).
+# The example of docs/howto/missing-effect.md: its commands run as they stand there, its pictures made anew (20 s, a minute the first time).
 worked-example: setup
 	$(BIN)/python tools/worked_example.py
 
