@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator
-from functools import cache
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter
@@ -14,6 +15,7 @@ from fastapi.responses import StreamingResponse
 from gcs.api.schemas import Live
 from gcs.api.service import Service, Serving
 from gcs.text.jsontext import dumps
+from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle import load_vehicle
 
 router = APIRouter(tags=["live"])
@@ -58,7 +60,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "schema": "live/1",
         "flight": feed.flight,
         "time_s": state.time_s,
-        "vehicle": None if vehicle is None else _vehicle_name(vehicle),
+        "vehicle": vehicle_name(vehicle),
         "state": feed.link_state,
         "signals": signals,
         "links": service.recorder.link_status(),
@@ -73,9 +75,20 @@ def snapshot(service: Service) -> dict[str, Any]:
     }
 
 
-@cache
-def _vehicle_name(vehicle: str) -> str:
-    return load_vehicle(vehicle).name
+def vehicle_name(vehicle: str | None) -> str | None:
+    """The name in the vehicle file as it stands there now, which a later flight's recording holds too."""
+    if vehicle is None:
+        return None
+    path = Path(vehicle)
+    return _name_at(vehicle, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@lru_cache(maxsize=4)
+def _name_at(vehicle: str, changed_ns: int) -> str:
+    try:
+        return load_vehicle(vehicle).name
+    except VehicleFileError:  # somebody is writing it
+        return Path(vehicle).stem
 
 
 def _event(name: str, data: dict[str, Any]) -> str:
@@ -91,7 +104,9 @@ async def _events(service: Service) -> AsyncIterator[str]:
         text = ""
         if link != told:
             told = link
-            text += _event("state", {"state": link, "flight": feed.flight, "time_s": state.time_s})
+            name = vehicle_name(service.settings.vehicle)
+            told_now = {"state": link, "flight": feed.flight, "vehicle": name, "time_s": state.time_s}
+            text += _event("state", told_now)
         if state.signals_number != signals:
             signals = state.signals_number
             now_ns = time.time_ns()

@@ -21,6 +21,9 @@ FLAGS = (
 SIZES = {"phone": (390, 844), "desktop": (1280, 800)}
 PATIENCE_MS = 60_000
 _COLOURS = 64
+# Captions of tables that go on beyond the screen, where the table may.
+_CUT_CAPTIONS = """[...document.querySelectorAll('caption')]
+  .filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.textContent)"""
 
 
 @contextmanager
@@ -87,6 +90,7 @@ class Visitor:
         assert self.errors == []
         assert self.strangers == []
         assert self.page.evaluate("document.documentElement.scrollWidth") <= SIZES[self._size][0]
+        assert self.page.evaluate(_CUT_CAPTIONS) == []
         folder = os.environ.get("PAGE_PICTURES")
         if folder and name:
             picture = Image.open(io.BytesIO(self.page.screenshot()))

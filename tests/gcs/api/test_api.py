@@ -1,6 +1,8 @@
 """The REST interface over the real application, with flights recorded from MAVLink bytes."""
 
 import json
+import os
+import re
 import socket
 import sys
 import threading
@@ -492,3 +494,30 @@ def test_a_message_of_an_unknown_dialect_is_counted(bench: Bench) -> None:
     frame[-2:] = crc.crc.to_bytes(2, "little")
     bench.recorder.feed("udpin:test", batch([bytes(frame)] * 3, START))
     assert bench.recorder.statistics("udpin:test", START)["unknown_messages"] == 3
+
+
+def test_a_vehicle_that_is_renamed_has_its_new_name_on_the_live_page(
+    make_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    file = tmp_path / "plane.toml"
+    text = (
+        "name = 'first'\n[mass]\nmass = 1\nIxx = 0.02\nIyy = 0.03\nIzz = 0.045\n[geometry]\nS = 0.2\nb = 1\nc = 0.2\n"
+    )
+    file.write_text(text, encoding="utf-8")
+    with serving(make_bench(vehicle=str(file)).app) as client:
+        assert client.get("/api/live").json()["vehicle"] == "first"
+        for changed, name in ((text.replace("first", "second"), "second"), ("half writ", "plane"), (text, "first")):
+            file.write_text(changed, encoding="utf-8")
+            os.utime(file, ns=(0, file.stat().st_mtime_ns + SECOND))  # however coarse the disk's clock
+            assert client.get("/api/live").json()["vehicle"] == name
+            with client.stream("GET", "/api/live/stream") as events:
+                told = next(line for line in events.iter_lines() if line.startswith("data: "))
+            assert json.loads(told.removeprefix("data: "))["vehicle"] == name
+
+
+def test_captions_of_wide_tables_stay_in_sight() -> None:
+    """Both the page's and the report's; the browser's test measures it where there is one."""
+    for style in ("gcs/page/static/page.css", "gcs/report/style.css"):
+        text = (Path(__file__).resolve().parents[3] / style).read_text(encoding="utf-8")
+        assert re.search(r"\.wide \{[^}]*container-type: inline-size", text), style
+        assert re.search(r"caption \{[^}]*max-width: 100cqi; position: sticky; left: 0", text), style
