@@ -117,3 +117,21 @@ def test_no_residual_is_smaller_than_the_noise_that_nothing_predicts(result: dic
     assert found["std"] > noise
     assert found["std"] == pytest.approx(result["validation"]["outputs"]["CY"]["residual_std"], rel=1e-6)
     assert sum(found["histogram"]["counts"]) == found["samples"]
+
+
+def test_the_largest_residual_is_that_of_the_curves_and_of_the_same_noise(result: dict[str, Any]) -> None:
+    found = result["validation"]
+    (curves,) = result["series"]["flights"]
+    for axis, output in found["outputs"].items():
+        at, curve = output["largest_at"], curves["axes"][axis]
+        drawn = np.abs(np.array(curve["measured"]) - np.array(curve["predicted"]))
+        assert at["flight"] == "flight 2"
+        assert abs(at["residual"]) >= drawn.max() * (1.0 - 1e-3)
+        assert curve["time_s"][0] <= at["time_s"] <= curve["time_s"][-1]
+        rms = np.hypot(output["residual_mean"], output["residual_std"])
+        assert abs(at["residual"]) / rms == pytest.approx(
+            output["largest_over_noise"] / output["rms_over_noise"], rel=1e-3
+        )
+    told = [axis for axis, output in found["outputs"].items() if output["largest_over_noise"] > 10.0]
+    assert bool(told) == bool(found["outliers"])
+    assert all(f"{axis} " in found["outliers"] for axis in told)
