@@ -79,15 +79,17 @@ def told(largest: Mapping[str, Largest]) -> str:
     worse = sorted(((n, one) for n, one in largest.items() if one.over_noise > BEYOND), key=lambda e: -e[1].over_noise)
     if not worse:
         return ""
+    flights = list(dict.fromkeys(one.flight for _, one in worse))
     parts = []
     for name, one in worse:
+        flight = f" of {one.flight}" if len(flights) > 1 else ""
         where = f", where the {one.step} steps" if one.step else ""
-        parts.append(
-            f"{name} {one.over_noise:.0f} times its noise at {one.time_s:.1f} s of {one.flight}{where}"
-            f" ({_percent(one.share)} of its samples beyond {BEYOND:g})"
-        )
-    return f"The largest residuals are far beyond the noise: {'; '.join(parts)}"
+        often = f"(beyond {BEYOND:g} in {_percent(one.share)})"
+        parts.append(f"{name} {one.over_noise:.0f} at {one.time_s:.1f} s{flight}{where} {often}")
+    of = f" of {flights[0]}" if len(flights) == 1 else ""
+    return f"The largest residuals{of} in times of the noise: {'; '.join(parts)}"
 
 
 def _percent(share: float) -> str:
+    """A share of the samples."""
     return "less than 0.1 %" if share < 1e-3 else f"{100.0 * share:.2g} %" if share < 0.995 else "100 %"

@@ -1,5 +1,7 @@
 """The largest residual is told with its time, and the surface that steps there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,8 +30,15 @@ def test_a_residual_at_a_step_is_told_with_time_and_surface():
     assert (found.flight, found.step, found.residual < 0.0) == ("second", "aileron", True)
     assert found.share == pytest.approx(1.0 / TIME.size)
     words = told({"Cl": found})
-    assert "Cl 40 times its noise at 9.0 s of second, where the aileron steps (0.2 % of its samples" in words
-    assert "\n" not in words
+    assert words == (
+        "The largest residuals of second in times of the noise:"
+        " Cl 40 at 9.0 s, where the aileron steps (beyond 10 in 0.2 %)"
+    )
+    both = told({"Cl": found, "Cn": replace(found, flight="third", over_noise=50.0, step=None, share=0.0)})
+    assert both.startswith(
+        "The largest residuals in times of the noise: Cn 50 at 9.0 s of third (beyond 10 in less than"
+    )
+    assert "; Cl 40 at 9.0 s of second, where" in both
 
 
 @pytest.mark.parametrize("step_at", [None, 7.0])

@@ -58,7 +58,7 @@ function verdict({ validation }) {
       'Not judged on another flight: start the identification again and name one to validate on.'))
   }
   const good = validation.outliers ? 'Acceptable by TIC, not down to the noise' : 'Acceptable'
-  return remark(validation.acceptable ? 'good' : 'bad', h('p', {},
+  return remark(!validation.acceptable ? 'bad' : validation.outliers ? 'note' : 'good', h('p', {},
     `${validation.acceptable ? good : 'Not acceptable, fly again'}: ${validation.reason}.`),
   ...there(validation.outliers ? h('p', {}, `${validation.outliers}.`) : null))
 }
