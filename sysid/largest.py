@@ -84,7 +84,7 @@ def told(largest: Mapping[str, Largest]) -> str:
     for name, one in worse:
         flight = f" of {one.flight}" if len(flights) > 1 else ""
         where = f", where the {one.step} steps" if one.step else ""
-        often = f"(beyond {BEYOND:g} in {_percent(one.share)})"
+        often = f"({_percent(one.share)} of the samples beyond {BEYOND:g})"
         parts.append(f"{name} {one.over_noise:.0f} at {one.time_s:.1f} s{flight}{where} {often}")
     of = f" of {flights[0]}" if len(flights) == 1 else ""
     return f"The largest residuals{of} in times of the noise: {'; '.join(parts)}"

@@ -32,12 +32,10 @@ def test_a_residual_at_a_step_is_told_with_time_and_surface():
     words = told({"Cl": found})
     assert words == (
         "The largest residuals of second in times of the noise:"
-        " Cl 40 at 9.0 s, where the aileron steps (beyond 10 in 0.2 %)"
+        " Cl 40 at 9.0 s, where the aileron steps (0.2 % of the samples beyond 10)"
     )
     both = told({"Cl": found, "Cn": replace(found, flight="third", over_noise=50.0, step=None, share=0.0)})
-    assert both.startswith(
-        "The largest residuals in times of the noise: Cn 50 at 9.0 s of third (beyond 10 in less than"
-    )
+    assert both.startswith("The largest residuals in times of the noise: Cn 50 at 9.0 s of third (less than 0.1 % of")
     assert "; Cl 40 at 9.0 s of second, where" in both
 
 
