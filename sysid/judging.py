@@ -14,6 +14,7 @@ from sysid.flight import FlightSignals
 from sysid.gap import Fixed
 from sysid.largest import Stretch, largest_residual
 from sysid.prepare import Prepared, prepare
+from sysid.records import SURFACES
 from sysid.residuals import moment_noise
 from sysid.series import Comparison
 from sysid.signalcheck import SignalCheck, check_signals, in_time
@@ -62,9 +63,9 @@ def _stretches(compared: Comparison) -> list[Stretch]:
         Stretch(
             flight.data.name,
             path.time_s,
-            stretch.record.commands[stretch.record.start : stretch.record.start + stretch.record.length, :3],
+            np.column_stack([path.variables[name] for name in SURFACES]),
             {axis: path.measured[axis] - path.predicted[axis] for axis in compared.axes},
         )
         for flight, paths in zip(compared.flights, compared.paths, strict=True)
-        for stretch, path in zip(flight.stretches, paths, strict=True)
+        for path in paths
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from sim_vehicle.simulation import evaluate_path
 from sim_vehicle.vehicle import Vehicle
 from sysid.coefficients import AXES, Body, coefficients
 from sysid.compatibility import SensorLayout
+from sysid.equations import FORCES, MOMENTS
 from sysid.flight import Array, FlightData
 from sysid.gap import Fixed
 from sysid.parameterisation import STATES
@@ -23,11 +24,13 @@ from sysid.thrust import lagged_throttle
 
 # Band of the motion: rate derivatives are taken, and forces compared, below it.
 CUTOFF_HZ = 8.0
+# Where that is weakest: at both ends of a record, s, which are left out.
+_EDGE_S = 0.1
 
 
 @dataclass(frozen=True)
 class CoefficientPath:
-    """Coefficients along one record.
+    """Coefficients along one record but for its ends.
 
     measured, predicted: axis -> (N,). variables: what a disagreement may depend on, name -> (N,), rates nondimensional.
     """
@@ -83,11 +86,26 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
     return predicted
 
 
+def _predicted(record: Record, path: Array, model: Fixed) -> dict[str, Array]:
+    """Coefficients, axis -> (N,), of a model along states (N, 9), as their measurement sees them.
+
+    Measured moments follow from angular accelerations below CUTOFF_HZ, which about a command that is held see as much
+    of what came before it as of what comes after.
+    """
+    before, after = (along_path(record, path, replace(model, command_first=first)) for first in (False, True))
+    forces = after if model.command_first else before
+    found = {axis: forces[:, AXES.index(axis)] for axis in FORCES}
+    for axis in MOMENTS:
+        j = AXES.index(axis)
+        found[axis] = fourier_smooth(0.5 * (before[:, j] + after[:, j]), record.interval_s, CUTOFF_HZ).values
+    return found
+
+
 def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> CoefficientPath:
     """Measured and predicted coefficients along one record, which must have all IMU, airspeed and attitude samples."""
     states = smoothed_states(record, layout, dict(model.errors))
     dt, here = record.interval_s, slice(record.start, record.start + record.length)
-    predicted = along_path(record, np.stack([states[name] for name in STATES], axis=1), model)
+    predicted = _predicted(record, np.stack([states[name] for name in STATES], axis=1), model)
     slopes = np.column_stack([fourier_smooth(states[name], dt, CUTOFF_HZ).derivative for name in ("p", "q", "r")])
     speed = np.sqrt(states["u"] ** 2 + states["v"] ** 2 + states["w"] ** 2)
     alpha = np.arctan2(states["w"], states["u"])
@@ -103,12 +121,14 @@ def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, mod
         },
     )  # fmt: skip
     measured = coefficients(data, body_of(vehicle), slopes)
-    return CoefficientPath(
-        record.time_s,
-        measured,
-        {axis: predicted[:, j] for j, axis in enumerate(AXES)},
-        _variables(states, alpha, speed, record.commands[here], thrust, dt, vehicle),
-    )
+    variables = _variables(states, alpha, speed, record.commands[here], thrust, dt, vehicle)
+    edge = round(_EDGE_S / dt)
+    inner = slice(edge, record.length - edge)
+
+    def kept(columns: Mapping[str, Array]) -> dict[str, Array]:
+        return {name: values[inner] for name, values in columns.items()}
+
+    return CoefficientPath(record.time_s[inner], kept(measured), kept(predicted), kept(variables))
 
 
 def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:

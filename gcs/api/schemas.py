@@ -233,7 +233,7 @@ class JobRequest(BaseModel):
     validate_: list[str] = Field(
         default_factory=list, alias="validate", max_length=50, description="Ids of flights to judge the result on"
     )
-    method: Literal["auto", "ee", "oe"] = "auto"
+    method: Literal["auto", "ee", "oe", "fe"] = "auto"
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)
     system: int | None = Field(None, ge=1, le=255)

@@ -65,7 +65,7 @@ const named = models => models.map(model =>
 
 function identifyForm(others, models, start) {
   const validate = judges(others)
-  const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error']], 'auto')
+  const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
   const prior = select([['', 'none'], ...named(models)], '')
   const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
   return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [
