@@ -18,7 +18,6 @@ from sysid.findings import Mistake, delay_mistake
 from sysid.flight import Array, FlightData
 from sysid.hypotheses import ACCEL, GROUND, GROUPS, IMU, VANES, Hypothesis, hypotheses, joined, scale_hypothesis
 from sysid.kinematic_part import SensorLayout
-from sysid.quick_cost import QuickCost
 from sysid.relations import (
     AIR,
     CALM_RELATIONS,
@@ -27,9 +26,10 @@ from sysid.relations import (
     MEASURED_IN,
     Comparison,
     Fit,
-    Slopes,
     Window,
     delay_slope,
+    quick_cost,
+    scale_slope,
 )
 from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
@@ -162,7 +162,7 @@ def _rescaled(
 def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
     present = set.intersection(*(set(c) for c in columns))
     filters = base.filters()
-    quick = QuickCost(windows, columns, filters)
+    quick = quick_cost(windows, columns, filters)
     ranked = []
     present.discard(GROUND_DELAY)
     quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
@@ -173,7 +173,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
         if silent and one.kind != "sign":
             continue
         read = [one.apply(c) for c in columns]
-        gain = quick.base - quick.cost(read, one.signals) + _stretched(one, windows) - one.penalty
+        gain = quick - quick_cost(windows, read, filters) + _stretched(one, windows) - one.penalty
         if gain > (_NO_DOUBT if silent else 0.5 * GAIN):
             ranked.append((gain, one, read))
     ranked.sort(key=lambda entry: -entry[0])
@@ -194,13 +194,12 @@ def _moved_by(one: Hypothesis, base: Comparison) -> bool:
     """Whether the motion itself speaks against the scale of an inertial signal, not the noise that it brings along."""
     if one.kind == "axis" or not set(one.signals) <= set(IMU):
         return True
-    value, std = base.score(_scaled_together(base, one.signals))
+    slopes = [
+        _summed([scale_slope(w, c, name) for name in one.signals])
+        for w, c in zip(base.windows, base.smooth, strict=True)
+    ]
+    value, std = base.score(slopes)
     return abs(value) > SCALE_SIGMAS * std
-
-
-def _scaled_together(comparison: Comparison, names: Sequence[str]) -> Slopes:
-    """Per window the derivative of every gap by one scale error of several signals."""
-    return [_summed(list(each)) for each in zip(*map(comparison.scale_slopes, names), strict=True)]
 
 
 def _stretched(one: Hypothesis, windows: Sequence[Window]) -> float:
@@ -239,7 +238,9 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Compar
             continue
         if any(_still(windows, columns, name) for name in names):
             continue
-        slopes = _scaled_together(base, names)
+        slopes = [
+            _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, base.smooth, strict=True)
+        ]
         relations = None
         scale, std = base.score(slopes)
         if abs(scale) < max(0.5 * SCALE_LEAST, SCALE_SIGMAS * std):
@@ -269,7 +270,10 @@ def _refined(
     std = float("inf")
     for _ in range(2):
         there = Comparison(windows, [scale_hypothesis(names, scale).apply(c) for c in columns])
-        more, std = there.score(_scaled_together(there, names), relations)
+        slopes = [
+            _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, there.smooth, strict=True)
+        ]
+        more, std = there.score(slopes, relations)
         scale = (1.0 + scale) * max(1.0 + more, 0.1) - 1.0
     return scale, std
 
@@ -325,11 +329,8 @@ def _scanned(
     interval = windows[0].interval_s
     stride = max(round(_SCAN_S / interval), 1)
     last = int(LONGEST_DELAY_S / interval)
-    quick = QuickCost(windows, columns, filters)
-    # Velocities over ground come late together.
-    moved = (GROUND_DELAY,) if set(names) <= set(GROUND) else names
     costs = {
-        shift: quick.cost([advanced(c, names, shift * interval, interval) for c in columns], moved)
+        shift: quick_cost(windows, [advanced(c, names, shift * interval, interval) for c in columns], filters)
         for shift in range(-last + last % stride, last + 1, stride)
     }
     best = min(costs, key=lambda shift: costs[shift])

@@ -37,13 +37,6 @@ MEASURED_IN: dict[str, tuple[str, ...]] = {
 USED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "airspeed", "alpha", "beta")
 # Column that holds one number: by how much, s, velocities over ground come late.
 GROUND_DELAY = "ground_delay_s"
-# Relation -> the signals that enter it, levers and vanes' positions included.
-_ATTITUDE, _FORCE = {"p", "q", "r", "phi", "theta"}, {"ax", "ay", "az"}
-_ENTER: dict[str, frozenset[str]] = {
-    "phi": frozenset(_ATTITUDE), "theta": frozenset(_ATTITUDE), "psi": frozenset(_ATTITUDE | {"psi"}),
-    **{name: frozenset(_ATTITUDE | _FORCE | {"airspeed", "alpha", "beta"}) for name in AIR},
-    **{name: frozenset(_ATTITUDE | _FORCE | {"psi", name, GROUND_DELAY}) for name in GROUND},
-}  # fmt: skip
 # Relations that gusts do not enter.
 CALM_RELATIONS = ("phi", "theta", "psi", *GROUND)
 _ORDER = 4  # of the autoregression
@@ -150,18 +143,13 @@ class Window:
             }
         return found | {name: columns[name] for name in ("psi", *GROUND) if name in self.relations}
 
-    def entered(self, signals: Sequence[str]) -> tuple[str, ...]:
-        """Relations that any of the signals enters."""
-        return tuple(name for name in self.relations if not _ENTER[name].isdisjoint(signals))
-
-    def rates(self, s: Columns, columns: Columns, only: Sequence[str] | None = None) -> dict[str, Array]:
-        """Relation -> (N,) rate of change by the other sensors; only: relations that are wanted, None for all."""
-        wanted = self.relations if only is None else only
+    def rates(self, s: Columns, columns: Columns) -> dict[str, Array]:
+        """Relation -> (N,) rate of change by the other sensors."""
         sf, cf, st, ct = np.sin(s["phi"]), np.cos(s["phi"]), np.sin(s["theta"]), np.cos(s["theta"])
         p, q, r, gravity = s["p"], s["q"], s["r"], self.layout.gravity
         turn = (q * sf + r * cf) / ct
         found = {"phi": p + st * turn, "theta": q * cf - r * sf, "psi": turn}
-        if not set(AIR).isdisjoint(wanted):
+        if self.air:
             velocity = self.measured(s, columns)
             u, v, w = velocity["u"], velocity["v"], velocity["w"]
             found |= {
@@ -169,29 +157,27 @@ class Window:
                 "v": p * w - r * u + gravity * ct * sf + s["ay"],
                 "w": q * u - p * v + gravity * ct * cf + s["az"],
             }
-        if not set(GROUND).isdisjoint(wanted):
+        if self.relations[-1] in GROUND:
             lifted = sf * s["ay"] + cf * s["az"]
             ahead, aside = ct * s["ax"] + st * lifted, cf * s["ay"] - sf * s["az"]
             sp, cp = np.sin(columns["psi"]), np.cos(columns["psi"])
             found |= {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
             found["vd"] = -st * s["ax"] + ct * lifted + gravity
-        return {name: found[name] for name in wanted}
+        return {name: found[name] for name in self.relations}
 
     def gaps(self, columns: Columns, errors: Mapping[str, float]) -> dict[str, Array]:
         """Relation -> (rows,) measured minus integrated, slow motions taken out."""
         return self.gaps_of(self.states(columns, errors), columns)
 
-    def gaps_of(self, s: Columns, columns: Columns, only: Sequence[str] | None = None) -> dict[str, Array]:
-        """The same from the states `s` of the columns; only: relations that are wanted, None for all."""
-        measured, predicted = self.measured(s, columns), self.predictions(columns, s, only)
-        return {n: self.fast(n, measured[n] - predicted[n]) for n in predicted}
+    def gaps_of(self, s: Columns, columns: Columns) -> dict[str, Array]:
+        """The same from the states `s` of the columns."""
+        measured, predicted = self.measured(s, columns), self.predictions(columns, s)
+        return {n: self.fast(n, measured[n] - predicted[n]) for n in self.relations}
 
-    def predictions(
-        self, columns: Columns, s: Columns | None = None, only: Sequence[str] | None = None
-    ) -> dict[str, Array]:
+    def predictions(self, columns: Columns, s: Columns | None = None) -> dict[str, Array]:
         """Relation -> (N,) integrated side, from its first sample on; s: the states where they are known already."""
-        rates = self.rates(self.states(columns, {}) if s is None else s, columns, only)
-        found = {name: integral(rate, self.interval_s) for name, rate in rates.items()}
+        rates = self.rates(self.states(columns, {}) if s is None else s, columns)
+        found = {name: integral(rates[name], self.interval_s) for name in self.relations}
         late = columns.get(GROUND_DELAY)
         if late is not None:
             time = self.data.time_s
@@ -209,15 +195,15 @@ class Window:
         ])  # fmt: skip
 
 
-def _scale_slope(window: Window, columns: Columns, name: str, before: Mapping[str, Array]) -> dict[str, Array]:
-    """Derivative of every gap by a scale error of one signal; before: `window.predictions(columns)`."""
-    changed = {**columns, name: columns[name] / (1.0 + _STEP)}
-    after = window.predictions(changed, only=window.entered((name,)))
-    found = {key: np.zeros(window.rows[key].size) for key in before}
-    for key, values in after.items():
-        slope = (before[key] - values) / _STEP
-        found[key] = window.fast(key, slope - before[key] if key in MEASURED_IN.get(name, ()) else slope)
-    return found
+def scale_slope(window: Window, columns: Columns, name: str) -> dict[str, Array]:
+    """Derivative of every gap by a scale error of one signal (true = reading / (1 + scale))."""
+    before = window.predictions(columns)
+    after = window.predictions({**columns, name: columns[name] / (1.0 + _STEP)})
+    slope = {key: (before[key] - after[key]) / _STEP for key in before}
+    for key in MEASURED_IN.get(name, ()):
+        if key in slope:
+            slope[key] = slope[key] - before[key]
+    return {key: window.fast(key, values) for key, values in slope.items()}
 
 
 def delay_slope(window: Window, columns: Columns, names: Sequence[str]) -> dict[str, Array]:
@@ -270,7 +256,6 @@ class Comparison:
         # Regressors without the noise of the measurements, which they would else explain.
         self.smooth = [w.smoothed(c) for w, c in zip(windows, columns, strict=True)]
         base = [w.gaps(c, {}) for w, c in zip(windows, self.smooth, strict=True)]
-        self._predicted = [w.predictions(c) for w, c in zip(windows, self.smooth, strict=True)]
         self.slopes: list[Slopes] = []
         for name in BIASES:
             moved = [w.gaps(c, {name: _STEP}) for w, c in zip(windows, self.smooth, strict=True)]
@@ -281,16 +266,11 @@ class Comparison:
         self._scaled = [name for name in SCALES if all(name in c for c in columns)]
         for name, std in SCALES.items():
             if name in self._scaled:
-                self.slopes.append(self.scale_slopes(name))
+                self.slopes.append([scale_slope(w, c, name) for w, c in zip(windows, self.smooth, strict=True)])
                 stds.append(std)
         self.prior = np.array(stds) ** -2.0
         self.level_cost = level_cost(windows, states)
         self._null: dict[Sequence[str] | None, tuple[Fit, _Whitened]] = {}
-
-    def scale_slopes(self, name: str) -> Slopes:
-        """Per window the derivative of every gap by a scale error of one signal (true = reading / (1 + scale))."""
-        each = zip(self.windows, self.smooth, self._predicted, strict=True)
-        return [_scale_slope(w, c, name, before) for w, c, before in each]
 
     def null(self, relations: tuple[str, ...] | None = None) -> Fit:
         """The fit without extra parameters; relations: which count, None takes all."""
@@ -376,6 +356,20 @@ class _Whitened:
             if name in base
         ]
         return np.concatenate(parts)
+
+
+def quick_cost(windows: Sequence[Window], columns: Sequence[Columns], filters: Mapping[str, Array]) -> float:
+    """Negative log likelihood without estimating any sensor error: enough to rank readings that differ much.
+
+    filters: relation -> whitening filter, the same for all readings that are compared.
+    """
+    states = [w.states(c, {}) for w, c in zip(windows, columns, strict=True)]
+    gaps = [w.gaps_of(s, c) for w, s, c in zip(windows, states, columns, strict=True)]
+    cost = level_cost(windows, states)
+    for name in dict.fromkeys(name for one in gaps for name in one):
+        white = np.concatenate([whiten(one[name], filters[name]) for one in gaps if name in one])
+        cost += white.size * 0.5 * float(np.log(max(np.mean(white**2), 1e-18)))
+    return cost
 
 
 def level_cost(windows: Sequence[Window], states: Sequence[Columns]) -> float:
