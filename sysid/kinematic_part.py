@@ -146,7 +146,7 @@ def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
             noise[j] = _output_noise(name, data[name], dt)
     z[:, 5] = _unwrapped(z[:, 5])
     imu_noise = np.array([max(sample_noise(data[name], dt), _NOISE_FLOOR[name]) for name in IMU])
-    imu = _imu_at_centre(data, layout, np.zeros(3))
+    imu = np.ascontiguousarray(_imu_at_centre(data, layout, np.zeros(3)).T)
     measured = _measured_states(data, z, layout)
     speed = float(np.mean(data["airspeed"])) * layout.airspeed_factor
     return Part(
@@ -165,26 +165,28 @@ def part_states(data: FlightData, layout: SensorLayout, values: Mapping[str, flo
     def error(name: str) -> float:
         return values.get(name, 0.0)
 
+    def true(name: str) -> Array:
+        bias, scale = error(f"{name}_bias"), error(f"{name}_scale")
+        return (data[name] - bias) / (1.0 + scale) if bias or scale else data[name]
+
     imu = _imu_at_centre(data, layout, np.array([error(f"gyro_bias_{axis}") for axis in "pqr"]))
-    bias = np.array([error(name) for name in PARAMETERS[:6]])
-    imu = imu - bias
-    out = {name: imu[:, i] for i, name in enumerate(IMU)}
-    out["V"] = (data["airspeed"] - error("airspeed_bias")) / (1.0 + error("airspeed_scale")) * layout.airspeed_factor
-    p, q, r = imu[:, 3], imu[:, 4], imu[:, 5]
+    imu -= np.array([error(name) for name in PARAMETERS[:6]])[:, None]
+    out = dict(zip(IMU, imu, strict=True))
+    out["V"] = true("airspeed") * layout.airspeed_factor
+    p, q, r = imu[3:]
     speed = np.maximum(out["V"], 1.0)
     if "alpha" in data:
         x, y, _ = layout.alpha_vane
-        vane = (data["alpha"] - error("alpha_bias")) / (1.0 + error("alpha_scale"))
-        out["alpha"] = vane + x * q / speed - y * p / speed
+        out["alpha"] = true("alpha") + (x * q - y * p) / speed
     if "beta" in data:
         x, _, z = layout.beta_vane
-        vane = (data["beta"] - error("beta_bias")) / (1.0 + error("beta_scale")) - x * r / speed + z * p / speed
+        vane = true("beta") + (z * p - x * r) / speed
         if layout.beta_kind == "flank":
             vane = np.arctan(np.tan(vane) * np.cos(out.get("alpha", np.zeros_like(vane))))
         out["beta"] = vane
     for name in ("phi", "theta"):
         if name in data:
-            out[name] = (data[name] - error(f"{name}_bias")) / (1.0 + error(f"{name}_scale"))
+            out[name] = true(name)
     for name, wind in (("vn", "wind_north"), ("ve", "wind_east"), ("vd", "wind_down")):
         if name in data and wind in values:
             out[f"{name}_air"] = data[name] - error(wind)
@@ -239,11 +241,12 @@ def _to_body(states: Array, vector: Array) -> Array:
 
 
 def _imu_at_centre(data: FlightData, layout: SensorLayout, gyro_bias: Array) -> Array:
-    imu = np.ascontiguousarray(np.column_stack([data[name] for name in IMU]), dtype=np.float64)
+    """(6, N) what the IMU would read at the centre of gravity. gyro_bias: (3,) rad/s."""
+    imu = np.stack([data[name] for name in IMU], dtype=np.float64)
     if any(layout.accelerometer):
-        rates = imu[:, 3:] - gyro_bias
-        slopes = np.column_stack([_slope(rates[:, i], data.interval_s) for i in range(3)])
-        imu[:, :3] = to_centre_of_gravity(imu[:, :3], rates, slopes, layout.accelerometer)
+        rates = imu[3:] - gyro_bias[:, None]
+        slopes = np.column_stack([_slope(rate, data.interval_s) for rate in rates])
+        imu[:3] = to_centre_of_gravity(imu[:3].T, rates.T, slopes, layout.accelerometer).T
     return imu
 
 

@@ -7,6 +7,7 @@ would give it among so many; then the search goes on in the data so corrected.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -233,14 +234,15 @@ def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) ->
 def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
     """Scale factors of signals for which no sensor error stands."""
     found = []
+    singles = {
+        name: [scale_slope(w, c, name) for w, c in zip(windows, base.smooth, strict=True)]
+        for name in dict.fromkeys(itertools.chain(*_SCALED))
+        if all(name in c for c in columns) and not _still(windows, columns, name)
+    }
     for names in _SCALED:
-        if not all(name in c for c in columns for name in names):
+        if not all(name in singles for name in names):
             continue
-        if any(_still(windows, columns, name) for name in names):
-            continue
-        slopes = [
-            _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, base.smooth, strict=True)
-        ]
+        slopes = [_summed(of_window) for of_window in zip(*(singles[name] for name in names), strict=True)]
         relations = None
         scale, std = base.score(slopes)
         if abs(scale) < max(0.5 * SCALE_LEAST, SCALE_SIGMAS * std):

@@ -24,6 +24,7 @@ from scipy.fft import next_fast_len
 from sysid.flight import Array, FlightData
 from sysid.kinematic_part import SensorLayout, part_states
 from sysid.smoothing import fourier_smooth
+from sysid.whitening import autoregression, whiten
 
 SLOW_HZ = 0.15
 GROUND = ("vn", "ve", "vd")
@@ -44,6 +45,8 @@ _ROUNDS = 3
 _LEAST_GROUND = 12  # GPS samples
 _LEVEL_STD = 1.0  # m/s^2: mean specific force that sensor errors may feign
 _STEP = 1e-3
+# Weights of four samples in the integral of the cubic through them, between the first two and between the middle ones.
+_END, _INNER = np.array([9.0, 19.0, -5.0, 1.0]) / 24.0, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0
 _UNKNOWN = 1e3  # prior standard deviation of an extra parameter: none that matters
 # Sensor errors that are no mistake: name -> prior standard deviation, SI.
 BIASES = {
@@ -74,10 +77,11 @@ class Fit:
 
 def integral(rate: Array, interval_s: float) -> Array:
     """(N,) integral of (N,) samples from the first one on, by the cubic through the four nearest samples, N >= 4."""
-    inner = (13.0 * (rate[1:-2] + rate[2:-1]) - rate[:-3] - rate[3:]) / 24.0
-    first = (9.0 * rate[0] + 19.0 * rate[1] - 5.0 * rate[2] + rate[3]) / 24.0
-    last = (9.0 * rate[-1] + 19.0 * rate[-2] - 5.0 * rate[-3] + rate[-4]) / 24.0
-    return np.concatenate(([0.0], np.cumsum(np.concatenate(([first], inner, [last]))))) * interval_s
+    between = np.zeros(rate.size)
+    between[1] = (_END * interval_s) @ rate[:4]
+    between[2:-1] = np.convolve(rate, _INNER * interval_s, mode="valid")
+    between[-1] = (_END * interval_s) @ rate[:-5:-1]
+    return np.cumsum(between, out=between)
 
 
 class Window:
@@ -106,10 +110,11 @@ class Window:
         count = max(2, int(np.ceil(2.0 * self.size * self.interval_s * SLOW_HZ)))
         place = (np.arange(self.size) + 0.5) / self.size
         slow = np.column_stack([place, *(np.cos(np.pi * k * place) for k in range(count + 1))])
-        dense = np.linalg.qr(slow)[0]
-        self._slow = {
-            name: np.linalg.qr(slow[self.rows[name]])[0] if name in GROUND else dense for name in self.relations
-        }
+        self._dense = [name for name in self.relations if name not in GROUND]
+        self._slow = np.asfortranarray(np.linalg.qr(slow)[0])
+        self._slow_ground = {name: np.linalg.qr(slow[self.rows[name]])[0] for name in ground}
+        self._sines: dict[str, tuple[Array, Array, Array]] = {}
+        self._given: tuple[Columns, tuple[dict[str, Array], dict[str, Array]]] | None = None
 
     def smoothed(self, columns: Columns) -> dict[str, Array]:
         """The signals without their white noise; those that are sparse as they are."""
@@ -124,46 +129,53 @@ class Window:
         data = FlightData(self.data.name, self.interval_s, self.data.time_s, dict(columns))
         return part_states(data, self.layout, errors)
 
-    def fast(self, name: str, values: Array) -> Array:
-        """(rows,) of a relation's (N,) values at its samples, slow motions taken out."""
-        here = values[self.rows[name]]
-        slow = self._slow[name]
-        fast: Array = here - slow @ (slow.T @ here)
-        return fast
+    def fast(self, values: Columns) -> dict[str, Array]:
+        """Relation -> (rows,) of its (N,) values at its samples, slow motions taken out."""
+        dense = np.stack([values[name] for name in self._dense])
+        dense -= (dense @ self._slow) @ self._slow.T
+        found = dict(zip(self._dense, dense, strict=True))
+        for name, slow in self._slow_ground.items():
+            here = values[name][self.rows[name]]
+            found[name] = here - slow @ (slow.T @ here)
+        return found
 
     def measured(self, s: Columns, columns: Columns) -> dict[str, Array]:
         """Relation -> (N,) measured side."""
         found = {"phi": s["phi"], "theta": s["theta"]}
         if self.air:
-            beta = s["beta"] if self.has_beta else np.zeros(self.size)
-            found |= {
-                "u": s["V"] * np.cos(s["alpha"]) * np.cos(beta),
-                "v": s["V"] * np.sin(beta),
-                "w": s["V"] * np.sin(s["alpha"]) * np.cos(beta),
-            }
+            sa, ca = self._sine("alpha", s["alpha"])
+            sb, cb = self._sine("beta", s["beta"]) if self.has_beta else (np.zeros(self.size), np.ones(self.size))
+            ahead = s["V"] * cb
+            found |= {"u": ahead * ca, "v": s["V"] * sb, "w": ahead * sa}
         return found | {name: columns[name] for name in ("psi", *GROUND) if name in self.relations}
 
-    def rates(self, s: Columns, columns: Columns) -> dict[str, Array]:
+    def rates(self, s: Columns, measured: Columns) -> dict[str, Array]:
         """Relation -> (N,) rate of change by the other sensors."""
-        sf, cf, st, ct = np.sin(s["phi"]), np.cos(s["phi"]), np.sin(s["theta"]), np.cos(s["theta"])
+        (sf, cf), (st, ct) = self._sine("phi", s["phi"]), self._sine("theta", s["theta"])
         p, q, r, gravity = s["p"], s["q"], s["r"], self.layout.gravity
         turn = (q * sf + r * cf) / ct
         found = {"phi": p + st * turn, "theta": q * cf - r * sf, "psi": turn}
         if self.air:
-            velocity = self.measured(s, columns)
-            u, v, w = velocity["u"], velocity["v"], velocity["w"]
+            u, v, w, down = measured["u"], measured["v"], measured["w"], gravity * ct
             found |= {
                 "u": r * v - q * w - gravity * st + s["ax"],
-                "v": p * w - r * u + gravity * ct * sf + s["ay"],
-                "w": q * u - p * v + gravity * ct * cf + s["az"],
+                "v": p * w - r * u + down * sf + s["ay"],
+                "w": q * u - p * v + down * cf + s["az"],
             }
         if self.relations[-1] in GROUND:
             lifted = sf * s["ay"] + cf * s["az"]
             ahead, aside = ct * s["ax"] + st * lifted, cf * s["ay"] - sf * s["az"]
-            sp, cp = np.sin(columns["psi"]), np.cos(columns["psi"])
+            sp, cp = self._sine("psi", measured["psi"])
             found |= {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
             found["vd"] = -st * s["ax"] + ct * lifted + gravity
         return {name: found[name] for name in self.relations}
+
+    def _sine(self, name: str, angle: Array) -> tuple[Array, Array]:
+        """Sine and cosine of an angle; the last of each name are kept, since most readings share their angles."""
+        kept = self._sines.get(name)
+        if kept is None or kept[0] is not angle:
+            kept = self._sines[name] = (angle, np.sin(angle), np.cos(angle))
+        return kept[1], kept[2]
 
     def gaps(self, columns: Columns, errors: Mapping[str, float]) -> dict[str, Array]:
         """Relation -> (rows,) measured minus integrated, slow motions taken out."""
@@ -171,12 +183,23 @@ class Window:
 
     def gaps_of(self, s: Columns, columns: Columns) -> dict[str, Array]:
         """The same from the states `s` of the columns."""
-        measured, predicted = self.measured(s, columns), self.predictions(columns, s)
-        return {n: self.fast(n, measured[n] - predicted[n]) for n in self.relations}
+        measured = self.measured(s, columns)
+        predicted = self._integrals(self.rates(s, measured), columns)
+        return self.fast({n: measured[n] - predicted[n] for n in self.relations})
 
-    def predictions(self, columns: Columns, s: Columns | None = None) -> dict[str, Array]:
-        """Relation -> (N,) integrated side, from its first sample on; s: the states where they are known already."""
-        rates = self.rates(self.states(columns, {}) if s is None else s, columns)
+    def predictions(self, columns: Columns) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Relation -> (N,) rate of change, and integrated side, from its first sample on."""
+        s = self.states(columns, {})
+        rates = self.rates(s, self.measured(s, columns))
+        return rates, self._integrals(rates, columns)
+
+    def given(self, columns: Columns) -> tuple[dict[str, Array], dict[str, Array]]:
+        """The predictions; the last are kept, since many derivatives are taken of the same columns."""
+        if self._given is None or self._given[0] is not columns:
+            self._given = (columns, self.predictions(columns))
+        return self._given[1]
+
+    def _integrals(self, rates: Columns, columns: Columns) -> dict[str, Array]:
         found = {name: integral(rates[name], self.interval_s) for name in self.relations}
         late = columns.get(GROUND_DELAY)
         if late is not None:
@@ -186,64 +209,39 @@ class Window:
 
     def level(self, s: Columns) -> Array:
         """(3,) mean of what specific force the attitude and the motion `s` leave unexplained, m/s^2."""
-        sf, cf, st, ct = np.sin(s["phi"]), np.cos(s["phi"]), np.sin(s["theta"]), np.cos(s["theta"])
+        (sf, cf), (st, ct) = self._sine("phi", s["phi"]), self._sine("theta", s["theta"])
         gravity, turning = self.layout.gravity, s["V"]
-        return np.array([
-            np.mean(s["ax"] - gravity * st),
-            np.mean(s["ay"] + gravity * ct * sf - turning * s["r"]),
-            np.mean(s["az"] + gravity * ct * cf + turning * s["q"]),
+        sums = np.array([
+            np.sum(s["ax"]) - gravity * np.sum(st),
+            np.sum(s["ay"]) + gravity * (ct @ sf) - turning @ s["r"],
+            np.sum(s["az"]) + gravity * (ct @ cf) + turning @ s["q"],
         ])  # fmt: skip
+        return np.asarray(sums / self.size)
 
 
 def scale_slope(window: Window, columns: Columns, name: str) -> dict[str, Array]:
     """Derivative of every gap by a scale error of one signal (true = reading / (1 + scale))."""
-    before = window.predictions(columns)
-    after = window.predictions({**columns, name: columns[name] / (1.0 + _STEP)})
+    _, before = window.given(columns)
+    _, after = window.predictions({**columns, name: columns[name] / (1.0 + _STEP)})
     slope = {key: (before[key] - after[key]) / _STEP for key in before}
     for key in MEASURED_IN.get(name, ()):
         if key in slope:
             slope[key] = slope[key] - before[key]
-    return {key: window.fast(key, values) for key, values in slope.items()}
+    return window.fast(slope)
 
 
 def delay_slope(window: Window, columns: Columns, names: Sequence[str]) -> dict[str, Array]:
     """Derivative of every gap by a delay, s, of some signals (true(t) = reading(t + delay))."""
-    rates = window.rates(window.states(columns, {}), columns)
-    before = window.predictions(columns)
+    rates, before = window.given(columns)
     ahead = {n: columns[n] + _STEP * np.gradient(columns[n], window.interval_s) for n in names if n not in GROUND}
-    after = window.predictions({**columns, **ahead})
+    _, after = window.predictions({**columns, **ahead})
     slope = {key: (before[key] - after[key]) / _STEP for key in before}
     for name in names:
         for key in MEASURED_IN.get(name, ()):
             # Airspeed and vanes share a relation: the share of each is that of its own motion.
             if key in slope and not (key == "w" and name == "airspeed") and not (key == "v" and name == "airspeed"):
                 slope[key] = slope[key] + rates[key]
-    return {key: window.fast(key, values) for key, values in slope.items()}
-
-
-def autoregression(series: Sequence[Array], order: int) -> Array:
-    """Whitening filter (order + 1,) 1, -a1, -a2 ... of pooled series, by the Yule-Walker equations."""
-    count = sum(one.size for one in series)
-    covariance = np.array([
-        sum(float(one[lag:] @ one[: one.size - lag]) for one in series if one.size > lag) / count
-        for lag in range(order + 1)
-    ])  # fmt: skip
-    if covariance[0] <= 0.0:
-        return np.concatenate(([1.0], np.zeros(order)))
-    # A little white noise keeps the equations solvable for a series without any.
-    covariance[0] *= 1.0 + 1e-9
-    places = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
-    weights = np.linalg.solve(covariance[places], covariance[1:])
-    return np.concatenate(([1.0], -weights))
-
-
-def whiten(values: Array, taps: Array) -> Array:
-    """(N,) or (N, P) passed through the whitening filter along the first axis; the first samples, half in, left out."""
-    order = taps.size - 1
-    white: Array = taps[0] * values[order:]
-    for lag in range(1, order + 1):
-        white = white + taps[lag] * values[order - lag : values.shape[0] - lag]
-    return white
+    return window.fast(slope)
 
 
 class Comparison:
@@ -368,7 +366,7 @@ def quick_cost(windows: Sequence[Window], columns: Sequence[Columns], filters: M
     cost = level_cost(windows, states)
     for name in dict.fromkeys(name for one in gaps for name in one):
         white = np.concatenate([whiten(one[name], filters[name]) for one in gaps if name in one])
-        cost += white.size * 0.5 * float(np.log(max(np.mean(white**2), 1e-18)))
+        cost += white.size * 0.5 * float(np.log(max(white @ white / white.size, 1e-18)))
     return cost
 
 

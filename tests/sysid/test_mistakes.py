@@ -17,10 +17,11 @@ from sysid.errors import SignalError
 from sysid.findings import Mistake
 from sysid.flight import FlightSignals
 from sysid.prepare import prepare
-from sysid.relations import autoregression, integral, whiten
+from sysid.relations import integral
 from sysid.shifts import held_back, read_later
 from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.verdicts import verdicts
+from sysid.whitening import autoregression, whiten
 
 VEHICLE = load_vehicle("iitb-mav")
 STICK = load_vehicle("ultrastick25e")
