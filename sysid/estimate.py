@@ -18,7 +18,7 @@ from sysid.filter_error import FilterError
 from sysid.flight import Array
 from sysid.identifiability import Refusal
 from sysid.late import COMMAND_DELAY
-from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult, UnlikelyError
+from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult
 from sysid.parameterisation import (
     SENSOR_ERRORS,
     STATES,
@@ -45,7 +45,6 @@ STILL_SURFACE = math.radians(0.05)
 # Steps of the filter over a sample, along which surfaces move as they do; more where they jump or turn between samples.
 _FILTER_STEPS, _UNEVEN_STEPS = 1, 4
 _UNEVEN = ("actuator_delay", "actuator_rate_limit", "actuator_backlash")
-TIMING_MARGIN = 5.0
 LONGITUDINAL_STATES = ("u", "w", "q", "theta")
 
 Progress = Callable[[float, str], None]
@@ -244,23 +243,6 @@ def start_values(
     values = {name: model.values()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
     return values | dict(problem.sensors) | dict(problem.delays)
-
-
-def likelier_timing(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]],
-    result: OutputErrorResult,
-) -> tuple[Problem, OutputErrorResult]:
-    """Fit once more with the other timing of the commands (see sysid.timing) and keep what is clearly likelier."""
-    other = warmed(replace(problem, command_first=not problem.command_first), result)
-    values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
-    try:
-        found = fit(other, model, coefficients, effects, values, give_up_above=result.cost)
-    except UnlikelyError:
-        return problem, result
-    return (other, found) if found.cost < result.cost - TIMING_MARGIN else (problem, result)
 
 
 class Estimates(Protocol):

@@ -12,13 +12,14 @@ from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
 from sysid.delays import COMMANDS, Delay
 from sysid.disturbed import Disturbed
 from sysid.errors import EstimationError
-from sysid.estimate import Likeliest, Problem, fit, likelier_timing
+from sysid.estimate import Likeliest, Problem, fit
 from sysid.filter_error import FilterErrorResult
 from sysid.filtered_delay import estimate_with_delay
 from sysid.findings import Mistake
 from sysid.identifiability import Refusal
 from sysid.inputnoise import with_input_noise, with_thrust_by_airspeed
 from sysid.late import COMMAND_DELAY, SENSOR_DELAYS
+from sysid.likelier_timing import likelier_timing
 from sysid.linearised import Linearised
 from sysid.misfit import Widened, widened
 from sysid.output_error import OutputErrorResult
@@ -119,14 +120,17 @@ def maximum_likelihood(
         warnings.append(_rough(compatible) + "; use --method fe, or auto")
     model = late_model or model
     result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
+    here = Linearised(problem, model, coefficients, effects, result)
     if COMMAND_DELAY not in problem.delays:
         progress(0.9, "timing of the commands")
-        problem, result = likelier_timing(problem, model, coefficients, effects, result)
+        here = likelier_timing(here)
+    problem, result = here.problem, here.result
     problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, result)
     if sensors is None and compatible.gust_sigma == 0.0:
         unclear = [refusal.name for refusal in compatible.refused]
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
-    here = Linearised(problem, model, coefficients, effects, result)
+    if result is not here.result:
+        here = replace(here, problem=problem, result=result)
     late, alone = LagOrDelay(), tuple[Mistake, ...]()
     if delays is not None:
         progress(0.95, "delays")
@@ -169,16 +173,15 @@ def _mistaken(
 ) -> MaximumLikelihood | None:
     """The estimate in still air, if it tells mistakes of single sensors that leave no gusts to be explained."""
     try:
-        result = fit(problem, model, coefficients, effects)
+        here = Linearised(problem, model, coefficients, effects, fit(problem, model, coefficients, effects))
         if COMMAND_DELAY not in problem.delays:
-            problem, result = likelier_timing(problem, model, coefficients, effects, result)
+            here = likelier_timing(here)
     except EstimationError:
         return None
-    here = Linearised(problem, model, coefficients, effects, result)
     alone = told_by_motion(here, Disturbed(here, bench).others)
     if not alone:
         return None
-    return MaximumLikelihood(problem, result, "oe", (), (), {}, None, _left(problem, result), alone)
+    return MaximumLikelihood(here.problem, here.result, "oe", (), (), {}, None, _left(here.problem, here.result), alone)
 
 
 def _filtered(

@@ -26,9 +26,11 @@ from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.terms import AXES, parse_term
 from sim_vehicle.vehicle import Vehicle
 from sysid.errors import EstimationError
-from sysid.estimate import Motion, Problem, build, fit, likelier_timing, start_values, warmed
+from sysid.estimate import Motion, Problem, build, fit, start_values, warmed
 from sysid.flight import Array
 from sysid.late import COMMAND_DELAY
+from sysid.likelier_timing import likelier_timing
+from sysid.linearised import Linearised
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS, SURFACES, Record
@@ -149,7 +151,8 @@ def widened(
     estimate = fit(wider, extended, names, effects, values | dict.fromkeys(further, 0.0))
     # A misfit can pass for the other timing of the commands.
     if COMMAND_DELAY not in wider.delays:
-        wider, estimate = likelier_timing(wider, extended, names, effects, estimate)
+        likelier = likelier_timing(Linearised(wider, extended, names, effects, estimate))
+        wider, estimate = likelier.problem, likelier.result
     if not estimate.converged:
         raise EstimationError("the misfit's size does not settle")
     # The motion of the wider estimate is the one flown, and nearest means along that.
