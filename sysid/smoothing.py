@@ -9,6 +9,7 @@ Fourier smoothing", Journal of Aircraft 32(4), 1995; C. Lanczos, "Applied Analys
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import fft
@@ -28,17 +29,42 @@ _SHARED = 1.2
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A signal without its random noise.
+    """A signal without its random noise; each of its properties is computed when it is asked for.
 
-    values, derivative: (N,) smoothed signal (its unit) and its time derivative (unit per second).
-    noise_sigma: standard deviation of what was taken away, corrected for the noise that passed.
+    ends: values at the first and last sample, through which the line goes. coefficients: (N - 2,) of the sine series
+    about it. passed: (N - 2,) share of each that the filter passes. duration_s: from first to last sample.
     cutoff_hz: frequency at which signal and noise are equal.
     """
 
-    values: Array
-    derivative: Array
-    noise_sigma: float
+    ends: tuple[float, float]
+    coefficients: Array
+    passed: Array
+    duration_s: float
     cutoff_hz: float
+
+    @cached_property
+    def values(self) -> Array:
+        """(N,) smoothed signal, its unit."""
+        first, last = self.ends
+        smooth = first + (last - first) * np.linspace(0.0, 1.0, self.passed.size + 2)
+        smooth[1:-1] += fft.dst(self.coefficients * self.passed, type=1) / 2.0
+        return np.asarray(smooth, dtype=np.float64)
+
+    @cached_property
+    def derivative(self) -> Array:
+        """(N,) time derivative of the smoothed signal, unit per second."""
+        first, last = self.ends
+        slope = np.zeros(self.passed.size + 2)
+        order = np.arange(1, self.passed.size + 1, dtype=np.float64)
+        slope[1:-1] = self.coefficients * self.passed * order * np.pi / self.duration_s
+        return np.asarray((last - first) / self.duration_s + fft.dct(slope, type=1) / 2.0, dtype=np.float64)
+
+    @property
+    def noise_sigma(self) -> float:
+        """Standard deviation of what was taken away, corrected for the noise that passed."""
+        stopped = 1.0 - self.passed
+        removed = float(np.sqrt(np.mean((self.coefficients * stopped) ** 2) / np.mean(stopped**2)))
+        return removed * float(np.sqrt((self.passed.size + 1) / 2.0))
 
 
 def noise_sigma(values: Array, interval_s: float) -> float:
@@ -89,23 +115,12 @@ def fourier_smooth(values: Array, interval_s: float, cutoff_hz: float | None = N
     if values.size < 16 or not np.all(np.isfinite(values)):
         raise SignalError(f"smoothing needs at least 16 finite samples, {int(np.isfinite(values).sum())} are given")
     duration = (values.size - 1) * interval_s
-    first, last = _end_points(values)
-    position = np.linspace(0.0, 1.0, values.size)
-    line = first + (last - first) * position
+    first, last = (float(end) for end in _end_points(values))
+    line = first + (last - first) * np.linspace(0.0, 1.0, values.size)
     coefficients = fft.dst((values - line)[1:-1], type=1) / (values.size - 1)
-    order = np.arange(1, coefficients.size + 1, dtype=np.float64)
     cutoff_order = _cutoff_order(coefficients) if cutoff_hz is None else 2.0 * duration * cutoff_hz
-    # S^2/(S^2 + N^2) with S^2 = N^2 (k/kc)^-6, the power law of a signal with continuous value and slope.
-    passed = 1.0 / (1.0 + (order / cutoff_order) ** 6)
-    kept = coefficients * passed
-    smooth = line.copy()
-    smooth[1:-1] += fft.dst(kept, type=1) / 2.0
-    slope = np.zeros(values.size)
-    slope[1:-1] = kept * order * np.pi / duration
-    derivative = (last - first) / duration + fft.dct(slope, type=1) / 2.0
-    removed = float(np.sqrt(np.mean((coefficients - kept) ** 2) / np.mean((1.0 - passed) ** 2)))
-    sigma = removed * float(np.sqrt((values.size - 1) / 2.0))
-    return Smoothed(smooth, derivative, sigma, cutoff_order / (2.0 * duration))
+    passed = _passed(coefficients.size, cutoff_order)
+    return Smoothed((first, last), coefficients, passed, duration, cutoff_order / (2.0 * duration))
 
 
 def smooth_columns(values: Array, interval_s: float, cutoff_hz: float) -> Array:
@@ -116,14 +131,10 @@ def smooth_columns(values: Array, interval_s: float, cutoff_hz: float) -> Array:
     size = values.shape[0]
     if size < 16 or not np.isfinite(values).all():
         raise SignalError("Fourier smoothing needs at least 16 samples, all of them finite")
-    count = min(max(size // 20, 7), 15)
-    # The constant of a quadratic fitted to the samples at an end, as a weighted sum of them.
-    weights = np.linalg.pinv(np.vander(np.arange(count, dtype=np.float64), 3))[2]
-    first, last = weights @ values[:count], weights @ values[::-1][:count]
+    first, last = _end_points(values)
     line = first + np.linspace(0.0, 1.0, size)[:, None] * (last - first)
     coefficients = fft.dst((values - line)[1:-1], type=1, axis=0) / (size - 1)
-    order = np.arange(1, size - 1, dtype=np.float64)
-    passed = 1.0 / (1.0 + (order / (2.0 * (size - 1) * interval_s * cutoff_hz)) ** 6)
+    passed = _passed(size - 2, 2.0 * (size - 1) * interval_s * cutoff_hz)
     line[1:-1] += fft.dst(coefficients * passed[:, None], type=1, axis=0) / 2.0
     return np.asarray(line, dtype=np.float64)
 
@@ -152,14 +163,26 @@ def local_derivative(values: Array, interval_s: float, half_width: int = 3) -> A
     return derivative
 
 
-def _end_points(values: Array) -> tuple[float, float]:
-    """Smoothed end values: the series cannot take noise off the two points its line goes through."""
-    count = min(max(values.size // 20, 7), 15)
-    index = np.arange(count, dtype=np.float64)
-    return (
-        float(np.polyfit(index, values[:count], 2)[2]),
-        float(np.polyfit(index, values[::-1][:count], 2)[2]),
-    )
+def _end_points(values: Array) -> tuple[Array, Array]:
+    """Smoothed end values of (N,) or (N, P): the series cannot take noise off the two points its line goes through."""
+    count = min(max(values.shape[0] // 20, 7), 15)
+    weights = _end_weights(count)
+    return weights @ values[:count], weights @ values[: -count - 1 : -1]
+
+
+@lru_cache
+def _end_weights(count: int) -> Array:
+    """(count,) weights of the samples at an end in the constant of a quadratic fitted to them."""
+    return np.asarray(np.linalg.pinv(np.vander(np.arange(count, dtype=np.float64), 3))[2])
+
+
+def _passed(count: int, cutoff_order: float) -> Array:
+    """(count,) share of each order that the filter passes.
+
+    S^2/(S^2 + N^2) with S^2 = N^2 (k/kc)^-6, the power law of a signal with continuous value and slope.
+    """
+    relative = np.arange(1, count + 1, dtype=np.float64) / cutoff_order
+    return np.asarray(1.0 / (1.0 + (relative * relative * relative) ** 2))
 
 
 def _cutoff_order(coefficients: Array) -> float:
