@@ -117,10 +117,11 @@ def told_by_motion(here: Linearised, others: Callable[[], Sequence[Others]]) -> 
     found: list[Mistake] = []
     known: Sequence[Others] | None = None
     for _ in range(_MOST):
-        errors = [one for one in _errors(here, known) if one.likely()]
+        alone = _alone(here)
+        errors = [one for one in _errors(alone, known) if one.likely()]
         if errors and known is None:
             known = others()
-            errors = [one for one in _errors(here, known) if one.likely()]
+            errors = [one for one in _errors(alone, known) if one.likely()]
         best = max(errors, key=lambda one: one.sigmas, default=None)
         told = None if best is None else _settled(here, best, known)
         if told is None:
@@ -147,7 +148,9 @@ def _settled(here: Linearised, error: _Error, others: Sequence[Others] | None) -
         except EstimationError:
             return None
         there = replace(here, problem=other, result=fitted)
-        (more,) = (one for one in _errors(there, others) if (one.output, one.kind) == (error.output, error.kind))
+        (more,) = (
+            one for one in _errors(_alone(there), others) if (one.output, one.kind) == (error.output, error.kind)
+        )
         if abs(more.value) < more.std:
             break
         error = error.joined(more)
@@ -168,46 +171,81 @@ def _explained(here: Linearised) -> bool:
     return True
 
 
-def _errors(here: Linearised, others: Sequence[Others] | None = None) -> list[_Error]:
+@dataclass(frozen=True)
+class _Alone:
+    """Every reading's scale and delay beside the unknowns of an estimate.
+
+    slopes: (N, 15, 2) of every record, see `_slopes`. across: (15, 2, unknowns), own and downhill: (15, 2) information
+    and gradient. inflation: (15,) of the variance, by the colour of the residuals; 0 where there are none.
+    """
+
+    here: Linearised
+    slopes: list[Array]
+    across: Array
+    own: Array
+    downhill: Array
+    inflation: Array
+
+
+def _alone(here: Linearised) -> _Alone:
+    estimation, sigma = here.estimation, here.result.sigma
+
+    def of_record(record: Record, y: Array, nu: Array, s: Array) -> tuple[Array, Array, Array, Array]:
+        slopes = _slopes(record, y)
+        own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
+        single_gram(nu, estimation.columns, sigma, slopes, own, downhill)
+        across = np.zeros((len(OUTPUTS), 2, s.shape[2]))
+        single_pulls(s, nu, estimation.columns, sigma, slopes, across)
+        return slopes, across, own, downhill
+
+    parts = side_by_side(of_record, here.problem.records, here.predicted, here.residuals, here.S)
+    across = np.zeros((len(OUTPUTS), 2, estimation.predictor.size))
+    for k, (_, part, _, _) in enumerate(parts):
+        across[:, :, estimation.places(k)] += part
+    inflation = np.zeros(len(OUTPUTS))
+    for j in estimation.columns:
+        kernel = autocorrelation([nu[:, j] for nu in here.residuals])
+        inflation[j] = max(float(np.sum(kernel)), 1.0)
+    own, downhill = sum(part[2] for part in parts), sum(part[3] for part in parts)
+    return _Alone(here, [part[0] for part in parts], across, np.asarray(own), np.asarray(downhill), inflation)
+
+
+def _errors(alone: _Alone, others: Sequence[Others] | None = None) -> list[_Error]:
     """What one step from the estimate makes of every reading's scale and delay, each alone beside all unknowns.
 
     others: what else the residuals hold, of every record.
     """
+    here, across = alone.here, alone.across
     information, gradient = here.normal if others is None else here.beside(others)
+    if others is not None:
+        across = np.concatenate((across, _beside(alone, others, gradient.size - across.shape[2])), axis=2)
     white = inverse(information)
-    estimation, sigma, size = here.estimation, here.result.sigma, gradient.size
-    own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
-    across = np.zeros((len(OUTPUTS), 2, size))
-    nothing = Others(np.zeros((0, len(OUTPUTS), 0)), np.zeros(0, dtype=np.int64))
-
-    def of_record(record: Record, y: Array, nu: Array, s: Array, other: Others) -> tuple[Array, Array, Array, Array]:
-        alone = _slopes(record, y)
-        own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
-        single_gram(nu, estimation.columns, sigma, alone, own, downhill)
-        mine = np.zeros((len(OUTPUTS), 2, s.shape[2]))
-        single_pulls(s, nu, estimation.columns, sigma, alone, mine)
-        theirs = np.zeros((len(OUTPUTS), 2, other.which.size))
-        if other.which.size:
-            single_pulls(other.added, nu, estimation.columns, sigma, alone, theirs)
-        return mine, theirs, own, downhill
-
-    every = others or [nothing] * len(here.S)
-    parts = side_by_side(of_record, here.problem.records, here.predicted, here.residuals, here.S, every)
-    for k, (mine, theirs, part, pulled) in enumerate(parts):
-        across[:, :, estimation.places(k)] += mine
-        across[:, :, estimation.predictor.size + every[k].which] += theirs
-        own += part
-        downhill += pulled
     found = []
-    for j in estimation.columns:
-        kernel = autocorrelation([nu[:, j] for nu in here.residuals])
-        inflation = max(float(np.sum(kernel)), 1.0)
+    for j in here.estimation.columns:
         for i, kind in enumerate(KINDS):
             # The Gauss-Newton step of one more unknown beside all others.
-            left = own[j, i] - float(across[j, i] @ white @ across[j, i])
-            if left > 1e-9 * own[j, i]:
-                value = float((downhill[j, i] - across[j, i] @ white @ gradient) / left)
-                found.append(_Error(OUTPUTS[j], kind, value, float(np.sqrt(inflation / left)), left**-0.5))
+            row, own = across[j, i], alone.own[j, i]
+            left = own - float(row @ white @ row)
+            if left > 1e-9 * own:
+                value = float((alone.downhill[j, i] - row @ white @ gradient) / left)
+                std = float(np.sqrt(alone.inflation[j] / left))
+                found.append(_Error(OUTPUTS[j], kind, value, std, left**-0.5))
+    return found
+
+
+def _beside(alone: _Alone, others: Sequence[Others], count: int) -> Array:
+    """(15, 2, count) information that readings' scales and delays share with the others."""
+    here = alone.here
+
+    def of_record(slopes: Array, nu: Array, added: Array) -> Array:
+        across = np.zeros((len(OUTPUTS), 2, added.shape[2]))
+        single_pulls(added, nu, here.estimation.columns, here.result.sigma, slopes, across)
+        return across
+
+    found = np.zeros((len(OUTPUTS), 2, count))
+    parts = side_by_side(of_record, alone.slopes, here.residuals, [one.added for one in others])
+    for one, part in zip(others, parts, strict=True):
+        found[:, :, one.which] += part
     return found
 
 
