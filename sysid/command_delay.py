@@ -49,18 +49,23 @@ class Profile:
 
 
 class _Axis:
-    """One moment's equation with its commands at any time. keep: rows that have a sample to shift to."""
+    """One moment's equation with its commands at any time, on those rows that have a sample to shift to."""
 
     def __init__(self, equations: Equations, axis: str, terms: Sequence[Term]) -> None:
         self._interval_s, self._lengths = equations.interval_s, equations.lengths
         moved = [term for term in terms if set(term.factors) & set(CONTROLS)]
         fixed = [term for term in terms if term not in moved]
-        edge = round(max(-EARLIEST_S, LATEST_S) / self._interval_s) + 2
-        ends = np.concatenate([np.minimum(np.arange(n), n - 1 - np.arange(n)) for n in self._lengths])
-        self._keep = ends >= edge
-        self._commands = equations.matrix(moved)
-        self._basis = np.linalg.qr(equations.matrix(fixed)[self._keep])[0]
-        self._target = self._free(equations.regressand(axis)[self._keep])
+        self._edge = round(max(-EARLIEST_S, LATEST_S) / self._interval_s) + 2
+        self._commands = self._parts(equations.matrix(moved))
+        self._basis = np.linalg.qr(self._inner(self._parts(equations.matrix(fixed))))[0]
+        self._target = self._free(self._inner(self._parts(equations.regressand(axis))))
+
+    def _parts(self, values: Array) -> list[Array]:
+        return np.split(values, np.cumsum(self._lengths[:-1]))
+
+    def _inner(self, parts: Sequence[Array]) -> Array:
+        """The rows that count, joined."""
+        return np.concatenate([part[self._edge : -self._edge] for part in parts])
 
     def _free(self, values: Array) -> Array:
         """What the motion's own terms do not explain."""
@@ -71,10 +76,8 @@ class _Axis:
         """(rows,) of the regression with the commands late by `delay`, or without commands."""
         if delay is None:
             return self._target
-        starts = np.cumsum([0, *self._lengths[:-1]])
-        parts = [self._commands[a : a + n] for a, n in zip(starts, self._lengths, strict=True)]
-        late = np.concatenate([read_later(part, -delay, self._interval_s) for part in parts])
-        columns = self._free(late[self._keep])
+        late = [read_later(part, -delay, self._interval_s) for part in self._commands]
+        columns = self._free(self._inner(late))
         basis = np.linalg.qr(columns)[0]
         left: Array = self._target - basis @ (basis.T @ self._target)
         return left

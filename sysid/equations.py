@@ -83,6 +83,11 @@ class Equations:
         for part in self.parts:
             part.take_lift(terms, values)
 
+    def take_timing(self, command_first: bool) -> None:
+        """Let sensors at a sample see the command of that sample already, or the one before, whatever it was so far."""
+        for part in self.parts:
+            part.take_timing(command_first)
+
     def take_jumps(self, values: Mapping[str, float], terms: Sequence[Term]) -> None:
         """Let the rates in the moment equations count how held commands bend them between samples.
 
@@ -129,6 +134,8 @@ class PartEquations:
         # Angular momentum; its derivative is the rest of the moment.
         self.momentum = {axis: momentum[axis] / (mean_pressure * body.S * arm[axis]) for axis in MOMENTS}
         self._left: dict[str, Array] = {}
+        # Filtered columns by their factors and whether they are a moment's: many axes and rounds share them.
+        self._columns: dict[tuple[tuple[str, ...], bool], Array] = {}
         per_length = 1.0 / (2.0 * data["V"])
         lengths = {"p": body.b, "q": body.c, "r": body.b}
         self._per_rate = {name: length * per_length for name, length in lengths.items()}
@@ -155,6 +162,14 @@ class PartEquations:
         """See Equations.take_lift."""
         lift = np.column_stack([self._product(term) for term in terms]) @ values
         self._factors = {**self._factors, "CL": lift}
+        self._columns = {key: column for key, column in self._columns.items() if "CL" not in key[0]}
+
+    def take_timing(self, command_first: bool) -> None:
+        """See Equations.take_timing."""
+        self._command_first = command_first
+        self._columns = {
+            key: column for key, column in self._columns.items() if key[1] or not set(key[0]) & set(CONTROLS)
+        }
 
     def take_jumps(self, values: Mapping[str, float], terms: Sequence[Term]) -> None:
         """See Equations.take_jumps."""
@@ -180,6 +195,9 @@ class PartEquations:
             # Half a sample later again, as everything that is a mean over an interval.
             bent = self._data.interval_s / 48.0 * (around[2:] + 2.0 * jumps + around[:-2])
             self._bent[name] = bent * self._per_rate[name]
+        self._columns = {
+            key: column for key, column in self._columns.items() if not (key[1] and self._bent.keys() & set(key[0]))
+        }
 
     def column(self, term: Term) -> Array:
         """(n,) weighted, unfiltered column of a term, a command as the axis' kind of measurement sees it."""
@@ -187,8 +205,13 @@ class PartEquations:
 
     def filtered_matrix(self, terms: Sequence[Term]) -> Array:
         """(kept, P) columns as the time-domain regression takes them."""
-        columns = np.column_stack([self.column(term) for term in terms])
-        return smooth_columns(columns, self._data.interval_s, self.cutoff_hz)[self.kept]
+        keys = [(term.factors, term.axis in MOMENTS) for term in terms]
+        new = {key: term for key, term in zip(keys, terms, strict=True) if key not in self._columns}
+        if new:
+            columns = np.column_stack([self.column(term) for term in new.values()])
+            smooth = smooth_columns(columns, self._data.interval_s, self.cutoff_hz)[self.kept]
+            self._columns.update(zip(new, smooth.T, strict=True))
+        return np.column_stack([self._columns[key] for key in keys])
 
     def filtered_regressand(self, axis: str) -> Array:
         """(kept,) the same of the left-hand side."""

@@ -11,11 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sim_vehicle.terms import parse_term
 from sysid.coefficients import Body
-from sysid.equation_error import equation_error
+from sysid.equations import Equations
 from sysid.errors import SysidError
 from sysid.flight import Array, FlightData
 from sysid.output_error import autocorrelation
+from sysid.regression import regress
 
 # Rich in what lift may follow, so that a missing term of the model is not taken for timing.
 _LIFT = ("CL_0", "CL_alpha", "CL_alpha2", "CL_q", "CL_alphadot", "CL_de")
@@ -30,14 +32,20 @@ def command_shows_at_once(parts: Sequence[FlightData], body: Body, lateral: bool
     still = {name for name in ("de", "da", "dr") if all(np.ptp(part[name]) < 1e-4 for part in parts)}
     names = [name for name in (_SIDE if lateral else _LIFT) if name.partition("_")[2] not in still]
     try:
-        residuals = [_residual(parts, body, names, command_first) for command_first in (False, True)]
+        later, now = _residuals(parts, body, names)
     except SysidError:
         return False
-    later, now = residuals
     independent = now.size / max(float(np.sum(autocorrelation([now]))), 1.0)
     return bool(independent * np.log(np.mean(later**2) / np.mean(now**2)) > _MARGIN)
 
 
-def _residual(parts: Sequence[FlightData], body: Body, names: Sequence[str], command_first: bool) -> Array:
-    found = equation_error(parts, body, names, cutoff_hz=_CUTOFF_HZ, command_first=command_first)
-    return next(iter(found.values())).residual
+def _residuals(parts: Sequence[FlightData], body: Body, names: Sequence[str]) -> list[Array]:
+    """(N,) residuals of one axis' regression with the command of the sample before, and with that of the same."""
+    terms = [parse_term(name) for name in names]
+    equations = Equations(parts, body, terms, _CUTOFF_HZ)
+    left, residuals = equations.regressand(terms[0].axis), []
+    for command_first in (False, True):
+        equations.take_timing(command_first)
+        found = regress(left, equations.matrix(terms), names, equations.lengths, equations.bandwidth)
+        residuals.append(found.residual)
+    return residuals
