@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft, linalg
+from scipy import fft
+from scipy.linalg import blas
 
 from sysid.flight import Array
 
@@ -27,11 +28,10 @@ def convolved(rows: Array, kernel: Array) -> Array:
 def first_order_lag(values: Array, kept: float, start: float) -> Array:
     """(N,) y[k] = kept y[k - 1] + (1 - kept) values[k], with y = start before the first.
 
-    The recursion is a bidiagonal system of equations, which a compiled solver goes through once.
+    The recursion is a triangular system of two bands, which a compiled solver goes through once.
     """
     driven = (1.0 - kept) * values
     driven[0] += kept * start
-    bands = np.stack([np.ones(values.size), np.full(values.size, -kept)])
-    return np.asarray(
-        linalg.solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False), dtype=np.float64
-    )
+    bands = np.empty((2, values.size), order="F")
+    bands[0], bands[1] = 1.0, -kept
+    return np.asarray(blas.dtbsv(1, bands, driven, lower=1, diag=1, overwrite_x=True), dtype=np.float64)
