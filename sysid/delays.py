@@ -11,7 +11,7 @@ from sim_vehicle.vehicle import Vehicle
 from sysid.flight import Array, FlightData
 from sysid.hypotheses import GROUND, GROUPS, joined
 from sysid.prepare import Prepared, Stretch
-from sysid.records import make_record
+from sysid.records import make_records
 from sysid.shifts import held_back, read_later
 
 COMMANDS = ("de", "da", "dr", "throttle")
@@ -75,11 +75,14 @@ def prepared_in_time(prepared: Sequence[Prepared], vehicle: Vehicle, delays: Seq
     found = []
     for flight in prepared:
         data = in_time(flight.data, delays)
-        stretches = []
-        for stretch in flight.stretches:
-            begin = int(np.searchsorted(data.time_s, stretch.data.time_s[0] - 0.5 * data.interval_s))
-            end = begin + stretch.data.time_s.size
-            stretches.append(Stretch(stretch.segment, data.window(begin, end), make_record(data, vehicle, begin, end)))
+        starts = [stretch.data.time_s[0] - 0.5 * data.interval_s for stretch in flight.stretches]
+        begins = np.searchsorted(data.time_s, starts).tolist()
+        spans = [(begin, begin + one.data.time_s.size) for begin, one in zip(begins, flight.stretches, strict=True)]
+        records = make_records(data, vehicle, spans)
+        stretches = [
+            Stretch(stretch.segment, data.window(*span), record)
+            for stretch, span, record in zip(flight.stretches, spans, records, strict=True)
+        ]
         found.append(replace(flight, data=data, stretches=tuple(stretches)))
     return found
 

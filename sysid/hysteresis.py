@@ -33,9 +33,12 @@ def way_of(reading: Array, interval_s: float) -> Array:
 
 def _way_come(values: Array, moved: float) -> Array:
     """(N,) which way values have come, -1 to 1: how far they are ahead of a play of full width `moved` behind them."""
-    way = np.empty(values.size)
+    behind = []
     follower, half = float(values[0]), 0.5 * moved
-    for k, value in enumerate(values.tolist()):
-        follower = min(max(follower, value - half), value + half)
-        way[k] = (value - follower) / half
-    return way
+    for low, high in zip((values - half).tolist(), (values + half).tolist(), strict=True):
+        if follower < low:
+            follower = low
+        elif follower > high:
+            follower = high
+        behind.append(follower)
+    return np.asarray((values - np.array(behind)) / half, dtype=np.float64)

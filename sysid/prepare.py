@@ -16,7 +16,7 @@ from sysid.errors import SegmentError, SignalError
 from sysid.flight import Array, FlightData, FlightSignals
 from sysid.kinematic_part import part_states
 from sysid.parameterisation import STATES
-from sysid.records import OUTPUTS, STANDARD_DENSITY, Record, make_record
+from sysid.records import OUTPUTS, STANDARD_DENSITY, Record, make_records
 from sysid.segments import Segment, find_segments
 from sysid.smoothing import fourier_smooth
 from sysid.thrust import ThrustSource
@@ -169,14 +169,19 @@ def prepare(
                 " are wrong; leave it out of the recording, and thrust follows from rpm or throttle by [propulsion]"
             )
         data = replace(data, warnings=(*data.warnings, told))
-    stretches: list[Stretch] = []
+    spans: list[tuple[Segment, int, int]] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
-        edges = np.linspace(segment.start, segment.stop, count + 1).astype(int)
-        for a, b in pairwise(edges):
-            _check_alive(data.window(int(a), int(b)))
-            record = make_record(data, vehicle, int(a), int(b))
-            stretches.append(Stretch(segment, data.window(int(a), int(b)), record))
+        edges = np.linspace(segment.start, segment.stop, count + 1).astype(int).tolist()
+        spans += [(segment, a, b) for a, b in pairwise(edges)]
+    windows = [data.window(a, b) for _, a, b in spans]
+    for window in windows:
+        _check_alive(window)
+    records = make_records(data, vehicle, [(a, b) for _, a, b in spans])
+    stretches = [
+        Stretch(segment, window, record)
+        for (segment, _, _), window, record in zip(spans, windows, records, strict=True)
+    ]
     rho = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
     curves = {name: one.calibration for name, one in signals.signals.items() if one.calibration is not None}
     return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho), curves, shares)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -198,15 +199,29 @@ def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
 
 def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Record:
     """Record of the samples start ... stop - 1 of a flight. Raises SignalError where an input is missing."""
+    return make_records(data, vehicle, [(start, stop)])[0]
+
+
+def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, int]]) -> list[Record]:
+    """Records of several spans start, stop of one flight, as `make_record` makes them."""
     if "de" not in data and "da" not in data and "dr" not in data:
         raise SignalError(
             f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
         )
     n = data.time_s.size
-    first = max(0, start - round(PRE_ROLL_S / data.interval_s))
     columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
-    all_commands = np.stack(columns, axis=1)
-    commands = np.ascontiguousarray(all_commands[first:stop])
+    commands = np.stack(columns, axis=1)
+    heights = (height_above_ground(data), height_in_flight(data))
+    return [_make_record(data, vehicle, start, stop, commands, heights) for start, stop in spans]
+
+
+def _make_record(
+    data: FlightData, vehicle: Vehicle, start: int, stop: int, all_commands: Array, heights: tuple[Array, Array]
+) -> Record:
+    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, of the same."""
+    n = data.time_s.size
+    first = max(0, start - round(PRE_ROLL_S / data.interval_s))
+    commands = all_commands[first:stop].copy()
     earlier = all_commands[max(0, first - round(_HELD_S / data.interval_s)) : first, :3]
     # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
     moving_mass, way = 0.0, np.zeros(0)
@@ -236,10 +251,10 @@ def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Re
     for j, name in enumerate(OUTPUTS):
         if name in data:
             z[:, j] = data[name][start:stop]
-    heights, climbed = height_above_ground(data)[first:stop], height_in_flight(data)[first:stop]
+    above, climbed = (height[first:stop] for height in heights)
     return Record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
-        denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=heights,
+        denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         climbed=climbed, way=way, earlier=earlier,
     )  # fmt: skip
