@@ -5,7 +5,9 @@ import pytest
 import statsmodels.api as sm
 from held_response import BODY, DENSITY, SPEED, STEP_S, multisine, rolling
 
+from sim_vehicle.terms import parse_term
 from sysid.equation_error import equation_error
+from sysid.equations import Equations
 from sysid.flight import FlightData
 
 
@@ -56,3 +58,18 @@ def test_weights_reach_the_gauss_markov_bound_where_airspeed_varies():
     assert np.all(rms < 1.2 * bound)
     unweighted = np.linalg.pinv(design) / qs * 0.3
     assert np.all(np.sqrt(np.sum(unweighted**2, axis=1)) > 1.2 * bound)
+
+
+def test_columns_asked_for_again_follow_the_timing_and_the_jumps():
+    force, moment = ([parse_term(name) for name in names] for names in (["CY_p", "CY_da"], ["Cl_0", "Cl_p", "Cl_da"]))
+    values = {"Cl_0": 0.0, "Cl_p": -0.45, "Cl_da": 0.15}
+    again = Equations(rolling(-0.45, 0.15), BODY, [*force, *moment])
+    before = [again.matrix(terms) for terms in (force, moment)]
+    again.take_timing(True)
+    again.take_jumps(values, moment)
+    fresh = Equations(rolling(-0.45, 0.15), BODY, [*force, *moment], command_first=True)
+    fresh.take_jumps(values, moment)
+    for terms, old, moved in ((force, before[0], "CY_da"), (moment, before[1], "Cl_p")):
+        found, place = again.matrix(terms), [term.name for term in terms].index(moved)
+        np.testing.assert_allclose(found, fresh.matrix(terms), rtol=0.0, atol=1e-12)
+        assert np.abs(found - old).max(axis=0).argmax() == place
