@@ -160,11 +160,12 @@ class Case:
         return iteration
 
     def scipy(self, calls_by_command: bool) -> Callable[[], Equations]:
-        """solve_ivp and forward differences; commands are held, and looked up by time.
+        """solve_ivp and forward differences.
 
-        One call for the whole flight, in steps of no more than a sample (longer ones fail at every command, which takes
-        four times as long); or one call from each change of the commands to the next. With the first, steps refused
-        where a command jumps differ from simulation to simulation, which spoils the differences.
+        One call for the whole flight, commands looked up by time, in steps of no more than a sample (longer ones fail
+        at every command, which takes four times as long); or one call from each change of the commands to the next.
+        With the first, steps refused where a command jumps differ from simulation to simulation, which spoils the
+        differences.
         """
         surfaces = self.commands[:, :3]
         held = np.flatnonzero(np.any(np.diff(surfaces, axis=0) != 0.0, axis=1)) + 1
@@ -176,11 +177,14 @@ class Case:
             named = {**self.coefficients, **dict(zip(FREE, values.tolist(), strict=True))}
             x, at = np.empty((len(STATES), SAMPLES)), np.concatenate((start, np.zeros(3)))
             for begin, end in pairwise(edges):
-                last = end - 1
 
-                def rates(t: float, x: Array, begin: int = begin, last: int = last) -> list[float]:
-                    now = max(begin, min(int(t / INTERVAL + 1e-9), last))
-                    return rates_and_outputs(x.tolist(), commanded[now], named, self.body, math)[0]
+                def held(t: float, x: Array, moved: list[float] = commanded[begin]) -> list[float]:
+                    return rates_and_outputs(x.tolist(), moved, named, self.body, math)[0]
+
+                def looked_up(t: float, x: Array) -> list[float]:
+                    return held(t, x, commanded[min(int(t / INTERVAL + 1e-9), SAMPLES - 1)])
+
+                rates = held if calls_by_command else looked_up
 
                 times = INTERVAL * np.arange(begin, end + 1)
                 flown = solve_ivp(rates, (times[0], times[-1]), at, t_eval=times, rtol=1e-6, **steps).y
@@ -201,14 +205,15 @@ class Case:
 
 
 def compare(own: Equations, peer: Equations, name: str, tolerance: float | None) -> None:
-    """Say how far matrix and gradient differ in units of the unknowns' standard errors, and that they do not."""
+    """Say how far matrix and gradient differ in units of the unknowns' standard errors; tolerance: None for any."""
     scale = 1.0 / np.sqrt(np.diag(own[0]))
     worst = np.abs((own[0] - peer[0]) * np.outer(scale, scale)).max()
     gradient = np.abs((own[1] - peer[1]) * scale).max()
     if tolerance is not None:
         assert worst < tolerance, f"{name}: the information matrix differs by {worst:.2g}"
         assert gradient < 0.5, f"{name}: the gradient differs by {gradient:.2g} standard errors"
-    print(f"  {name}: matrix within {worst:.1e}, gradient within {gradient:.2g} standard errors")
+    same = "" if tolerance is not None else ", which is useless"
+    print(f"  {name}: matrix within {worst:.1e}, gradient within {gradient:.2g} standard errors{same}")
 
 
 def main() -> None:

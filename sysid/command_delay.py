@@ -78,7 +78,9 @@ class _Axis:
             return self._target
         late = [read_later(part, -delay, self._interval_s) for part in self._commands]
         columns = self._free(self._inner(late))
-        basis = np.linalg.qr(columns)[0]
+        basis, size = np.linalg.qr(columns)
+        own = np.abs(np.diag(size))
+        basis = basis[:, own > 1e-10 * own.max()]  # commands that move together count once
         left: Array = self._target - basis @ (basis.T @ self._target)
         return left
 

@@ -20,7 +20,7 @@ from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.identifiability import Refusal
 from sysid.late import COMMAND_DELAY, DELAY_STEP_S, SENSOR_DELAYS, delay_derivative, with_late_commands
-from sysid.linearised import Linearised, others_of
+from sysid.linearised import Linearised
 from sysid.output_error import OutputErrorResult
 from sysid.records import OUTPUTS, angle_wrap
 from sysid.steps import inverse
@@ -95,8 +95,8 @@ def _worth_a_look(here: Linearised, names: Sequence[str]) -> bool:
                 of_name[k] = angle_wrap(predictor.outputs(k, flat, later, states) - y) / DELAY_STEP_S
             else:
                 delay_derivative(name, y, record.interval_s, of_name[k])
-    # The prior that these come with, of one second, says nothing beside what a flight tells.
-    information, gradient = here.beside(others_of(slopes, here))
+    # What stands beside is taken to be one second at most, which says nothing next to what a flight tells.
+    information, gradient = here.beside(here.others(slopes))
     white = inverse(information)
     n = theta.size
     steps, stds = (white @ gradient)[n:], np.sqrt(np.diag(white)[n:])

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from sysid.bench import BenchError, Misled, misled
 from sysid.inputnoise import Doubt, doubts
-from sysid.linearised import Linearised, Others, others_of
+from sysid.linearised import Linearised, Others
 
 
 @dataclass(frozen=True)
@@ -31,4 +31,4 @@ class Disturbed:
     def others(self) -> list[Others]:
         """What all of them do to the residuals of every record."""
         benches = [dict(enumerate(one.added)) for one in self.misled]
-        return others_of([*benches, *(doubt.outputs for doubt in self.doubts)], self.here)
+        return self.here.others([*benches, *(doubt.outputs for doubt in self.doubts)])

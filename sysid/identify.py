@@ -258,6 +258,7 @@ def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood, systematic: bool
     if systematic:
         progress(0.85, "systematic errors")
         model = with_extra(model, "systematic", systematic_effects(likeliest, start, names, free_effects))
+    likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
     unclear = {refusal.name for refusal in likeliest.refused}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}
     for name in problem.sensors:

@@ -21,11 +21,11 @@ from sysid.errors import EstimationError
 from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.inputs import denoised_thrust
-from sysid.linearised import Linearised, others_of
+from sysid.linearised import Linearised
 from sysid.output_error import OutputErrorResult
 from sysid.parallel import side_by_side
 from sysid.parameterisation import STATES, Predictor, free_states
-from sysid.records import OUTPUTS, Record
+from sysid.records import OUTPUTS, Record, angle_wrap
 
 _AHEAD = STATES.index("u")
 # What stands between the airspeed and its reading beside the sensor's bias and scale.
@@ -161,7 +161,7 @@ def doubts(here: Linearised) -> list[Doubt]:
             sub_steps=estimation.predictor.sub_steps, command_first=here.problem.command_first,
         )  # fmt: skip
         states = estimation.predictor.initial_states(index, theta, estimation.guesses[index])
-        return other.outputs(0, flat, errors, states) - before[index]
+        return angle_wrap(other.outputs(0, flat, errors, states) - before[index])
 
     outputs = dict(zip(every, side_by_side(pushed, *zip(*every, strict=True)), strict=True))
     return [
@@ -181,8 +181,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
 
 def _joint_step(here: Linearised, every: Sequence[Doubt]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
-    added = others_of([doubt.outputs for doubt in every], here)
-    joint, gradient = here.beside(added)
+    joint, gradient = here.beside(here.others([doubt.outputs for doubt in every]))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
     covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     return covariance @ gradient, covariance

@@ -200,7 +200,7 @@ def _regressors(throttle: Array, interval_s: float, lag_s: float | None) -> Arra
 
 
 def _fitted(thrust: Array, regressors: Array) -> Array:
-    """What the regressors, all of about the same size, explain of thrust, by least squares."""
+    """What the regressors explain of thrust, by least squares, near enough to rank lags by."""
     squares = regressors.T @ regressors
     gains = np.linalg.lstsq(squares, regressors.T @ thrust, rcond=1e-13)[0]
     return np.asarray(regressors @ gains, dtype=np.float64)

@@ -32,7 +32,8 @@ def likelier_timing(here: Linearised) -> Linearised:
 def _is_out(here: Linearised, there: Linearised) -> bool:
     """Whether the other timing is so unlikely at the same values that no step makes up for it.
 
-    The slopes are those of the first timing, half a sample of the commands off, which saves the other's own.
+    The slopes are those of the first timing, half a sample of the commands off, which saves the other's own. A
+    simulation that diverges is out.
     """
     estimation, theta = build(there.problem, there.model, there.coefficients, there.effects), here.result.theta
     cost = estimation.cost(theta, there.residuals)

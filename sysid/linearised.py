@@ -14,6 +14,8 @@ from sysid.flight import Array, IntArray
 from sysid.gram import crossed
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.parallel import side_by_side
+from sysid.records import OUTPUTS
+from sysid.steps import require_numbers
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,34 @@ class Linearised:
         columns, sigma = self.estimation.columns, self.result.sigma
 
         def of_record(k: int) -> Array:
-            more = np.nan_to_num(np.stack([shift[k] for shift in shifts], axis=2))
+            more = self._added(k, [shift[k] for shift in shifts])
             return crossed(S[k], more, residuals[k], columns, sigma)[0]
 
         pulled = np.zeros((self.estimation.predictor.size, len(shifts)))
         for k, part in enumerate(side_by_side(of_record, range(len(S)))):
             pulled[self.estimation.places(k)] += part
         return pulled
+
+    def _added(self, k: int, changes: Sequence[Array]) -> Array:
+        """(N, 15, K) of what changes one record's readings, 0 where nothing was read.
+
+        Raises EstimationError where a simulation next to the estimate diverged.
+        """
+        record = self.problem.records[k]
+        added = np.zeros((record.length, len(OUTPUTS), len(changes)))
+        good = np.isfinite(record.z)
+        for i, change in enumerate(changes):
+            added[good, i] = change[good]
+        require_numbers(record.flight, added)
+        return added
+
+    def others(self, added: Sequence[Mapping[int, Array]]) -> list[Others]:
+        """What further unknowns do to each record; added: of each, record -> (N, 15) for those that it acts on."""
+        found = []
+        for k in range(len(self.problem.records)):
+            which = [number for number, one in enumerate(added) if k in one]
+            found.append(Others(self._added(k, [added[number][k] for number in which]), np.array(which, np.int64)))
+        return found
 
     def beside(self, others: Sequence[Others]) -> tuple[Array, Array]:
         """Information matrix and gradient of the unknowns and, behind them, of the `others` of every record."""
@@ -98,15 +121,3 @@ class Linearised:
             joint[np.ix_(there, there)] += own
             gradient[there] += pulled
         return joint, gradient
-
-
-def others_of(added: Sequence[Mapping[int, Array]], here: Linearised) -> list[Others]:
-    """What further unknowns do to each record; added: of each of them, record -> (N, 15) for those that it acts on."""
-    found = []
-    for k, y in enumerate(here.predicted):
-        which = [number for number, one in enumerate(added) if k in one]
-        slopes = np.empty((*y.shape, len(which)))
-        for i, number in enumerate(which):
-            slopes[:, :, i] = np.nan_to_num(added[number][k])
-        found.append(Others(slopes, np.array(which, dtype=np.int64)))
-    return found

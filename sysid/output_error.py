@@ -114,7 +114,8 @@ class OutputError:
         self.predictor = predictor
         self.guesses = [np.asarray(guess, dtype=np.float64) for guess in guesses]
         _, self._measured = self._squares([record.z for record in predictor.records])
-        self.columns = np.array([OUTPUTS.index(name) for name in used if self._measured[OUTPUTS.index(name)]])
+        places = [OUTPUTS.index(name) for name in used if self._measured[OUTPUTS.index(name)]]
+        self.columns = np.array(places, dtype=np.int64)
         self.known_sigma = sigma
         self.prior_mean, self.prior_information = prior_knowledge(predictor.parameters, prior)
 

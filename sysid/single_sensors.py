@@ -192,14 +192,14 @@ def _alone(here: Linearised) -> _Alone:
 
     def of_record(record: Record, y: Array, nu: Array, s: Array) -> tuple[Array, Array, Array, Array]:
         slopes = _slopes(record, y)
-        own, downhill = np.zeros((len(OUTPUTS), 2)), np.zeros((len(OUTPUTS), 2))
+        own, downhill = np.zeros((len(OUTPUTS), len(KINDS))), np.zeros((len(OUTPUTS), len(KINDS)))
         single_gram(nu, estimation.columns, sigma, slopes, own, downhill)
-        across = np.zeros((len(OUTPUTS), 2, s.shape[2]))
+        across = np.zeros((len(OUTPUTS), len(KINDS), s.shape[2]))
         single_pulls(s, nu, estimation.columns, sigma, slopes, across)
         return slopes, across, own, downhill
 
     parts = side_by_side(of_record, here.problem.records, here.predicted, here.residuals, here.S)
-    across = np.zeros((len(OUTPUTS), 2, estimation.predictor.size))
+    across = np.zeros((len(OUTPUTS), len(KINDS), estimation.predictor.size))
     for k, (_, part, _, _) in enumerate(parts):
         across[:, :, estimation.places(k)] += part
     inflation = np.zeros(len(OUTPUTS))
@@ -238,11 +238,11 @@ def _beside(alone: _Alone, others: Sequence[Others], count: int) -> Array:
     here = alone.here
 
     def of_record(slopes: Array, nu: Array, added: Array) -> Array:
-        across = np.zeros((len(OUTPUTS), 2, added.shape[2]))
+        across = np.zeros((len(OUTPUTS), len(KINDS), added.shape[2]))
         single_pulls(added, nu, here.estimation.columns, here.result.sigma, slopes, across)
         return across
 
-    found = np.zeros((len(OUTPUTS), 2, count))
+    found = np.zeros((len(OUTPUTS), len(KINDS), count))
     parts = side_by_side(of_record, alone.slopes, here.residuals, [one.added for one in others])
     for one, part in zip(others, parts, strict=True):
         found[:, :, one.which] += part

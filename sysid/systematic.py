@@ -107,7 +107,8 @@ def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
 def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
-    NaN for late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
+    At the estimate before the noise of thrust and propeller speed is taken out, which hardly moves the slopes. NaN for
+    late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
     """
     result, theta = here.result, here.result.theta
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, theta, strict=False)}

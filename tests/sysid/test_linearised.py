@@ -1,0 +1,106 @@
+"""What stands beside an estimate against dense matrices: several records, samples missing, one acting on one record."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import signals_of
+
+from sim_vehicle.fly import fly
+from sim_vehicle.manoeuvres import manoeuvre
+from sim_vehicle.model import read_model
+from sim_vehicle.plan import Plan
+from sim_vehicle.plant import Plant
+from sim_vehicle.sensors import SensorSuite
+from sim_vehicle.vehicle import load_vehicle
+from sysid.errors import EstimationError
+from sysid.estimate import fit, free_coefficients
+from sysid.linearised import Linearised
+from sysid.parallel import side_by_side
+from sysid.posing import make_problem
+from sysid.prepare import check_compatibility, prepare
+
+
+@pytest.fixture(scope="module")
+def here() -> Linearised:
+    vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    pulse = replace(manoeuvre("elevator-pulse"), duration=4.0)
+    generator = np.random.default_rng(5)
+    suite = SensorSuite(vehicle, generator=generator)
+    flown = fly(Plant(vehicle, model, max_step=0.0021), Plan((pulse, pulse)), suite=suite, generator=generator)
+    prepared = [prepare(signals_of(flown, vehicle, "pulses"), vehicle)]
+    compatible = check_compatibility(prepared)
+    problem = make_problem(prepared, vehicle, compatible, ("accel_bias_z", "gyro_bias_q"), run_s=3.0)
+    assert len(problem.records) > 1
+    problem.records[0].z[5:20] = np.nan
+    names = free_coefficients(list(model.coefficients), problem.motion)
+    return Linearised(problem, model, names, (), fit(problem, model, names))
+
+
+def dense(here: Linearised, series: list[np.ndarray]) -> np.ndarray:
+    """Rows over the noise, records one below the other: (records, N, outputs, ...) of `series`, 0 where missing."""
+    columns, sigma = here.estimation.columns, here.result.sigma
+    parts = []
+    for values, nu in zip(series, here.residuals, strict=True):
+        good = np.isfinite(nu[:, columns])
+        part = np.zeros((*good.shape, *values.shape[2:]))
+        part[good] = values[:, columns][good]
+        weight = (1.0 / sigma[columns]).reshape(1, -1, *[1] * (part.ndim - 2))
+        parts.append((part * weight).reshape(-1, *part.shape[2:]))
+    return np.concatenate(parts)
+
+
+def scattered(here: Linearised) -> list[np.ndarray]:
+    """Sensitivities of every record by all unknowns."""
+    found = []
+    for k, s in enumerate(here.S):
+        wide = np.zeros((*s.shape[:2], here.estimation.predictor.size))
+        wide[:, :, here.estimation.places(k)] = s
+        found.append(wide)
+    return found
+
+
+def test_others_stand_beside_the_unknowns(here):
+    generator = np.random.default_rng(0)
+    shapes = [y.shape for y in here.predicted]
+    everywhere = {k: generator.standard_normal(shape) for k, shape in enumerate(shapes)}
+    once = {1: generator.standard_normal(shapes[1])}
+    joint, gradient = here.beside(here.others([everywhere, once]))
+    further = [
+        np.stack([one.get(k, np.zeros(shape)) for one in (everywhere, once)], axis=2) for k, shape in enumerate(shapes)
+    ]
+    rows = np.concatenate([dense(here, scattered(here)), dense(here, further)], axis=1)
+    n, p = here.estimation.predictor.size, len(here.result.parameters)
+    expected = rows.T @ rows
+    expected[:p, :p] += here.estimation.prior_information
+    expected[n:, n:] += np.eye(2)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(joint / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-10)
+    downhill = rows.T @ dense(here, here.residuals)
+    downhill[:p] -= here.estimation.prior_information @ (here.result.theta[:p] - here.estimation.prior_mean)
+    np.testing.assert_allclose(gradient / scale, downhill / scale, atol=1e-8)
+
+
+def test_shifts_pull_at_the_unknowns(here):
+    generator = np.random.default_rng(1)
+    shifts = [[generator.standard_normal(y.shape) for y in here.predicted] for _ in range(3)]
+    shifts[0][0][7] = np.nan
+    here.problem.records[0].z[7] = np.nan
+    fresh = replace(here)
+    expected = [
+        dense(fresh, scattered(fresh)).T @ dense(fresh, [np.nan_to_num(part) for part in one]) for one in shifts
+    ]
+    found = fresh.pulls(shifts)
+    assert found == pytest.approx(np.stack(expected, axis=1), rel=1e-9, abs=1e-6 * np.abs(expected).max())
+
+
+def test_a_simulation_that_diverges_next_to_the_estimate_is_refused(here):
+    added = {k: np.zeros_like(y) for k, y in enumerate(here.predicted)}
+    added[1][40:] = np.inf
+    with pytest.raises(EstimationError):
+        here.others([added])
+
+
+def test_work_side_by_side_may_ask_for_more_of_it():
+    found = side_by_side(lambda a: sum(side_by_side(lambda b: a * b, (1, 2, 3))), range(4))
+    assert found == [0, 6, 12, 18]
