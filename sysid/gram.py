@@ -61,13 +61,13 @@ def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Ar
     return M, g
 
 
-def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array, Array]:
-    """What further unknowns add to the equations of `gram`: S' R^-1 N, N' R^-1 N and N' R^-1 nu.
+def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
+    """What further unknowns share with those of `gram`: S' R^-1 N, (unknowns, further unknowns).
 
     more: N, (samples, outputs, further unknowns), in memory in this order; the rest as `gram` has it.
     """
     n, count = s.shape[2], more.shape[2]
-    across, own, pulled = np.zeros((n, count)), np.zeros((count, count)), np.zeros(count)
+    across = np.zeros((n, count))
     size = max(1, _CACHED_NUMBERS // max(columns.size * (n + count), 1))
     rows, others = np.empty((size * columns.size, n)), np.empty((size * columns.size, count))
     target = np.empty(size * columns.size)
@@ -77,9 +77,7 @@ def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Ar
         used = _weigh(more, residual, columns, sigma, begin, end, others, target)
         with np.errstate(over="ignore", invalid="ignore"):
             across += rows[:used].T @ others[:used]
-            own += others[:used].T @ others[:used]
-            pulled += target[:used] @ others[:used]
-    return across, own, pulled
+    return across
 
 
 @jit

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from sysid.estimate import build, fit, warmed
 from sysid.linearised import Linearised
 from sysid.output_error import UnlikelyError
@@ -37,6 +39,8 @@ def _is_out(here: Linearised, there: Linearised) -> bool:
     """
     estimation, theta = build(there.problem, there.model, there.coefficients, there.effects), here.result.theta
     cost = estimation.cost(theta, there.residuals)
+    if not np.isfinite(cost):
+        return True
     information, downhill = estimation.normal_equations(
         theta, there.residuals, here.S, estimation.sigma(there.residuals)
     )

@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.model import Model
 from sysid.estimate import Problem, build
 from sysid.flight import Array, IntArray
-from sysid.gram import crossed
+from sysid.gram import crossed, gram
 from sysid.output_error import OutputError, OutputErrorResult
 from sysid.parallel import side_by_side
 from sysid.records import OUTPUTS
@@ -75,7 +75,7 @@ class Linearised:
 
         def of_record(k: int) -> Array:
             more = self._added(k, [shift[k] for shift in shifts])
-            return crossed(S[k], more, residuals[k], columns, sigma)[0]
+            return crossed(S[k], more, residuals[k], columns, sigma)
 
         pulled = np.zeros((self.estimation.predictor.size, len(shifts)))
         for k, part in enumerate(side_by_side(of_record, range(len(S)))):
@@ -111,9 +111,11 @@ class Linearised:
         joint, gradient = np.eye(n + count), np.concatenate((downhill, np.zeros(count)))
         joint[:n, :n] = information
         columns, sigma = self.estimation.columns, self.result.sigma
-        found = side_by_side(
-            lambda s, one, nu: crossed(s, one.added, nu, columns, sigma), self.S, others, self.residuals
-        )
+
+        def of_record(s: Array, one: Others, nu: Array) -> tuple[Array, Array, Array]:
+            return crossed(s, one.added, nu, columns, sigma), *gram(one.added, nu, columns, sigma)
+
+        found = side_by_side(of_record, self.S, others, self.residuals)
         for k, ((across, own, pulled), one) in enumerate(zip(found, others, strict=True)):
             here, there = self.estimation.places(k), n + one.which
             joint[np.ix_(here, there)] += across

@@ -104,10 +104,10 @@ def maximum_likelihood(
             return mistaken
     if wanted:
         suspected = problem.delays.get(COMMAND_DELAY)
-        models = (model, late_model or model)
+        models, longer = (model, late_model or model), turbulent()
         try:
             found = _filtered(
-                turbulent(), models, coefficients, effects, compatible, bench, sensors, suspected, method, progress
+                longer, models, coefficients, effects, compatible, bench, sensors, suspected, method, progress
             )
         except EstimationError as error:
             if method == "fe":
@@ -118,7 +118,23 @@ def maximum_likelihood(
                 return found
     elif method == "oe" and compatible.gust_sigma > 0.0:
         warnings.append(_rough(compatible) + "; use --method fe, or auto")
-    model = late_model or model
+    unclear = [refusal.name for refusal in compatible.refused]
+    told = sensors is None and compatible.gust_sigma == 0.0
+    here = _in_still_air(problem, late_model or model, coefficients, effects, unclear if told else None, progress)
+    return _finished(
+        here, [*bench, *held], held, delays, singles, exact=not bench, warnings=warnings, progress=progress
+    )
+
+
+def _in_still_air(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    unclear: Sequence[str] | None,
+    progress: Progress,
+) -> Linearised:
+    """The estimate by output error. unclear: sensor errors that kinematics refused; None takes those of the problem."""
     result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
     here = Linearised(problem, model, coefficients, effects, result)
     if COMMAND_DELAY not in problem.delays:
@@ -126,18 +142,33 @@ def maximum_likelihood(
         here = likelier_timing(here)
     problem, result = here.problem, here.result
     problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, result)
-    if sensors is None and compatible.gust_sigma == 0.0:
-        unclear = [refusal.name for refusal in compatible.refused]
+    if unclear is not None:
         problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
-    if result is not here.result:
-        here = replace(here, problem=problem, result=result)
+    return here if result is here.result else replace(here, problem=problem, result=result)
+
+
+def _finished(
+    here: Linearised,
+    errors: Sequence[BenchError],
+    held: Sequence[BenchError],
+    delays: Sequence[Delay] | None,
+    singles: bool,
+    *,
+    exact: bool,
+    warnings: list[str],
+    progress: Progress,
+) -> MaximumLikelihood:
+    """The estimate with the delays that it tells, unless single sensors are mistaken, and with bars that count all.
+
+    errors: of benches and of held motion. exact: whether no bench's error passes for aerodynamics.
+    """
     late, alone = LagOrDelay(), tuple[Mistake, ...]()
     if delays is not None:
         progress(0.95, "delays")
         here = with_told_delays(here, _corrected(delays))
         late = lag_or_delay(here, sum(one.value for one in delays if one.of_commands))
         warnings += late.warnings
-    disturbed = Disturbed(here, [*bench, *held])
+    disturbed = Disturbed(here, errors)
     problem, result = here.problem, here.result
     if delays is not None and singles:
         progress(0.96, "single sensors")
@@ -149,15 +180,15 @@ def maximum_likelihood(
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
     # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
-    exact = not bench and all(record.thrust_source.measured for record in problem.records)
+    exact = exact and all(record.thrust_source.measured for record in problem.records)
     wider = None
     try:
-        wider = widened(problem, model, coefficients, effects, result) if exact else None
+        wider = widened(problem, here.model, here.coefficients, here.effects, result) if exact else None
     except EstimationError as error:
         text = "the flight shows what the structure does not hold, and the standard errors do not count it"
         warnings.append(f"{text}: {error}")
     if wider is not None:
-        return _with_misfit(problem, wider, effects, late.refused, (*warnings, wider.warning()), held)
+        return _with_misfit(problem, wider, here.effects, late.refused, (*warnings, wider.warning()), held)
     problem, result = with_input_noise(here, disturbed.doubts)
     result, shares = carry(disturbed.misled, here, result)
     left = _left(problem, result)
