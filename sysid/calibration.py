@@ -17,6 +17,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -117,9 +118,15 @@ class Calibration:
         coefficients' errors; zeros where the bench does not tell them (`error_known`).
         """
         values = np.asarray(values, dtype=np.float64)
-        best = np.array([c.value for c in self.coefficients])
         if not self.error_known:
-            return np.zeros((best.size, values.size))
+            return np.zeros((len(self.coefficients), values.size))
+        curve, modes = self._modes
+        return np.array([np.interp(values, curve, mode) for mode in modes])
+
+    @cached_property
+    def _modes(self) -> tuple[Array, Array]:
+        """The curve at points over the bench's range, rising, and the parts of its error (K, points) there."""
+        best = np.array([c.value for c in self.coefficients])
         readings = np.asarray(np.linspace(*self.range, _MODE_GRID), dtype=np.float64)
         curve = self._curve(readings, best)
         std = np.sqrt(np.diag(self.covariance))
@@ -133,7 +140,7 @@ class Calibration:
         power, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         modes = (slopes.T * scale @ axes * np.sqrt(np.maximum(power, 0.0))).T
         order = np.argsort(curve, kind="stable")
-        return np.array([np.interp(values, curve[order], mode[order]) for mode in modes])
+        return curve[order], modes[:, order]
 
     def to_json(self) -> dict[str, object]:
         """JSON values of the schema calibration/1."""

@@ -11,11 +11,11 @@ from sim_vehicle.model import Model
 from sysid.compatibility import CompatibilityResult
 from sysid.delays import COMMANDS, Delay
 from sysid.errors import EstimationError
-from sysid.estimate import Problem, build_filter
+from sysid.estimate import Problem, Progress, build_filter
 from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal
 from sysid.late import with_late_commands
-from sysid.turbulent import Progress, estimate_in_turbulence
+from sysid.turbulent import estimate_in_turbulence
 
 # Log likelihood by which the flight must be likelier with the delay than without.
 _GAIN = 10.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from sim_vehicle.model import Coefficient, Model
@@ -12,7 +12,7 @@ from sysid.compatibility import CompatibilityResult, Refusal
 from sysid.delays import commands_std
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
 from sysid.errors import EstimationError
-from sysid.estimate import Problem, free_coefficients, model_of, refusals, unbelieved
+from sysid.estimate import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.flight import FlightSignals
 from sysid.frozen import frozen_commands
 from sysid.held import held_errors
@@ -20,6 +20,7 @@ from sysid.judging import comparison, judge, validation_of
 from sysid.linear import LinearModel
 from sysid.maximum_likelihood import MaximumLikelihood, maximum_likelihood
 from sysid.maximum_likelihood import systematic as systematic_effects
+from sysid.parallel import begun
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.posing import corrected_parts, known_before, make_problem, start_model
 from sysid.prepare import MAX_STRETCH_S, Prepared, check_compatibility, prepare, unmeasured_thrust
@@ -33,7 +34,6 @@ from sysid.told import equation_model, linear_model, once, quiet, validity_of, w
 from sysid.validation import Validation
 
 METHODS = ("auto", "ee", "oe", "fe")
-Progress = Callable[[float, str], None]
 # How often a flight is corrected for what the whole motion told of single sensors.
 _CORRECTED = 3
 
@@ -94,10 +94,14 @@ def identify(
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
+    compatible = None
     if check is None:
         progress(0.05, "units, signs, axes and delays")
-        check = check_signals(prepared, vehicle)
-    posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
+        # Of signals that come in time, as they mostly do, it is the one that is wanted.
+        with begun(lambda: check_compatibility(prepared)) as ahead:
+            check = check_signals(prepared, vehicle)
+            compatible = None if check.delays else ahead.result()
+    posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress, compatible)
     if method == "ee":
         found = _by_equations(posed, systematic)
     else:
@@ -171,10 +175,13 @@ def _pose(
     sensors: Sequence[str] | None,
     delays: bool,
     progress: Progress,
+    compatible: CompatibilityResult | None = None,
 ) -> _Posed:
+    """compatible: what the data compatibility of the prepared flights is known to be."""
     prepared = in_time(prepared, vehicle, check)
     progress(0.10, "data compatibility")
-    compatible = check_compatibility(prepared)
+    if compatible is None:
+        compatible = check_compatibility(prepared)
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
     warnings += unmeasured_thrust(prepared)
     # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.

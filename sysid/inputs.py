@@ -13,6 +13,7 @@ from sysid.smoothing import fourier_smooth
 
 # Motor lags tried when measured thrust is explained by the throttle, s.
 _LAGS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5)
+_LAG_TURNS, _LAG_FOUND_S = 12, 1e-5
 # Slow swings whose own noise is carried on: an aircraft's speed averages the quicker ones out.
 _DOUBTED_TERMS = 8
 
@@ -176,19 +177,30 @@ def _explanations(throttle: Array, interval_s: float, thrust: Array, air: Array)
 def _likeliest_lag(thrust: Array, throttle: Array, interval_s: float, air: Array) -> float | None:
     """Lag of the motor, s, behind the throttle; None where thrust shows the throttle of its own sample."""
 
+    def at(lag_s: float | None) -> Array:
+        return np.column_stack([_regressors(throttle, interval_s, lag_s), air])
+
     def error(lag_s: float | None) -> float:
-        regressors = np.column_stack([_regressors(throttle, interval_s, lag_s), air])
-        return float(np.mean((thrust - _fitted(thrust, regressors)) ** 2))
+        regressors = at(lag_s)
+        return float(np.mean((thrust - regressors @ _gains(thrust, regressors)) ** 2))
 
     tried = (None, *_LAGS_S)
-    first = int(np.argmin([error(lag_s) for lag_s in tried]))
-    if first <= 1:
-        return tried[first]
-    # The lags tried are coarse; between its neighbours the best one has a single minimum.
+    errors = [error(lag_s) for lag_s in tried]
+    first = int(np.argmin(errors))
+    coarse = tried[first]
+    if coarse is None or coarse == 0.0:
+        return coarse
+    # The lags tried are coarse; between its neighbours the best one has a single minimum, to which Gauss-Newton leads.
     low, high = _LAGS_S[first - 2], _LAGS_S[min(first, len(_LAGS_S) - 1)]
-    from scipy import optimize  # slow to import, and seldom wanted
-
-    return float(optimize.minimize_scalar(error, bounds=(low, high), method="bounded").x)
+    lag_s = coarse
+    for _ in range(_LAG_TURNS):
+        regressors, step_s = at(lag_s), 0.05 * lag_s
+        slope = (at(lag_s + step_s) - at(lag_s - step_s)) @ _gains(thrust, regressors) / (2.0 * step_s)
+        change = float(_gains(thrust, np.column_stack([regressors, slope]))[-1])
+        before, lag_s = lag_s, float(np.clip(lag_s + change, max(low, 0.1 * coarse), high))
+        if abs(lag_s - before) < _LAG_FOUND_S:
+            break
+    return lag_s if error(lag_s) <= errors[first] else coarse
 
 
 def _regressors(throttle: Array, interval_s: float, lag_s: float | None) -> Array:
@@ -199,11 +211,10 @@ def _regressors(throttle: Array, interval_s: float, lag_s: float | None) -> Arra
     return np.column_stack(columns)
 
 
-def _fitted(thrust: Array, regressors: Array) -> Array:
-    """What the regressors explain of thrust, by least squares, near enough to rank lags by."""
+def _gains(thrust: Array, regressors: Array) -> Array:
+    """What each regressor counts for in thrust, by least squares, near enough to rank lags by."""
     squares = regressors.T @ regressors
-    gains = np.linalg.lstsq(squares, regressors.T @ thrust, rcond=1e-13)[0]
-    return np.asarray(regressors @ gains, dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(squares, regressors.T @ thrust, rcond=1e-13)[0], dtype=np.float64)
 
 
 def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.estimate import Problem, build
+from sysid.estimate import Problem, Progress, build, fit_with_neighbourhood
 from sysid.flight import Array, IntArray
 from sysid.gram import crossed, gram
 from sysid.output_error import OutputError, OutputErrorResult
@@ -41,6 +41,22 @@ class Linearised:
     coefficients: Sequence[str]
     effects: Sequence[tuple[str, str]]
     result: OutputErrorResult
+
+    @classmethod
+    def fitted(
+        cls,
+        problem: Problem,
+        model: Model,
+        coefficients: Sequence[str],
+        effects: Sequence[tuple[str, str]],
+        progress: Progress = lambda share, text: None,
+    ) -> Linearised:
+        """The estimate of the problem, with what its last step knew already."""
+        result, near = fit_with_neighbourhood(problem, model, coefficients, effects, progress=progress)
+        here = cls(problem, model, coefficients, effects, result)
+        # Where the cached properties keep theirs; copies with another problem or result begin without.
+        vars(here).update(predicted=near.predicted, S=near.S, normal=near.normal)
+        return here
 
     @cached_property
     def estimation(self) -> OutputError:
@@ -91,7 +107,7 @@ class Linearised:
         added = np.zeros((record.length, len(OUTPUTS), len(changes)))
         good = np.isfinite(record.z)
         for i, change in enumerate(changes):
-            added[good, i] = change[good]
+            np.copyto(added[:, :, i], change, where=good)
         require_numbers(record.flight, added)
         return added
 

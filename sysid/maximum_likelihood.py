@@ -12,7 +12,7 @@ from sysid.delaychoice import LagOrDelay, lag_or_delay, with_told_delays
 from sysid.delays import COMMANDS, Delay
 from sysid.disturbed import Disturbed
 from sysid.errors import EstimationError
-from sysid.estimate import Likeliest, Problem, fit
+from sysid.estimate import Likeliest, Problem, Progress
 from sysid.filter_error import FilterErrorResult
 from sysid.filtered_delay import estimate_with_delay
 from sysid.findings import Mistake
@@ -33,7 +33,6 @@ from sysid.turbulent import (
     systematic_in_turbulence,
 )
 
-Progress = Callable[[float, str], None]
 # Gusts up to this level, m/s, may be what a mistake of a single sensor leaves.
 _FEIGNED = 0.1
 
@@ -135,8 +134,7 @@ def _in_still_air(
     progress: Progress,
 ) -> Linearised:
     """The estimate by output error. unclear: sensor errors that kinematics refused; None takes those of the problem."""
-    result = fit(problem, model, coefficients, effects, progress=lambda s, t: progress(0.85 * s, t))
-    here = Linearised(problem, model, coefficients, effects, result)
+    here = Linearised.fitted(problem, model, coefficients, effects, lambda s, t: progress(0.85 * s, t))
     if COMMAND_DELAY not in problem.delays:
         progress(0.9, "timing of the commands")
         here = likelier_timing(here)
@@ -204,7 +202,7 @@ def _mistaken(
 ) -> MaximumLikelihood | None:
     """The estimate in still air, if it tells mistakes of single sensors that leave no gusts to be explained."""
     try:
-        here = Linearised(problem, model, coefficients, effects, fit(problem, model, coefficients, effects))
+        here = Linearised.fitted(problem, model, coefficients, effects)
         if COMMAND_DELAY not in problem.delays:
             here = likelier_timing(here)
     except EstimationError:

@@ -79,6 +79,19 @@ class OutputErrorResult:
         return [parameter.name for parameter in self.parameters].index(name)
 
 
+@dataclass(frozen=True)
+class Neighbourhood:
+    """What the last step of an estimation knew of where it led.
+
+    predicted: outputs (N, 15) of every record. S: their sensitivities (N, 15, P + states), which may be those of a last
+    step that gained next to nothing. normal: information matrix and gradient (downhill) with them, prior included.
+    """
+
+    predicted: list[Array]
+    S: list[Array]
+    normal: tuple[Array, Array]
+
+
 class UnlikelyError(EstimationError):
     """The estimate will be less likely than what was asked for."""
 
@@ -217,7 +230,17 @@ class OutputError:
         max_iterations: int = MAX_ITERATIONS,
         give_up_above: float = np.inf,
     ) -> OutputErrorResult:
-        """Estimate, from parameter values and in at most so many steps.
+        """Estimate, from parameter values and in at most so many steps; raises as `solved` does."""
+        return self.solved(values, progress, max_iterations, give_up_above)[0]
+
+    def solved(
+        self,
+        values: dict[str, float],
+        progress: Callable[[int, float], None] = lambda iteration, cost: None,
+        max_iterations: int = MAX_ITERATIONS,
+        give_up_above: float = np.inf,
+    ) -> tuple[OutputErrorResult, Neighbourhood]:
+        """Estimate, and what its last step knew of its neighbourhood, which is large.
 
         Raises EstimationError where the simulation diverges, from the start values or next to an estimate, and
         UnlikelyError as soon as it shows that the cost will stay above `give_up_above`: by three times what the
@@ -266,7 +289,8 @@ class OutputError:
             progress(iteration, cost)
         if age > 0 and gained > COST_TOLERANCE:
             S = self.sensitivities(theta, predicted, S)
-        return self._result(theta, S, residuals, cost, iteration, converged)
+        result, normal = self._result(theta, S, residuals, cost, iteration, converged)
+        return result, Neighbourhood(predicted, S, normal)
 
     def step_at(self, theta: Array) -> tuple[Array, Array]:
         """One Gauss-Newton step from `theta`, and the covariance of where it leads, corrected for coloured residuals.
@@ -290,19 +314,20 @@ class OutputError:
 
     def _result(
         self, theta: Array, S: list[Array], residuals: list[Array], cost: float, iteration: int, converged: bool
-    ) -> OutputErrorResult:
+    ) -> tuple[OutputErrorResult, tuple[Array, Array]]:
         sigma = self.sigma(residuals)
-        M, _ = self.normal_equations(theta, residuals, S, sigma)
+        M, g = self.normal_equations(theta, residuals, S, sigma)
         require_numbers(self.predictor.records[0].flight, M)
         white = inverse(M)
         coloured, inflation = self._coloured(residuals, S, sigma, white)
         samples = np.zeros(len(OUTPUTS))
         for residual in residuals:
             samples += np.isfinite(residual).sum(axis=0)
-        return OutputErrorResult(
+        result = OutputErrorResult(
             self.predictor.parameters, theta, coloured, white, sigma, tuple(residuals), cost, samples, inflation,
             iteration, converged,
         )  # fmt: skip
+        return result, (M, g)
 
     def _coloured(
         self, residuals: Sequence[Array], S: Sequence[Array], sigma: Array, white: Array

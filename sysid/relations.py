@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 
+from sim_vehicle.jit import jit
 from sysid.flight import Array, FlightData
 from sysid.kinematic_part import SensorLayout, part_states
 from sysid.smoothing import fourier_smooth
@@ -46,7 +47,7 @@ _LEAST_GROUND = 12  # GPS samples
 _LEVEL_STD = 1.0  # m/s^2: mean specific force that sensor errors may feign
 _STEP = 1e-3
 # Weights of four samples in the integral of the cubic through them, between the first two and between the middle ones.
-_END, _INNER = np.array([9.0, 19.0, -5.0, 1.0]) / 24.0, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0
+_END, _OUTER, _INNER = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0), -1.0 / 24.0, 13.0 / 24.0
 _UNKNOWN = 1e3  # prior standard deviation of an extra parameter: none that matters
 # Sensor errors that are no mistake: name -> prior standard deviation, SI.
 BIASES = {
@@ -75,13 +76,22 @@ class Fit:
     scales: dict[str, float]
 
 
-def integral(rate: Array, interval_s: float) -> Array:
-    """(N,) integral of (N,) samples from the first one on, by the cubic through the four nearest samples, N >= 4."""
-    between = np.zeros(rate.size)
-    between[1] = (_END * interval_s) @ rate[:4]
-    between[2:-1] = np.convolve(rate, _INNER * interval_s, mode="valid")
-    between[-1] = (_END * interval_s) @ rate[:-5:-1]
-    return np.cumsum(between, out=between)
+@jit
+def integrate(rates: Array, interval_s: float, out: Array) -> None:
+    """Integrals (K, N) of (K, N) samples from the first one on, by the cubic through the four nearest ones, N >= 4."""
+    last = rates.shape[1] - 1
+    for k in range(rates.shape[0]):
+        rate, total = rates[k], 0.0
+        out[k, 0] = 0.0
+        for i in range(1, last + 1):
+            if i == 1:
+                step = _END[0] * rate[0] + _END[1] * rate[1] + _END[2] * rate[2] + _END[3] * rate[3]
+            elif i == last:
+                step = _END[0] * rate[i] + _END[1] * rate[i - 1] + _END[2] * rate[i - 2] + _END[3] * rate[i - 3]
+            else:
+                step = _OUTER * (rate[i - 2] + rate[i + 1]) + _INNER * (rate[i - 1] + rate[i])
+            total += interval_s * step
+            out[k, i] = total
 
 
 class Window:
@@ -200,7 +210,10 @@ class Window:
         return self._given[1]
 
     def _integrals(self, rates: Columns, columns: Columns) -> dict[str, Array]:
-        found = {name: integral(rates[name], self.interval_s) for name in self.relations}
+        stacked = np.stack([rates[name] for name in self.relations])
+        integrals = np.empty_like(stacked)
+        integrate(stacked, self.interval_s, integrals)
+        found = dict(zip(self.relations, integrals, strict=True))
         late = columns.get(GROUND_DELAY)
         if late is not None:
             time = self.data.time_s

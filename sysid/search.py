@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -12,13 +12,11 @@ from sim_vehicle.model import Model
 from sysid.candidates import Candidate, candidates
 from sysid.engines import Setting, finalists, tried
 from sysid.errors import EstimationError
-from sysid.estimate import Problem, build_filter, model_of
+from sysid.estimate import Problem, Progress, build_filter, model_of
 from sysid.evidence import Weight, is_significant, smallest_set, weigh
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_path import LAGGING
 from sysid.filter_screen import filter_gains
-
-Progress = Callable[[float, str], None]
 
 # Only candidates that promise at least this much, and this share of the best promise, are tried: at most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8

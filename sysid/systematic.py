@@ -23,7 +23,6 @@ from sysid.estimate import Problem, build, fit, warmed
 from sysid.flight import Array
 from sysid.gram import gram
 from sysid.linearised import Linearised
-from sysid.parallel import side_by_side
 from sysid.records import SURFACES, Record, angle_wrap
 from sysid.shifts import held_back
 from sysid.steps import damped_step
@@ -127,13 +126,7 @@ def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
         step = damped_step(information, downhill, 0.0, start.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
-    columns, p = here.estimation.columns, len(values)
-    told = side_by_side(
-        lambda s, record: np.diag(gram(s, record.z, columns, result.sigma)[0])[:p], here.S, start.records
-    )
-    late = _moved_by_late_commands(
-        _some_runs(start, np.array(told)), start, here.model, here.coefficients, here.effects, values
-    )
+    late = _moved_by_late_commands(_some_runs(here, start), start, here.model, here.coefficients, here.effects, values)
     for name in values:
         moved[name][LATE.name] = late.get(name, math.nan)
     return moved
@@ -161,18 +154,21 @@ def _moved_by_late_commands(
     return {name: again.value(name) - value for name, value in values.items()} if again.converged else {}
 
 
-def _some_runs(problem: Problem, told: Array) -> Problem:
+def _some_runs(here: Linearised, problem: Problem) -> Problem:
     """The problem with runs of some _REPEATED_S, evenly spread over its flights.
 
-    told: (runs, P) information of each run on each parameter. The problem itself comes back where it is no longer, or
-    where those runs do not tell of every parameter what they should: one axis may have been flown in the others.
+    The problem itself comes back where it is no longer, or where those runs do not tell of every parameter what they
+    should: one axis may have been flown in the others.
     """
     total_s = sum(record.length * record.interval_s for record in problem.records)
     if total_s <= _REPEATED_S:
         return problem
     count, share = len(problem.records), _REPEATED_S / total_s
     kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * share))).round().astype(int))
-    if np.any(told[kept].sum(axis=0) < _LEAST_TOLD * share * told.sum(axis=0)):
+    columns, sigma, p = here.estimation.columns, here.result.sigma, len(here.result.parameters)
+    told = sum(np.diag(gram(here.S[k], problem.records[k].z, columns, sigma)[0])[:p] for k in kept)
+    all_told = np.diag(here.normal[0])[:p] - np.diag(here.estimation.prior_information)
+    if np.any(told < _LEAST_TOLD * share * all_told):
         return problem
     return replace(
         problem,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +11,12 @@ from sim_vehicle.model import Model
 from sysid.bench import BenchError, feigned
 from sysid.compatibility import CompatibilityResult
 from sysid.dryden import Turbulence
-from sysid.estimate import Problem, build_filter, start_values
+from sysid.estimate import Problem, Progress, build_filter, start_values
 from sysid.filter_error import FilterErrorResult
 from sysid.identifiability import Refusal, least_believed, select
 from sysid.parameterisation import SENSOR_ERRORS
 from sysid.records import GROUND, OUTPUTS
 from sysid.systematic import LATE, LINEAR, SHARE
-
-Progress = Callable[[float, str], None]
 
 # Log likelihood that two intensities and a length must gain over calm air: 99 % for three parameters.
 _GAIN = 5.7
