@@ -22,6 +22,7 @@ from gcs.errors import GcsError, LinkUrlError, SettingsError
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
+_OBJECTS_BETWEEN_LOOKS = 50_000
 _WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
 
 
@@ -49,6 +50,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; its exit code. arguments: those of the process where None is given."""
+    if arguments is None:
+        # Hundreds of thousands of objects come with the libraries to stay; to look through them again and again for
+        # cycles takes a tenth of a second.
+        gc.set_threshold(_OBJECTS_BETWEEN_LOOKS, 20, 20)
     try:
         return _run(arguments)
     finally:

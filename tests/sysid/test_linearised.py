@@ -16,7 +16,6 @@ from sim_vehicle.vehicle import load_vehicle
 from sysid.errors import EstimationError
 from sysid.estimate import fit, free_coefficients
 from sysid.linearised import Linearised
-from sysid.parallel import side_by_side
 from sysid.posing import make_problem
 from sysid.prepare import check_compatibility, prepare
 
@@ -101,6 +100,16 @@ def test_a_simulation_that_diverges_next_to_the_estimate_is_refused(here):
         here.others([added])
 
 
-def test_work_side_by_side_may_ask_for_more_of_it():
-    found = side_by_side(lambda a: sum(side_by_side(lambda b: a * b, (1, 2, 3))), range(4))
-    assert found == [0, 6, 12, 18]
+def test_what_the_last_step_knew_is_what_stands_at_the_estimate(here):
+    again = Linearised.fitted(here.problem, here.model, here.coefficients, here.effects)
+    np.testing.assert_array_equal(again.result.theta, here.result.theta)
+    scale = 1.0 / np.sqrt(np.diag(here.normal[0]))
+    assert (
+        np.abs((again.normal[0] - here.normal[0]) * np.outer(scale, scale)).max() < 5e-3
+    )  # a step that gained next to nothing apart
+    assert np.abs((again.normal[1] - here.normal[1]) * scale).max() < 1e-2
+    for one, other in zip(again.predicted, here.predicted, strict=True):
+        np.testing.assert_array_equal(one, other)
+    # A copy of another problem knows nothing of the first one's.
+    later = replace(again, problem=replace(here.problem, command_first=not here.problem.command_first))
+    assert np.abs(later.predicted[0] - again.predicted[0]).max() > 1e-6

@@ -17,7 +17,7 @@ from sysid.errors import SignalError
 from sysid.findings import Mistake
 from sysid.flight import FlightSignals
 from sysid.prepare import prepare
-from sysid.relations import integral
+from sysid.relations import integrate
 from sysid.shifts import held_back, read_later
 from sysid.signalcheck import SignalCheck, check_signals, in_time
 from sysid.verdicts import verdicts
@@ -159,7 +159,9 @@ def checked_again(flight: FlightSignals, check: SignalCheck) -> list[object]:
 
 def test_an_integral_is_exact_for_cubics() -> None:
     time = np.linspace(0.0, 1.0, 21)
-    assert integral(4.0 * time**3 - time, 0.05) == pytest.approx(time**4 - 0.5 * time**2, abs=1e-12)
+    rates, found = np.stack([4.0 * time**3 - time, 3.0 * time**2]), np.empty((2, 21))
+    integrate(rates, 0.05, found)
+    assert found == pytest.approx(np.stack([time**4 - 0.5 * time**2, time**3]), abs=1e-12)
 
 
 def test_whitening_takes_the_colour_off() -> None:
