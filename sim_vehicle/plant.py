@@ -11,7 +11,7 @@ from sim_vehicle.actuation import start_actuators
 from sim_vehicle.atmosphere import density
 from sim_vehicle.dynamics import derivatives
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
+from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
 from sim_vehicle.errors import ModelFileError, VehicleFileError
 from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.model import Model
@@ -19,7 +19,7 @@ from sim_vehicle.parameters import flatten
 from sim_vehicle.plantstate import PlantState, Trim, quaternion
 from sim_vehicle.propeller import rotor_speed
 from sim_vehicle.sensing import read_sensors
-from sim_vehicle.simulation import tick
+from sim_vehicle.simulation import glimpse, tick
 from sim_vehicle.trim import solve_trim
 from sim_vehicle.vehicle import Vehicle
 
@@ -31,10 +31,6 @@ OUTPUTS = (
     "CL", "CD", "CY", "Cl", "Cm", "Cn",
 )  # fmt: skip
 _STILL = np.zeros(3)
-# Angles that turn all the way round.
-_TURNING = (CHANNELS.index("phi"), CHANNELS.index("psi"))
-# Rows of readings that the cubic of a late reading needs around it.
-_AROUND = 4
 _FREE = np.zeros(0)
 
 
@@ -116,12 +112,27 @@ class Plant:
         """Keep the newest readings, and show of the sensors that come late those of before."""
         if interval == 0.0:
             state.past = np.tile(state.reading, (HISTORY, 1))
+            state.past_sensor = state.sensor.copy()
             return
+        whole, part = split_delay(self._skew / interval)
+        if part == 0.0:
+            state.past[:-1] = state.past[1:]
+            state.past[-1] = state.reading
+        state.reading[self._late] = state.past[HISTORY - 1 - whole, self._late]
+
+    def _glimpse(
+        self, state: PlantState, dt: float, sub_steps: int, rho: float, wind_ned: Array, gust: Array, at_end: Array
+    ) -> None:
+        """Keep what sensors that come late by a part of a tick read at that moment of the tick to be flown."""
+        _, part = split_delay(self._skew / dt)
+        if part == 0.0:
+            return
+        flat, share = self.flat, 1.0 - part
         state.past[:-1] = state.past[1:]
-        state.past[-1] = state.reading
-        for j in self._late:
-            column = np.ascontiguousarray(state.past[:, j])
-            state.reading[j] = late_reading(column, HISTORY - 1, self._skew / interval, j in _TURNING)
+        glimpse(state.x, state.actuators, state.surfaces, state.commands, HISTORY - 1, dt, sub_steps, share, wind_ned,
+                gust, gust + (2.0 * share - 1.0) * (at_end - gust), rho, math.nan, math.nan, _FREE, flat.P, flat.E,
+                flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean, self._rate, state.past_sensor,
+                state.past[-1])  # fmt: skip
 
     def step(
         self,
@@ -142,7 +153,7 @@ class Plant:
         flat = self.flat
         for name, delay, kept in (
             ("actuator_delay", self._delay, (HISTORY - 1) * dt),
-            ("sensor_time_skew", self._skew, (HISTORY - _AROUND) * dt),
+            ("sensor_time_skew", self._skew, (HISTORY - 1) * dt),
         ):
             if delay > kept:
                 raise ModelFileError(f"effect {name}: delay must be at most {kept:g} s here, got {delay:g}")
@@ -150,10 +161,13 @@ class Plant:
         state.commands[-1] = command
         sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))
         rho = self.density(float(-state.x[2]))
+        at_end = gust_body if gust_at_end is None else gust_at_end
+        if self._late:
+            self._glimpse(state, dt, sub_steps, rho, wind_ned, gust_body, at_end)
         tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
              _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
              state.surfaces)  # fmt: skip
-        self.evaluate(state, wind_ned, gust_body if gust_at_end is None else gust_at_end, dt)
+        self.evaluate(state, wind_ned, at_end, dt)
 
     def read(self, state: PlantState) -> Array:
         """What ideal sensors at their mounting places read, (19,) in the order of CHANNELS."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.layout import CHANNELS, Aux
+from sim_vehicle.layout import CHANNELS, SENSOR_SIZE, Aux
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,8 @@ class PlantState:
 
     x: (14,) rigid-body state (sim_vehicle.layout). actuators: (10,). sensor: (12,). commands: (64, 4) last commands,
     the newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x. reading:
-    (19,). past: (64, 19) last readings before any comes late, the newest last; (0, 19) where none does.
+    (19,). past: (64, 19) last readings of sensors that come late, the part of a tick before each tick, the newest last;
+    (0, 19) where none does. past_sensor: (12,) their memory.
     """
 
     x: Array
@@ -30,6 +31,7 @@ class PlantState:
     work: Array
     reading: Array
     past: Array = field(default_factory=lambda: np.zeros((0, len(CHANNELS))))
+    past_sensor: Array = field(default_factory=lambda: np.zeros(SENSOR_SIZE))
 
     @property
     def time_s(self) -> float:

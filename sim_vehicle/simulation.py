@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.effects import START_TIME, slot
-from sim_vehicle.effects.sensor_time_skew import delay_channels
+from sim_vehicle.effects.sensor_time_skew import delay_channels, split_delay
 from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
@@ -50,13 +50,6 @@ def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
     return pull
 
 
-@jit_arrays
-def delay_readings(y: Array, E: Array, dt: float) -> None:
-    """Let the sensors of the group that comes late show in y (N, 19) what was so much earlier."""
-    if E[_SKEW] != 0.0 and E[_SKEW_S] > 0.0:
-        delay_channels(y, E[_SKEW_GROUP], E[_SKEW_S] / dt)
-
-
 @jit
 def tick(
     x: Array, actuators: Array, commands: Array, row: int, dt: float, sub_steps: int, wind: Array, gust: Array,
@@ -75,6 +68,36 @@ def tick(
         W[_TIME] = begin + (i + 0.5) * step
         runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
     W[_TIME] = begin + dt
+
+
+@jit_arrays
+def glimpse(
+    x: Array, actuators: Array, surfaces: Array, commands: Array, row: int, dt: float, sub_steps: int, share: float,
+    wind: Array, gust: Array, gust_there: Array, rho: float, measured_thrust: float, thrust_there: float, slopes: Array,
+    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array, mean: Array,
+    rate: Array, sensor: Array, y: Array,
+) -> None:  # fmt: skip
+    """What sensors read a `share` of the way from `row` of `commands` to the next, into y (19,).
+
+    The motion, the actuators and the surfaces stay where they are; arguments as of `tick`. gust_there, thrust_there:
+    at that moment, the others are means over the tick. sensor: memory of sensors that are read at such moments alone,
+    a tick apart; it goes on.
+    """
+    x, actuators, end = x.copy(), actuators.copy(), surfaces.copy()
+    step, begin = dt / sub_steps, W[_TIME]
+    last = min(int(share * sub_steps), sub_steps - 1)
+    for i in range(last + 1):
+        length = step if i < last else share * dt - last * step
+        if length > 0.0:
+            advance_actuators(commands, row, i * step, length, dt, P, E, actuators, mean, end)
+            W[_TIME] = begin + i * step + 0.5 * length
+            runge_kutta_step(
+                x, mean, measured_thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch
+            )  # fmt: skip
+    W[_TIME] = begin + share * dt
+    derivatives(x, end, thrust_there, wind, gust_there, rho, P, E, C, F, K, T, W, rate)
+    read_sensors(x, W, P, E, dt, sensor, y)
+    W[_TIME] = begin
 
 
 @jit
@@ -147,6 +170,9 @@ def simulate(
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     thrust = pull_of(thrust, commands, E)
     E = effects_flown(E, thrust[first])
+    late = E[_SKEW_S] / dt if E[_SKEW] != 0.0 else 0.0
+    _, part = split_delay(late)
+    shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
     heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
     start_actuators(commands[first], actuators)
     step = dt / sub_steps
@@ -171,17 +197,26 @@ def simulate(
         gust = gusts[k] if gusts.shape[0] > 0 else still
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
         read_sensors(x, W, P, E, 0.0 if k == start else dt, sensor, y[k - start])
+        if k == start:
+            past_sensor[:] = sensor
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])
             gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
             for i in range(slopes.size):
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
+            if part > 0.0:
+                share = 1.0 - part
+                there = gusts[k] + share * (gusts[k + 1] - gusts[k]) if gusts.shape[0] > 0 else still
+                glimpse(x, actuators, end, commands, k, dt, sub_steps, share, still, gust, there, rho[k], middle,
+                        thrust[k] + share * (thrust[k + 1] - thrust[k]), slopes, P, E, C, F, K, T, W, scratch, mean,
+                        rate, past_sensor, shown[k + 1 - start])  # fmt: skip
             tick(x, actuators, commands, k, dt, sub_steps, still, gust, rho[k], middle, slopes, P, E, C, F, K, T, W,
                  scratch, mean, end)  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
                 y[k + 1 - start :] = np.nan
                 break
-    delay_readings(y, E, dt)
+    if late > 0.0:
+        delay_channels(y, shown if part > 0.0 else y.copy(), E[_SKEW_GROUP], late)
 
 
 @jit_arrays

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import exp, floor
+from math import exp
 
 import numpy as np
 
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import is_late
+from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
 from sysid.flight import Array, IntArray
+from sysid.inputs import Passed
 from sysid.records import OUTPUT_PLACES, OUTPUTS
 
 # Effects that lag, and the outputs that they act on.
@@ -54,8 +55,7 @@ class Memory:
 def lags(effects: Array, interval_s: float) -> list[Lag]:
     """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
     found: dict[int, Lag] = {}
-    late = float(effects[_DELAY]) / interval_s if effects[_SKEW] != 0.0 else 0.0
-    part = late - floor(late)
+    _, part = split_delay(float(effects[_DELAY]) / interval_s) if effects[_SKEW] != 0.0 else (0, 0.0)
     for column, place in enumerate(OUTPUT_PLACES):
         if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
             found[column] = Lag(column, 0.0, part, 1.0 - part)
@@ -112,6 +112,37 @@ class System:
     process: Array
     p_start: Array
     output: Array
+
+
+def with_pull(system: System, step: Array, read: Array, noise: Passed, interval_s: float) -> System:
+    """The system with a state more for the noise that is left in a measured thrust, an input of the motion.
+
+    A propeller's torque rolls the aircraft by it, and gyros tell that better than the thrust's own sensor: taken as
+    exact, its noise looks like something that the model lacks. step: (N - 1, states), read: (N, m) slopes by thrust.
+    """
+    nx = system.drift.shape[1]
+    decay = exp(-interval_s / noise.memory_s)
+    transition = np.zeros((system.drift.shape[0], nx + 1, nx + 1))
+    transition[:, :nx, :nx] = system.transition
+    transition[:, : step.shape[1], nx] = step
+    transition[:, nx, nx] = decay
+    process, p_start = np.zeros_like(transition), np.zeros((nx + 1, nx + 1))
+    process[:, :nx, :nx], p_start[:nx, :nx] = system.process, system.p_start
+    process[:, nx, nx], p_start[nx, nx] = (1.0 - decay**2) * noise.sigma**2, noise.sigma**2
+
+    def wider(one: Array) -> Array:
+        return np.concatenate((one, np.zeros((one.shape[0], 1))), axis=1)
+
+    return replace(
+        system,
+        transition=transition,
+        drift=wider(system.drift),
+        observe=np.ascontiguousarray(np.concatenate((system.observe, read[:, :, None]), axis=2)),
+        jump=wider(system.jump),
+        process=process,
+        p_start=p_start,
+        output=wider(system.output),
+    )
 
 
 def with_memory(system: System, memory: Memory, states: int, gusts: Array) -> System:

@@ -8,7 +8,7 @@ expected to be before: a regressor that knew the sample's own noise would bias e
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, log, sin
+from math import asin, atan2, cos, floor, log, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.dynamics import derivatives, runge_kutta_along
 from sim_vehicle.effects import START_TIME, slot
-from sim_vehicle.effects.sensor_time_skew import is_late, late_reading
 from sim_vehicle.jit import jit, jit_arrays, jit_inlined
 from sim_vehicle.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.sensing import read_sensors
@@ -109,6 +108,38 @@ def _step(
 
 
 @jit
+def _glance(
+    s: Array, still: Array, gust: Array, over: Array, thrust: float, rho: float, time: float, share: float,
+    slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array,
+    scratch: Array, middle: Array, seen: Array, out: Array,
+) -> None:  # fmt: skip
+    """Nine states `time` s and so a `share` of a step later, and the surfaces `seen` (4,) there; arguments of `_step`.
+
+    x: the angle that a lagging lift feels, x[13], is there then as well. middle: (4,) to work in.
+    """
+    felt = x[13]
+    to_simulation(s, x)
+    x[13] = felt
+    sub_steps = over.shape[0]
+    whole = time / share / sub_steps
+    last = min(int(share * sub_steps), sub_steps - 1)
+    for i in range(last):
+        runge_kutta_along(x, over[i, 0], over[i, 1], over[i, 2], thrust, still, gust, rho, whole, slopes, P, E, C, F, K,
+                          T, W, scratch)  # fmt: skip
+    part = share * sub_steps - last
+    first, half, end = over[last, 0], over[last, 1], over[last, 2]
+    for c in range(4):
+        # The parabola through begin, middle and end of the last sub-step.
+        slope, bend = 4.0 * half[c] - 3.0 * first[c] - end[c], 2.0 * (first[c] - 2.0 * half[c] + end[c])
+        middle[c] = first[c] + 0.5 * part * (slope + 0.5 * part * bend)
+        seen[c] = first[c] + part * (slope + part * bend)
+    if part > 0.0:
+        runge_kutta_along(x, first, middle, seen, thrust, still, gust, rho, part * whole, slopes, P, E, C, F, K, T, W,
+                          scratch)  # fmt: skip
+    _from_simulation(x, out)
+
+
+@jit
 def _read(
     s: Array, still: Array, gust: Array, seen: Array, thrust: float, rho: float, interval: float, P: Array, E: Array,
     C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray, x: Array, W: Array, rate: Array, sensor: Array,
@@ -132,20 +163,25 @@ def _read(
 @jit_arrays
 def predict_path(
     before: Array, gust_before: Array, after: Array, gust_after: Array, gust_over: Array, free: IntArray, over: Array,
-    seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, held: bool, lagging: bool, P: Array, E: Array,
-    C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray,
-) -> tuple[Array, Array]:  # fmt: skip
-    """One step from every sample, and what perfect sensors read there.
+    seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, held: bool, lagging: bool, part: float, P: Array,
+    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, places: IntArray,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """One step from every sample, and what perfect sensors read there, and a part of a sample before.
 
     before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
     gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
     the others are imposed if `held`. over: (N, sub, 3, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
     from the throttle. heights: (N,) m, 0 where no effect asks for one. lagging: whether some sensor lags. A
     lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
-    readings, as a prediction may be, though not of the filter's state.
-    Returns ahead (N - 1, 9) and the channels at `places` (N, m).
+    readings, as a prediction may be, though not of the filter's state. part: of a sample, above 0 where some sensors
+    come late.
+    Returns ahead (N - 1, 9), the channels at `places` (N, m), and the same `part` of a sample before each sample, on
+    the way there from the sample before; (0, m) where `part` is 0.
     """
     n = before.shape[0]
+    shown = np.empty((n if part > 0.0 else 0, places.size))
+    glanced, middle, then, between = np.empty(9), np.empty(4), np.empty(4), np.empty(places.size)
+    past_sensor, aside = np.zeros(SENSOR_SIZE), np.zeros(SENSOR_SIZE)
     ahead, y = np.empty((n - 1, 9)), np.empty((n, places.size))
     x, W, scratch, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
     sensor, full, still = np.zeros(SENSOR_SIZE), np.empty(19), np.zeros(3)
@@ -155,15 +191,27 @@ def predict_path(
         interval = dt if k > 0 else 0.0
         x[2] = -heights[k]
         W[_TIME] = E[START_TIME] + k * dt
-        if lagging:
+        if lagging or part > 0.0:
             remembered[:] = sensor
         _read(before[k], still, gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W,
               rate, sensor, full, y[k])  # fmt: skip
+        if part > 0.0 and k > 0:
+            # Where the path expects something else than a step from the sample before leads to, so it does on the way.
+            aside[:] = remembered
+            _read(ahead[k - 1], still, gust_before[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places,
+                  x, W, rate, aside, full, between)  # fmt: skip
+            for j in range(places.size):
+                apart = y[k, j] - between[j]
+                if 6 <= places[j] < 9:
+                    apart -= 2.0 * pi * floor(apart / (2.0 * pi) + 0.5)
+                shown[k, j] += (1.0 - part) * apart
         if lagging:
             # What is remembered is what was known after the sample.
             sensor[:] = remembered
             _read(after[k], still, gust_after[k], seen[k], thrust[k], rho[k], interval, P, E, C, F, K, T, places, x, W,
                   rate, sensor, full, unused)  # fmt: skip
+        if part > 0.0 and k == 0:
+            past_sensor[:], shown[0] = sensor, y[0]
         if k + 1 == n:
             break
         if held:
@@ -172,26 +220,20 @@ def predict_path(
             for i in free:
                 if i < 6:
                     slopes[i] = np.nan
+        if part > 0.0:
+            share, felt = 1.0 - part, x[13]
+            W[_TIME] = E[START_TIME] + (k + 0.5 * share) * dt
+            _glance(after[k], still, gust_over[k], over[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], share * dt,
+                    share, slopes, P, E, C, F, K, T, x, W, scratch, middle, then, glanced)  # fmt: skip
+            W[_TIME] = E[START_TIME] + (k + share) * dt
+            _read(glanced, still, gust_after[k] + share * (gust_before[k + 1] - gust_after[k]), then,
+                  thrust[k] + share * (thrust[k + 1] - thrust[k]), rho[k], dt, P, E, C, F, K, T, places, x, W, rate,
+                  past_sensor, full, shown[k + 1])  # fmt: skip
+            x[13] = felt
         W[_TIME] = E[START_TIME] + (k + 0.5) * dt
         _step(after[k], still, gust_over[k], over[k], 0.5 * (thrust[k] + thrust[k + 1]), rho[k], dt, slopes, P, E, C, F,
               K, T, x, W, scratch, ahead[k])  # fmt: skip
-    return ahead, y
-
-
-@jit_arrays
-def late_outputs(y: Array, known: Array, places: IntArray, group: float, late: float) -> None:
-    """Let the sensors of a group show what was `late` samples before, in place.
-
-    y: (N, m) expected before each sample, of the channels at `places`; known: the same known after it.
-    """
-    for j in range(places.size):
-        if not is_late(places[j], group):
-            continue
-        past = known[:, j].copy()
-        for k in range(y.shape[0]):
-            after, past[k] = past[k], y[k, j]
-            y[k, j] = late_reading(past, k, late, 6 <= places[j] < 9)
-            past[k] = after
+    return ahead, y, shown
 
 
 @jit_inlined

@@ -8,19 +8,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from math import floor
 from typing import Self
 
 import numpy as np
 
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.simulation import effects_flown, pull_of
 from sysid.accelerometer import at_the_centre, misreads
 from sysid.dryden import Turbulence, gust_system
-from sysid.filter_memory import Memory, System, lags, remember, with_memory
-from sysid.filter_pass import kalman_pass, late_outputs, predict_path, run_actuators
+from sysid.filter_late import come_late, come_later, late_by, missed, unread, with_late
+from sysid.filter_memory import Memory, System, lags, remember, with_memory, with_pull
+from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
@@ -34,7 +33,6 @@ from sysid.records import (
     held_by_dead_band,
     with_other_inputs,
 )
-from sysid.shifts import read_later
 from sysid.smoothing import noise_sigma
 
 # Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.
@@ -44,8 +42,9 @@ _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.
 LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
 _LAGGING = [slot(name) for name in LAGGING]
-_SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
 _AX = OUTPUTS.index("ax")
+# rad of airflow and attitude over which readings are straight lines to a sensor's noise.
+_LINEAR = 0.05
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
@@ -78,7 +77,10 @@ class Linear:
     left: Array  # (N, m) of the used outputs
     read_x: Array  # (N, m, nf + na)
     read_theta: Array  # (N, m, P)
+    step_pull: Array | None  # (N - 1, nf) by thrust, where its noise counts
+    read_pull: Array | None  # (N, m)
     memory: Memory | None  # of sensors that lag
+    unread: IntArray  # (m,) readings that come after the record's end
 
 
 @dataclass(frozen=True)
@@ -141,9 +143,10 @@ class FilteredFlight:
         thrust = self._thrust(k, errors)
         over, seen = self._surfaces(k, flat)
         ahead, y = self._predicted(k, flat, thrust, over, seen)
+        never = unread(record, flat.E)
         gains = error_gains(errors)
         predicted = with_placed_errors(y, errors)
-        places, terms, columns, weights = self._direct(flat, record if slopes else None)
+        places, terms, columns, weights = self._direct(flat, record, slopes)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
             record.rho[record.start :], _heights(record, flat.E), record.interval_s, flat.P,
@@ -153,8 +156,8 @@ class FilteredFlight:
         count = theta.size if slopes else 0
         step_theta = np.zeros((record.length - 1, free.size, count))
         read_theta = np.zeros((record.length, len(OUTPUTS), count))
-        step_theta[:, :, places] = step_v
-        read_theta[:, :, places] = read_v * gains[None, :, None]
+        step_theta[:, :, places] = step_v[:, :, : len(places)]
+        read_theta[:, :, places] = read_v[:, :, : len(places)] * gains[None, :, None]
         for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
             if parameter.kind == "sensor":
                 sensor_derivative(parameter.name, predicted, errors, read_theta[:, :, i])
@@ -167,16 +170,20 @@ class FilteredFlight:
                 there = self._predicted(k, other, thrust, *self._surfaces(k, other))
                 step_theta[:, :, i] = _apart(there[0], ahead)[:, free] / h
                 read_theta[:, :, i] = (there[1] - y) * gains / h
+        pulls = _noisy_pull(record)
         read_x *= gains[None, :, None]
         memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
         return Linear(
             drift=_apart(ahead, path.before[1:])[:, free],
             step_x=step_x,
             step_theta=step_theta,
-            left=angle_wrap(record.z - predicted)[:, self.columns],
+            left=np.where(never, np.nan, angle_wrap(record.z - predicted))[:, self.columns],
             read_x=read_x[:, self.columns],
             read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
+            step_pull=step_v[:, :, -1] if pulls else None,
+            read_pull=(read_v[:, :, -1] * gains)[:, self.columns] if pulls else None,
             memory=memory,
+            unread=never.sum(axis=0)[self.columns],
         )
 
     def widened(self, k: int, one: Linear, theta: Array, others: Sequence[FlatModel]) -> Linear:
@@ -195,28 +202,34 @@ class FilteredFlight:
             read_theta=np.ascontiguousarray(np.concatenate(reads, axis=2)),
         )
 
-    def _direct(self, flat: FlatModel, record: Record | None) -> tuple[list[int], IntArray, IntArray, Array]:
-        """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights."""
+    def _direct(self, flat: FlatModel, record: Record, slopes: bool) -> tuple[list[int], IntArray, IntArray, Array]:
+        """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights.
+
+        slopes: whether parameters count. Last, and without a place, comes thrust whose noise does.
+        """
         axis = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
         found: list[tuple[int, int, int]] = []
         weights: list[Array] = []
-        parameters = self.predictor.parameters if record is not None else ()
-        same = np.ones(0 if record is None else record.length)
-        for i, parameter in enumerate(parameters):
+        same = np.ones(record.length)
+        for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
             if parameter.kind == "coefficient":
                 term = flat.names.index(parameter.name)
                 found.append((i, term, STATE_COLUMNS + int(axis[term])))
                 weights.append(same)
-            elif record is not None and parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
+            elif parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
                 # The thrust that the bias feigns, beside the bias itself.
                 found.append((i, -1, THRUST_COLUMN))
                 weights.append(-record.moving_mass * same)
-            elif record is not None and parameter.kind == "input":
+            elif parameter.kind == "input":
                 found.append((i, -1, THRUST_COLUMN))
                 weights.append(_thrust_error(record, parameter.name))
+        count = len(found)
+        if _noisy_pull(record):
+            found.append((-1, -1, THRUST_COLUMN))
+            weights.append(same)
         places, terms, columns = zip(*found, strict=True) if found else ((), (), ())
         return (
-            list(places), np.array(terms, np.int64), np.array(columns, np.int64),
+            list(places[:count]), np.array(terms, np.int64), np.array(columns, np.int64),
             np.array(weights).reshape(len(places), same.size),
         )  # fmt: skip
 
@@ -243,39 +256,35 @@ class FilteredFlight:
     def _predicted(
         self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
-        """One step ahead and what is read. read_ahead: see `_come_late`; else readings that come late are expected so,
+        """One step ahead and what is read. read_ahead: see `come_late`; else readings that come late are expected so,
         which keeps their noise out of what is compared with them.
         """
         record, path = self.records[k], self.paths[k]
         lagging, effects = bool(np.any(flat.E[_LAGGING])), self._effects(flat, record)
+        whole, part = late_by(effects, record.interval_s)
         others = with_other_inputs(record.commands, record, effects)[record.start :]
         thrust = pull_of(thrust, others, effects)
 
         def along(
             before: Array, gust_before: Array, pull: Array, parameters: Array = flat.P, there: Array = effects
         ) -> tuple[Array, Array]:
-            return predict_path(
+            ahead, y, shown = predict_path(
                 before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, pull,
                 record.rho[record.start :], _heights(record, effects), record.interval_s, bool(record.held.size),
-                lagging, parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+                lagging, part, parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
             )  # fmt: skip
+            return ahead, with_late(y, shown, there)
 
         if record.moving_mass > 0.0 and misreads(flat.P, effects):
             # The pull was put together with what the accelerometer read, not with what the motor felt.
             read = along(path.after, path.gust_after, thrust)[1]
-            if effects[_SKEW] != 0.0:
-                late_outputs(read, read.copy(), OUTPUT_PLACES, float(effects[_GROUP]),
-                             float(effects[_DELAY]) / record.interval_s)  # fmt: skip
+            read = come_later(read, effects, whole)
             felt = along(path.after, path.gust_after, thrust, *at_the_centre(flat.P, effects))[1]
             thrust = thrust - record.moving_mass * (read - felt)[:, _AX]
         ahead, y = along(path.before, path.gust_before, thrust)
-        if effects[_SKEW] != 0.0:
-            late, group = float(effects[_DELAY]), float(effects[_GROUP])
-            whole = floor(late / record.interval_s) if read_ahead else 0
-            known = along(path.after, path.gust_after, thrust)[1]
-            late_outputs(y, known, OUTPUT_PLACES, group, late / record.interval_s - whole)
-            y = y - _come_late(record, group, whole)
-        return ahead, y
+        if read_ahead:
+            return ahead, y - come_late(record, effects, whole)
+        return ahead, come_later(y, effects, whole)
 
     def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
         """The linear system of a record in these gusts."""
@@ -303,6 +312,8 @@ class FilteredFlight:
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
         process = entry @ gusts.process @ entry.transpose(0, 2, 1)
         system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
+        if one.step_pull is not None and one.read_pull is not None:
+            system = with_pull(system, one.step_pull, one.read_pull, record.thrust_noise, record.interval_s)
         return system if one.memory is None else with_memory(system, one.memory, nf, path.gust_after[:, axes])
 
     def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
@@ -318,7 +329,7 @@ class FilteredFlight:
                 system.transition, system.drift, slopes, system.left, system.observe, one.read_theta, system.jump,
                 noise, system.process, system.p_start, wanted,
             )  # fmt: skip
-            likelihood += passed[0]
+            likelihood += passed[0] + missed(passed[3], passed[4], one.unread)
             total.information[:] += passed[1]
             total.gradient[:] += passed[2]
             total.innovations.append(passed[3])
@@ -341,6 +352,9 @@ class FilteredFlight:
             there = [s if step is None else s + d @ step for s, d in zip(deviations, slopes, strict=True)]
             path.before[:, free] += there[0][:, :nf]
             path.after[:, free] += there[1][:, :nf]
+            if _is_far(path.before[0], path.after[0]):
+                # A reconstruction from sensors that lag: the first readings cannot be linearised so far from them.
+                path.before[0, free] = path.after[0, free]
             path.gust_before[:, axes] = there[0][:, nf:] @ found.outputs[k].T
             path.gust_after[:, axes] = there[1][:, nf:] @ found.outputs[k].T
             paths.append(path)
@@ -353,16 +367,16 @@ class FilteredFlight:
         return other
 
 
-def _come_late(record: Record, group: float, whole: int) -> Array:
-    """(N, 15) what readings of a group that come `whole` samples late would be more if they came in time.
+def _is_far(expected: Array, known: Array) -> bool:
+    """Whether the state (9,) known after a sample has another airflow or attitude than a linear reading bears."""
+    speed = max(float(np.linalg.norm(expected[:3])), 1.0)
+    apart = np.abs(known - expected)
+    return bool(np.max(apart[:3]) > _LINEAR * speed or np.max(apart[6:8]) > _LINEAR)
 
-    The filter knows the motion by its sensors: those that come late are read ahead, so that its state is never theirs.
-    """
-    more = np.zeros(record.z.shape)
-    for j, place in enumerate(OUTPUT_PLACES):
-        if whole and is_late(int(place), group):
-            more[:, j] = read_later(record.z[:, j], whole * record.interval_s, record.interval_s) - record.z[:, j]
-    return np.asarray(angle_wrap(np.where(np.isfinite(more), more, 0.0)))
+
+def _noisy_pull(record: Record) -> bool:
+    """Whether noise of the measured thrust counts."""
+    return record.thrust_noise.sigma > 0.0 and bool(np.isfinite(record.thrust[record.start]))
 
 
 def _thrust_error(record: Record, name: str) -> Array:

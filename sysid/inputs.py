@@ -38,16 +38,32 @@ class AirspeedLaw:
 
 
 @dataclass(frozen=True)
+class Passed:
+    """Noise of a measured input that its smoothing lets pass: as white as the sensor's, up to a frequency.
+
+    sigma: its standard deviation, 0 where there is none. memory_s: s, of the first-order process of that size and of
+    the sensor's spectral density at low frequencies.
+    """
+
+    sigma: float = 0.0
+    memory_s: float = 0.0
+
+
+NO_NOISE = Passed()
+
+
+@dataclass(frozen=True)
 class Denoised:
     """A measured input without its noise.
 
     values: (N,). doubt: (K, N) independent errors that are left in it, each of one standard deviation; K may be 0.
-    law: what of it the airspeed explains, None if nothing.
+    law: what of it the airspeed explains, None if nothing. noise: what of the sensor's noise passed the smoothing.
     """
 
     values: Array
     doubt: Array
     law: AirspeedLaw | None = None
+    noise: Passed = NO_NOISE
 
     @property
     def by_airspeed(self) -> bool:
@@ -107,7 +123,8 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed:
     basis = basis[:, np.abs(np.diag(sizes)) > 1e-9 * np.abs(sizes[0, 0])]
     fitted = kept + explaining - 1  # the series has a level, and so has the explanation
     sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - fitted, 1)))
-    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), law)
+    passed = Passed(sigma * float(np.sqrt(kept / n)), 0.5 * interval_s * n / kept)
+    return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), law, passed)
 
 
 def _smooth_airspeed(airspeed: Array | None, count: int, interval_s: float) -> Array:

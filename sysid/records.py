@@ -15,7 +15,7 @@ from sysid.errors import SignalError
 from sysid.flight import Array, FlightData
 from sysid.heights import height_above_ground, height_in_flight
 from sysid.hysteresis import way_of
-from sysid.inputs import AirspeedLaw, denoised_thrust
+from sysid.inputs import NO_NOISE, AirspeedLaw, Passed, denoised_thrust
 from sysid.smoothing import fourier_smooth
 from sysid.thrust import (
     MEASURED,
@@ -72,7 +72,7 @@ class Record:
     it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, and climbed: (M,) m above the
     middle of the flight, each (0,) where nothing tells it. way: (M,) the way in which the thrust sensor's reading moves
     (`sysid.hysteresis`); (0,) without one. earlier: (L, 3) commands of the surfaces before those above, which a servo
-    with a dead band may still hold.
+    with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     """
 
     flight: str
@@ -96,6 +96,7 @@ class Record:
     climbed: Array = field(default_factory=lambda: np.zeros(0))
     way: Array = field(default_factory=lambda: np.zeros(0))
     earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    thrust_noise: Passed = NO_NOISE
 
     @property
     def length(self) -> int:
@@ -256,5 +257,5 @@ def _make_record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
-        climbed=climbed, way=way, earlier=earlier,
+        climbed=climbed, way=way, earlier=earlier, thrust_noise=denoised.noise,
     )  # fmt: skip

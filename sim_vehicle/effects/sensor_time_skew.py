@@ -1,7 +1,9 @@
 """Sensors of one group that show the motion late: z(t) = y(t - delay).
 
-Groups: the vanes; air data (airspeed); the inertial unit (ax ay az p q r); the attitude (phi theta psi). Between
-samples the motion is the cubic through the four nearest that have been read, and before the first one a straight line.
+Groups: the vanes; air data (airspeed); the inertial unit (ax ay az p q r); the attitude (phi theta psi). A delay is so
+many whole ticks and a part of one; what was there at that moment within a tick is flown to (`simulation.glimpse`), not
+interpolated: with surfaces that move within a tick a cubic through samples is off by ten times a gyro's noise. Before
+the first sample the motion is a straight line.
 """
 
 import math
@@ -38,6 +40,13 @@ def is_late(channel: int, group: float) -> bool:
     if first <= channel < end:
         return True
     return place == 2 and _ACCELEROMETERS[0] <= channel < _ACCELEROMETERS[1]
+
+
+@jit
+def split_delay(late: float) -> tuple[int, float]:
+    """Whole ticks of a delay of `late` ticks, and the part of one beside them; a part within rounding is none."""
+    whole = math.floor(late + 1e-9)
+    return whole, max(late - whole, 0.0)
 
 
 @jit
@@ -78,13 +87,20 @@ def late_reading(values: Array, last: int, late: float, turns: bool) -> float:
 
 
 @jit_arrays
-def delay_channels(y: Array, group: float, late: float) -> None:
-    """Let the channels of a group in readings y (N, CHANNELS) come `late` samples late, in place."""
+def delay_channels(y: Array, shown: Array, group: float, late: float) -> None:
+    """Let the channels of a group in readings y (N, CHANNELS) come `late` samples late, in place.
+
+    shown: (N, CHANNELS) readings the part of a sample before each, for the samples after the first one.
+    """
+    whole, _ = split_delay(late)
     for channel in range(12):
         if is_late(channel, group):
             values = y[:, channel].copy()
             for k in range(y.shape[0]):
-                y[k, channel] = late_reading(values, k, late, channel == 6 or channel == 8)
+                if k - whole >= 1:
+                    y[k, channel] = shown[k - whole, channel]
+                else:
+                    y[k, channel] = late_reading(values, k, late, channel == 6 or channel == 8)
 
 
 @jit_arrays
