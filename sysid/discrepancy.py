@@ -35,7 +35,7 @@ from sysid.location import locate
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
-from sysid.search import Named, Search, extend, settle, sharpen
+from sysid.search import Named, Search, drop_replaced, extend, settle, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
@@ -263,6 +263,7 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)
+    drop_replaced(search)
     if search.named and _is_rough(search.result) and not search.result.together:
         used.progress(0.72, "standard errors in turbulence")
         sharpen(search)

@@ -15,13 +15,16 @@ import numpy as np
 
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
+from sim_vehicle.jacobian import STATE_COLUMNS, THRUST_COLUMN
+from sim_vehicle.parameters import FlatModel
 from sysid.flight import Array, IntArray
-from sysid.inputs import Passed
-from sysid.records import OUTPUT_PLACES, OUTPUTS
+from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
 
 # Effects that lag, and the outputs that they act on.
 _LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
 _SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
+_SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
+_ALPHA = OUTPUTS.index("alpha")
 # Of a sensor's whole travel, which its memory at the start may be off by.
 _START_SHARE = 0.5
 
@@ -114,24 +117,55 @@ class System:
     output: Array
 
 
-def with_pull(system: System, step: Array, read: Array, noise: Passed, interval_s: float) -> System:
-    """The system with a state more for the noise that is left in a measured thrust, an input of the motion.
+@dataclass(frozen=True)
+class Unseen:
+    """Something that nothing measures alone and that acts on steps and readings: a state of its own.
 
-    A propeller's torque rolls the aircraft by it, and gyros tell that better than the thrust's own sensor: taken as
-    exact, its noise looks like something that the model lacks. step: (N - 1, states), read: (N, m) slopes by thrust.
+    column: of the Jacobian of forces that it acts through, weight: (N,) how much. decay: over a sample; fresh: variance
+    of what comes new with each, start: of what it is at first.
     """
+
+    column: int
+    weight: Array
+    decay: float
+    fresh: float
+    start: float
+
+
+def unseen(record: Record, flat: FlatModel) -> list[Unseen]:
+    """What acts on a record unseen.
+
+    Noise that is left in a measured thrust: a propeller's torque rolls the aircraft by it, and gyros tell that better
+    than the thrust's own sensor. Taken as exact it looks like something that the model lacks. And of a lift that lags,
+    what it remembers of the time before the record.
+    """
+    found = []
+    noise = record.thrust_noise
+    if noise.sigma > 0.0 and np.isfinite(record.thrust[record.start]):
+        decay, variance = exp(-record.interval_s / noise.memory_s), noise.sigma**2
+        found.append(Unseen(THRUST_COLUMN, np.ones(record.length), decay, (1.0 - decay**2) * variance, variance))
+    angles = record.z[:, _ALPHA][np.isfinite(record.z[:, _ALPHA])]
+    if flat.E[_SLOW] != 0.0 and angles.size and "CL_alpha" in flat.names:
+        slope = float(flat.C[flat.names.index("CL_alpha")])
+        start = (_START_SHARE * float(np.ptp(angles))) ** 2
+        decay = exp(-record.interval_s / float(flat.E[_SLOW_TAU]))
+        found.append(Unseen(STATE_COLUMNS, np.full(record.length, slope), decay, 0.0, start))
+    return found
+
+
+def with_unseen(system: System, one: Unseen, step: Array, read: Array) -> System:
+    """The system with a state more for something unseen. step: (N - 1, states), read: (N, m) slopes by it."""
     nx = system.drift.shape[1]
-    decay = exp(-interval_s / noise.memory_s)
     transition = np.zeros((system.drift.shape[0], nx + 1, nx + 1))
     transition[:, :nx, :nx] = system.transition
     transition[:, : step.shape[1], nx] = step
-    transition[:, nx, nx] = decay
+    transition[:, nx, nx] = one.decay
     process, p_start = np.zeros_like(transition), np.zeros((nx + 1, nx + 1))
     process[:, :nx, :nx], p_start[:nx, :nx] = system.process, system.p_start
-    process[:, nx, nx], p_start[nx, nx] = (1.0 - decay**2) * noise.sigma**2, noise.sigma**2
+    process[:, nx, nx], p_start[nx, nx] = one.fresh, one.start
 
-    def wider(one: Array) -> Array:
-        return np.concatenate((one, np.zeros((one.shape[0], 1))), axis=1)
+    def wider(values: Array) -> Array:
+        return np.concatenate((values, np.zeros((values.shape[0], 1))), axis=1)
 
     return replace(
         system,

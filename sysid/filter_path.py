@@ -18,7 +18,7 @@ from sim_vehicle.simulation import effects_flown, pull_of
 from sysid.accelerometer import at_the_centre, misreads
 from sysid.dryden import Turbulence, gust_system
 from sysid.filter_late import come_late, come_later, late_by, missed, unread, with_late
-from sysid.filter_memory import Memory, System, lags, remember, with_memory, with_pull
+from sysid.filter_memory import Memory, System, Unseen, lags, remember, unseen, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.flight import Array, IntArray
@@ -77,8 +77,9 @@ class Linear:
     left: Array  # (N, m) of the used outputs
     read_x: Array  # (N, m, nf + na)
     read_theta: Array  # (N, m, P)
-    step_pull: Array | None  # (N - 1, nf) by thrust, where its noise counts
-    read_pull: Array | None  # (N, m)
+    unseen: tuple[Unseen, ...]  # L of them
+    step_unseen: Array  # (N - 1, nf, L)
+    read_unseen: Array  # (N, m, L)
     memory: Memory | None  # of sensors that lag
     unread: IntArray  # (m,) readings that come after the record's end
 
@@ -146,7 +147,8 @@ class FilteredFlight:
         never = unread(record, flat.E)
         gains = error_gains(errors)
         predicted = with_placed_errors(y, errors)
-        places, terms, columns, weights = self._direct(flat, record, slopes)
+        hidden = unseen(record, flat)
+        places, terms, columns, weights = self._direct(flat, record, slopes, hidden)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
             record.rho[record.start :], _heights(record, flat.E), record.interval_s, flat.P,
@@ -170,7 +172,6 @@ class FilteredFlight:
                 there = self._predicted(k, other, thrust, *self._surfaces(k, other))
                 step_theta[:, :, i] = _apart(there[0], ahead)[:, free] / h
                 read_theta[:, :, i] = (there[1] - y) * gains / h
-        pulls = _noisy_pull(record)
         read_x *= gains[None, :, None]
         memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
         return Linear(
@@ -180,8 +181,9 @@ class FilteredFlight:
             left=np.where(never, np.nan, angle_wrap(record.z - predicted))[:, self.columns],
             read_x=read_x[:, self.columns],
             read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
-            step_pull=step_v[:, :, -1] if pulls else None,
-            read_pull=(read_v[:, :, -1] * gains)[:, self.columns] if pulls else None,
+            unseen=tuple(hidden),
+            step_unseen=step_v[:, :, len(places) :],
+            read_unseen=(read_v[:, :, len(places) :] * gains[None, :, None])[:, self.columns],
             memory=memory,
             unread=never.sum(axis=0)[self.columns],
         )
@@ -202,10 +204,12 @@ class FilteredFlight:
             read_theta=np.ascontiguousarray(np.concatenate(reads, axis=2)),
         )
 
-    def _direct(self, flat: FlatModel, record: Record, slopes: bool) -> tuple[list[int], IntArray, IntArray, Array]:
+    def _direct(
+        self, flat: FlatModel, record: Record, slopes: bool, hidden: Sequence[Unseen]
+    ) -> tuple[list[int], IntArray, IntArray, Array]:
         """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights.
 
-        slopes: whether parameters count. Last, and without a place, comes thrust whose noise does.
+        slopes: whether parameters count. Last, and without places, come the unseen.
         """
         axis = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
         found: list[tuple[int, int, int]] = []
@@ -224,9 +228,8 @@ class FilteredFlight:
                 found.append((i, -1, THRUST_COLUMN))
                 weights.append(_thrust_error(record, parameter.name))
         count = len(found)
-        if _noisy_pull(record):
-            found.append((-1, -1, THRUST_COLUMN))
-            weights.append(same)
+        found += [(-1, -1, one.column) for one in hidden]
+        weights += [one.weight for one in hidden]
         places, terms, columns = zip(*found, strict=True) if found else ((), (), ())
         return (
             list(places[:count]), np.array(terms, np.int64), np.array(columns, np.int64),
@@ -312,8 +315,8 @@ class FilteredFlight:
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
         process = entry @ gusts.process @ entry.transpose(0, 2, 1)
         system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
-        if one.step_pull is not None and one.read_pull is not None:
-            system = with_pull(system, one.step_pull, one.read_pull, record.thrust_noise, record.interval_s)
+        for i, state in enumerate(one.unseen):
+            system = with_unseen(system, state, one.step_unseen[:, :, i], one.read_unseen[:, :, i])
         return system if one.memory is None else with_memory(system, one.memory, nf, path.gust_after[:, axes])
 
     def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
@@ -372,11 +375,6 @@ def _is_far(expected: Array, known: Array) -> bool:
     speed = max(float(np.linalg.norm(expected[:3])), 1.0)
     apart = np.abs(known - expected)
     return bool(np.max(apart[:3]) > _LINEAR * speed or np.max(apart[6:8]) > _LINEAR)
-
-
-def _noisy_pull(record: Record) -> bool:
-    """Whether noise of the measured thrust counts."""
-    return record.thrust_noise.sigma > 0.0 and bool(np.isfinite(record.thrust[record.start]))
 
 
 def _thrust_error(record: Record, name: str) -> Array:

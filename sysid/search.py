@@ -22,6 +22,8 @@ from sysid.filter_screen import filter_gains
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
 # Play of servos and of the thrust sensor, whose state between samples nobody records.
 _PLAY = ("thrust_sensor_hysteresis", "servo_deadband", "actuator_backlash", "sensor_time_skew")
+# Steps of a fit without what was named before.
+_STEPS_BACK = 12
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.
 _IMPRECISE = 0.03
 
@@ -36,9 +38,18 @@ class Named:
     values: Mapping[str, tuple[float, float]]
 
     @property
+    def effect(self) -> str:
+        """Name of its effect."""
+        return self.candidate.effect.name
+
+    @property
     def lags(self) -> bool:
         """Whether it has a memory that the filter knows only nearly."""
         return self.candidate.effect.name in (*LAGGING, *_PLAY)
+
+
+def _imprecise(named: Sequence[Named]) -> float:
+    return _IMPRECISE * max((one.weight.gain for one in named if one.lags), default=0.0)
 
 
 @dataclass
@@ -61,7 +72,11 @@ class Search:
     @property
     def imprecise(self) -> float:
         """Gain (twice the log likelihood) that lags named so far may leave to others."""
-        return _IMPRECISE * max((one.weight.gain for one in self.named if one.lags), default=0.0)
+        return _imprecise(self.named)
+
+    def imprecise_without(self, left_out: Named) -> float:
+        """The same of all the others."""
+        return _imprecise([one for one in self.named if one is not left_out])
 
 
 def extend(search: Search, progress: Progress) -> bool:
@@ -94,6 +109,51 @@ def extend(search: Search, progress: Progress) -> bool:
     search.named.append(Named(candidate, weights[top], alternatives, values_of(candidate, result)))
     _add(search, candidate, result)
     return True
+
+
+def drop_replaced(search: Search) -> None:
+    """Take out what was named first and is not needed beside what was named after it.
+
+    One effect alone can stand for two others together until both are there: lag and misplacement of a vane look like a
+    late vane. Each is judged as it was when it came in, by what the likelihood gains with it.
+    """
+    for one in tuple(search.named):
+        if len(search.named) < 2:
+            break
+        _drop(search, one)
+
+
+def _drop(search: Search, one: Named) -> None:
+    """Leave an effect out if the others explain the flights as well without it."""
+    own = {one.candidate.parameter(name) for name in one.candidate.free}
+    coefficients = [name for name in search.coefficients if name not in own]
+    effects = [pair for pair in search.effects if pair not in one.candidate.names]
+    model = replace(
+        search.model,
+        coefficients={name: value for name, value in search.model.coefficients.items() if name not in own},
+        effects=tuple(e for e in search.model.effects if one.candidate.coefficients or e.name != one.effect),
+        correlation=None,
+    )
+    flight = build_filter(search.problem, model, coefficients, effects)
+    known = search.result
+    start = {name: value for name, value in known.values().items() if name not in own}
+    try:
+        result = flight.solve(start, known.turbulence, known=known, max_iterations=_STEPS_BACK)
+        if 2.0 * (result.cost - known.cost) < MIN_PROMISE:
+            result = min(result, flight.solve(result.values(), known.turbulence, near=result, brief=True), key=_cost)
+    except EstimationError:
+        return
+    gain = 2.0 * (result.cost - known.cost)
+    weight = weigh([gain], [len(own)], 1.0)[0]
+    if is_significant(weight, search.tried) and gain > search.imprecise_without(one):
+        return
+    search.named = [other for other in search.named if other is not one]
+    search.coefficients, search.effects, search.model = coefficients, effects, model
+    settle(search, result)
+
+
+def _cost(result: FilterErrorResult) -> float:
+    return result.cost
 
 
 def sharpen(search: Search) -> None:
@@ -136,6 +196,8 @@ def _add(search: Search, candidate: Candidate, result: FilterErrorResult) -> Non
         extension, extension.name, result, search.coefficients, search.effects, (), extension.validity
     )
     search.result = result
+    # What was named before is known better beside what is new.
+    search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
 
 
 def _promising(

@@ -6,7 +6,7 @@ from scipy import stats
 
 from sim_vehicle.effects import SLOT_COUNT, slot
 from sim_vehicle.effects.sensor import ramp_lag
-from sysid.filter_memory import Lag, Memory, System, lags, with_memory
+from sysid.filter_memory import Lag, Memory, System, Unseen, lags, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass
 from sysid.records import OUTPUTS
 
@@ -68,3 +68,25 @@ def test_a_sensor_that_comes_late_by_a_part_of_a_sample_reads_between_two() -> N
     found = {OUTPUTS[lag.column]: lag for lag in lags(effects, DT)}
     assert set(found) == {"p", "q", "r", "ax", "ay", "az"}
     assert (found["q"].decay, found["q"].old, found["q"].new) == pytest.approx((0.0, 0.25, 0.75))
+
+
+def test_what_nothing_measures_alone_is_a_coloured_noise_of_the_readings() -> None:
+    """A state at rest, read beside an unseen one: the filter's likelihood is that of the dense Gaussian."""
+    count, decay, start, noise, read = 40, 0.8, 0.7, 0.3, 1.7
+    generator = np.random.default_rng(5)
+    seen = generator.normal(0.0, 1.0, (count, 1))
+    still = System(
+        np.ones((count - 1, 1, 1)), np.zeros((count - 1, 1)), seen, np.ones((count, 1, 1)), np.zeros((count, 1)),
+        np.zeros((count - 1, 1, 1)), np.array([[0.5]]), np.zeros((3, 0)),
+    )  # fmt: skip
+    hidden = Unseen(0, np.ones(count), decay, (1.0 - decay**2) * start, start)
+    system = with_unseen(still, hidden, np.zeros((count - 1, 1)), np.full((count, 1), read))
+    nothing = np.zeros((count - 1, 2, 0)), np.zeros((count, 1, 0))
+    found = kalman_pass(
+        system.transition, system.drift, nothing[0], system.left, system.observe, nothing[1], system.jump,
+        np.array([noise]), system.process, system.p_start, False,
+    )[0]  # fmt: skip
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    dense = 0.5 + read**2 * start * decay**apart + noise * np.eye(count)
+    wanted = -0.5 * (seen[:, 0] @ np.linalg.solve(dense, seen[:, 0]) + np.linalg.slogdet(dense)[1])
+    assert found == pytest.approx(wanted, rel=1e-9)

@@ -80,3 +80,20 @@ def test_a_flight_that_no_noise_explains_is_refused_in_one_line(start: tuple[Fil
         followed(one, theta, GUSTS)
     one.noise = kept
     assert "\n" not in str(caught.value)
+
+
+def test_a_start_far_from_the_first_readings_is_followed_all_the_same(start: tuple[FilterError, Array]) -> None:
+    """As a reconstruction from a lagging attitude leaves it: 0.35 rad of airflow and 0.3 rad of pitch away."""
+    one, _ = start
+    theta = np.array([TRUTH.values().get(p.name, p.prior_mean) for p in one.predictor.parameters])
+    paths = [path.copy() for path in one.paths]
+    near = settled_path(one, theta, one.noise, GUSTS)[1]
+    one.paths = [path.copy() for path in paths]
+    for path in one.paths:
+        for states in (path.before, path.after):
+            states[:, 2] -= 4.8
+            states[:, 7] += 0.3
+    settled_path(one, theta, one.noise, GUSTS)
+    far = settled_path(one, theta, one.noise, GUSTS)[1]
+    one.paths = paths
+    assert far.likelihood == pytest.approx(near.likelihood, abs=20.0)

@@ -171,3 +171,19 @@ def test_smoothing_counts_in_any_unit_and_from_any_zero(level: float, factor: fl
 def test_a_series_without_noise_comes_back() -> None:
     smooth = 2.0 + np.cos(np.pi * (np.arange(300) + 0.5) * 7 / 300)
     np.testing.assert_allclose(smooth_series(smooth), smooth, atol=1e-10)
+
+
+def test_the_noise_that_smoothing_passes_is_told_in_size_and_density() -> None:
+    """Thrust of 60 swings of its own: against the error that is left, which only the truth tells."""
+    count, runs = 1200, 10
+    generator = np.random.default_rng(8)
+    swings = np.cos(np.pi * np.outer(np.arange(1, 61), np.arange(count) + 0.5) / count)
+    true = 3.0 + 0.05 * generator.choice([-1.0, 1.0], 60) @ swings
+    left, told = [], []
+    for _ in range(runs):
+        found = denoised_thrust(true + SIGMA * generator.standard_normal(count), np.full(count, 0.5), DT)
+        left.append(found.values - true)
+        told.append(found.noise)
+    assert float(np.mean([one.sigma for one in told])) == pytest.approx(rms(np.array(left)), rel=0.1)
+    for one in told:
+        assert 2.0 * one.sigma**2 * one.memory_s == pytest.approx(SIGMA**2 * DT, rel=0.2)
