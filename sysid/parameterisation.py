@@ -291,7 +291,7 @@ class Predictor:
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
         unknowns = count + len(self.free_states[index])
-        exact = has_tangents(flat)
+        exact = has_tangents(flat, record.interval_s)
         shape = (record.length, len(OUTPUTS), unknowns)
         by_sample = np.empty(shape) if out is None else out
         if not exact:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, candidates
+from sysid.candidates import Candidate, candidates, stepping_of
 from sysid.engines import Setting, finalists, tried
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, Progress, build_filter, model_of
@@ -17,6 +17,7 @@ from sysid.evidence import Weight, is_significant, smallest_set, weigh
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_path import LAGGING
 from sysid.filter_screen import filter_gains
+from sysid.steps import inverse
 
 # Only candidates that promise at least this much, and this share of the best promise, are tried: at most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
@@ -165,6 +166,26 @@ def sharpen(search: Search) -> None:
     flight = build_filter(search.problem, search.model, search.coefficients, search.effects)
     with suppress(EstimationError):
         settle(search, flight.solve(search.result.values(), search.result.turbulence))
+
+
+def unborne(search: Search) -> list[Named]:
+    """What is named though its sizes are, by the standard errors of `sharpen`, no more than chance gives (Wald's test).
+
+    With the gusts held fixed the likelihood gains where it only trades one noise for another.
+    """
+    return [one for one in search.named if not is_significant(_borne(search, one), search.tried)]
+
+
+def _borne(search: Search, one: Named) -> Weight:
+    """Weight of an effect by Wald's statistic; as it was where none of its parameters is a size with a slope."""
+    stepping = stepping_of(one.candidate.effect)
+    sizes = [name for name in one.candidate.sizes if one.candidate.is_size(name) and name not in stepping]
+    if len(sizes) < len(one.candidate.sizes):
+        return one.weight
+    every = [parameter.name for parameter in search.result.parameters]
+    places = [every.index(one.candidate.parameter(name)) for name in sizes]
+    values, spread = search.result.theta[places], search.result.covariance[np.ix_(places, places)]
+    return weigh([float(values @ inverse(spread) @ values)], [len(sizes)], 1.0)[0]
 
 
 def settle(search: Search, result: FilterErrorResult) -> None:

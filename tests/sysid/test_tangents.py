@@ -9,7 +9,7 @@ from typing import Any
 import hand_flight as hf
 import numpy as np
 import pytest
-from effect_values import VALUES
+from effect_values import VALUES as EVERY_VALUE
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE
@@ -27,6 +27,8 @@ from sysid.tangents import Inputs, Lane, has_tangents, tangents
 Array = NDArray[np.float64]
 
 DT, N, START = 0.02, 60, 5
+# Whole samples late: parts of one have no tangents.
+VALUES = {**EVERY_VALUE, "sensor_time_skew": {"delay": 2.0 * DT, "group": 2.0}}
 HEIGHTS = 12.0 - 3.0 * np.cos(0.1 * np.arange(N))
 COLUMNS = [CHANNELS.index(name) for name in READINGS]
 STATES = np.array([hf.V * 0.98, 0.9, 1.6, hf.P, hf.Q, hf.R, hf.PHI, hf.THETA, hf.PSI])
@@ -111,7 +113,7 @@ def test_with_an_effect(name: str) -> None:
     """Thrust measured where the effect is not one of the throttle's; beside lift that depends on alphadot."""
     thrust = np.full(N, np.nan) if name in ("thrust_speed_loss", "motor_lag") else np.linspace(3.0, 4.0, N)
     model = flat({name: VALUES[name]}, {"CL_alphadot": 1.5, "CD_CL": 0.03})
-    assert has_tangents(model)
+    assert has_tangents(model, DT)
     assert_tangents(model, inputs(thrust=thrust))
 
 
@@ -159,7 +161,8 @@ def test_with_states_imposed(kept: tuple[int, ...]) -> None:
 
 
 def test_a_lift_that_lags_is_left_to_differences() -> None:
-    assert not has_tangents(flat({"unsteady_lift": VALUES["unsteady_lift"]}))
+    assert not has_tangents(flat({"unsteady_lift": VALUES["unsteady_lift"]}), DT)
+    assert not has_tangents(flat({"sensor_time_skew": {"delay": 1.65 * DT, "group": 2.0}}), DT)
 
 
 @pytest.mark.parametrize("effect", ["", "stall", "unsteady_lift", "wind_shear"])
