@@ -35,7 +35,7 @@ from sysid.location import locate
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
-from sysid.search import Named, Search, drop_replaced, extend, settle, sharpen, unborne
+from sysid.search import Named, Search, drop_replaced, extend, is_borne_out, settle, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
@@ -267,8 +267,7 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
     if search.named and _is_rough(search.result) and not search.result.together:
         used.progress(0.72, "standard errors in turbulence")
         sharpen(search)
-        if search.result.together and len(unborne(search)) == len(search.named):
-            # No size is more than chance: coefficients and gusts explain the flight.
+        if not is_borne_out(search):
             return _without(base)
     return search
 

@@ -168,12 +168,14 @@ def sharpen(search: Search) -> None:
         settle(search, flight.solve(search.result.values(), search.result.turbulence))
 
 
-def unborne(search: Search) -> list[Named]:
-    """What is named though its sizes are, by the standard errors of `sharpen`, no more than chance gives (Wald's test).
+def is_borne_out(search: Search) -> bool:
+    """Whether some named effect's sizes are, by the standard errors of `sharpen`, more than chance gives (Wald's test).
 
-    With the gusts held fixed the likelihood gains where it only trades one noise for another.
+    With the gusts held fixed the likelihood gains where it only trades one noise for another; coefficients and gusts
+    then explain the flight.
     """
-    return [one for one in search.named if not is_significant(_borne(search, one), search.tried)]
+    sharpened = search.result.together
+    return not sharpened or any(is_significant(_borne(search, one), search.tried) for one in search.named)
 
 
 def _borne(search: Search, one: Named) -> Weight:
