@@ -21,8 +21,8 @@ VEHICLE = "iitb-mav"
 FLIGHTS = {"one minute": 60.0, "ten minutes": 600.0}
 # What the job says it begins -> stage.
 STAGES = {
-    "reading": "read", "compiling": "compile", "signals": "time base", "units": "signal check",
-    "data": "compatibility", "equation": "equation error", "maximum": "output error", "output": "output error",
+    "reading": "read", "compiling": "compile", "signals": "time base", "units": "check, compatibility",
+    "data": "delay of the commands", "equation": "equation error", "maximum": "output error", "output": "output error",
     "timing": "timing, thrust, bench", "systematic": "systematic", "validation": "validation, linear model",
 }  # fmt: skip
 
