@@ -18,7 +18,7 @@ from sysid.filter_error import FilterError
 from sysid.flight import Array
 from sysid.identifiability import Refusal
 from sysid.late import COMMAND_DELAY
-from sysid.output_error import MAX_ITERATIONS, Neighbourhood, OutputError, OutputErrorResult
+from sysid.output_error import MAX_ITERATIONS, OutputError, OutputErrorResult
 from sysid.parameterisation import (
     SENSOR_ERRORS,
     STATES,
@@ -230,26 +230,15 @@ def fit(
     start: values by parameter name that differ from the model's and from problem.sensors. give_up_above: see
     `OutputError.solve`.
     """
-    return fit_with_neighbourhood(
-        problem, model, coefficients, effects, start, progress, max_iterations, give_up_above
-    )[0]
-
-
-def fit_with_neighbourhood(
-    problem: Problem,
-    model: Model,
-    coefficients: Sequence[str],
-    effects: Sequence[tuple[str, str]] = (),
-    start: Mapping[str, float] | None = None,
-    progress: Progress = lambda share, text: None,
-    max_iterations: int = MAX_ITERATIONS,
-    give_up_above: float = math.inf,
-) -> tuple[OutputErrorResult, Neighbourhood]:
-    """As `fit`, with the sensitivities and normal equations that the last step had."""
     values = start_values(problem, model, coefficients, effects) | dict(start or {})
-    return build(problem, model, coefficients, effects).solved(
-        values, lambda i, cost: progress(min(1.0, i / 10.0), f"output error, step {i}"), max_iterations, give_up_above
+    return build(problem, model, coefficients, effects).solve(
+        values, told_by_step(progress), max_iterations, give_up_above
     )
+
+
+def told_by_step(progress: Progress) -> Callable[[int, float], None]:
+    """What output error calls after every step, from what a job calls."""
+    return lambda step, cost: progress(min(1.0, step / 10.0), f"output error, step {step}")
 
 
 def start_values(

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.estimate import Problem, Progress, build, fit_with_neighbourhood
+from sysid.estimate import Problem, Progress, build, start_values, told_by_step
 from sysid.flight import Array, IntArray
 from sysid.gram import crossed, gram
 from sysid.output_error import OutputError, OutputErrorResult
@@ -52,7 +52,8 @@ class Linearised:
         progress: Progress = lambda share, text: None,
     ) -> Linearised:
         """The estimate of the problem, with what its last step knew already."""
-        result, near = fit_with_neighbourhood(problem, model, coefficients, effects, progress=progress)
+        values = start_values(problem, model, coefficients, effects)
+        result, near = build(problem, model, coefficients, effects).solved(values, told_by_step(progress))
         here = cls(problem, model, coefficients, effects, result)
         # Where the cached properties keep theirs; copies with another problem or result begin without.
         vars(here).update(predicted=near.predicted, S=near.S, normal=near.normal)
