@@ -309,7 +309,10 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
     """Verdict and the tests it rests on, in words."""
     reasons = [_told(named, search.tried) for named in search.named]
     if _is_rough(search.result):
-        reasons.append(f"turbulence of {used.compatible.gust_sigma:.2f} m/s is counted as process noise")
+        gusts = search.result.turbulence
+        reasons.append(
+            f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
+        )
     left = _left(base, search)
     if left:
         return "unexplained", [*reasons, f"beyond noise and gusts: {left}"]
