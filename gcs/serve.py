@@ -24,7 +24,7 @@ from gcs.live.feed import LiveFeed
 from gcs.live.telemetry import EstimateTelemetry
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
-from gcs.station.provenance import provenance
+from gcs.station.provenance import FreshProvenance, provenance
 from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
 from gcs.station.voice import StationVoice
@@ -126,7 +126,9 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             disarm_s=settings.disarm_s,
             on_flight_end=identify,
             storage=settings.storage,
-            provenance=provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect),
+            provenance=FreshProvenance(
+                lambda: provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect)
+            ),
             key=settings.link.key,
         )
         with _links(settings.connect) as links, _links(settings.forward) as forward:

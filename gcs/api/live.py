@@ -39,7 +39,7 @@ def live(service: Serving) -> Live:
     responses={200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `estimate` and `state`"}},
 )
 async def stream(service: Serving) -> StreamingResponse:
-    """Server-sent events: `signals` about ten times a second, `estimate` twice, `state` when it changes."""
+    """Server-sent events: `signals` ten times a second, `estimate` twice, `state` when it, flight or vehicle change."""
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(_events(service), media_type="text/event-stream", headers=headers)
 
@@ -60,7 +60,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "schema": "live/1",
         "flight": feed.flight,
         "time_s": state.time_s,
-        "vehicle": vehicle_name(vehicle),
+        "vehicle": feed.vehicle or vehicle_name(vehicle),
         "state": feed.link_state,
         "signals": signals,
         "links": service.recorder.link_status(),
@@ -76,7 +76,7 @@ def snapshot(service: Service) -> dict[str, Any]:
 
 
 def vehicle_name(vehicle: str | None) -> str | None:
-    """The name in the vehicle file as it stands there now, which a later flight's recording holds too."""
+    """The name in the vehicle file as it stands there now, before the live process has read it."""
     if vehicle is None:
         return None
     path = Path(vehicle)
@@ -97,16 +97,17 @@ def _event(name: str, data: dict[str, Any]) -> str:
 
 async def _events(service: Service) -> AsyncIterator[str]:
     feed = service.live
-    told, signals, estimate = "", 0, 0
+    told: object = None
+    signals = estimate = 0
     spoken = time.monotonic()
     while not feed.ending.is_set():
         state, link = feed.state, feed.link_state
         text = ""
-        if link != told:
-            told = link
-            name = vehicle_name(service.settings.vehicle)
-            told_now = {"state": link, "flight": feed.flight, "vehicle": name, "time_s": state.time_s}
-            text += _event("state", told_now)
+        name = feed.vehicle or vehicle_name(service.settings.vehicle)
+        now = {"state": link, "flight": feed.flight, "vehicle": name}
+        if now != told:
+            told = now
+            text += _event("state", {**now, "time_s": state.time_s})
         if state.signals_number != signals:
             signals = state.signals_number
             now_ns = time.time_ns()

@@ -81,6 +81,8 @@ class LiveFeed:
         self._failure = ""
         self.state = LiveState()
         self.flight: str | None = None
+        # The name in the vehicle file that estimates go by.
+        self.vehicle: str | None = None
         self.process_state = "starting"
         self.restarts = 0
         self.dropped_bytes = 0
@@ -220,6 +222,11 @@ class LiveFeed:
         old = self.state
         if kind == "ready":
             self.process_state = "running"
+            self.vehicle = report["vehicle"]
+        elif kind == "vehicle":
+            self.vehicle = report["vehicle"]
+            for note in report["notes"]:
+                _log.warning("%s", note)
         elif kind == "error":
             self._failure = report["text"]
         elif kind == "taken":

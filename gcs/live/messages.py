@@ -87,9 +87,13 @@ class VehicleMessages:
 
     def __init__(self, dialect: Dialect, wanted: Sequence[str]) -> None:
         self._dialect = dialect
-        self._wanted = frozenset((*wanted, "SYSTEM_TIME"))
         self._framers: dict[str, Framer] = {}
+        self.want(wanted)
         self.restart()
+
+    def want(self, wanted: Sequence[str]) -> None:
+        """Give these messages from here on; vehicle and clock stay."""
+        self._wanted = frozenset((*wanted, "SYSTEM_TIME"))
 
     def restart(self) -> None:
         """Forget the vehicle and its clock; unfinished frames stay."""

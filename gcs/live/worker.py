@@ -19,10 +19,11 @@ from gcs.live.estimates import EstimateReports
 from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Unpacker
 from gcs.live.signals import Samples, SignalStream
+from gcs.live.vehiclefile import WatchedVehicle
 from gcs.mavlink.dialect import Dialect
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sim_vehicle.vehicle import Vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
 
@@ -32,6 +33,8 @@ _READ_BYTES = 1 << 20
 # Messages are taken together so often: taking one costs hardly less than taking all of a turn.
 _TURN_S = 0.1
 _SILENT_S = 0.5
+# A vehicle that was silent for longer may have been switched off, and its file edited meanwhile.
+_AWAY_NS = 2_000_000_000
 # Bytes of one turn, beyond which it tells what it knows before it goes on.
 _MOST_BYTES = 4 << 20
 
@@ -44,15 +47,17 @@ def tell(kind: str, **fields: object) -> None:
 class LiveProcess:
     """What the process holds of one vehicle. Times of `now_s` are monotonic."""
 
-    def __init__(self, dialect: Dialect, vehicle: Vehicle | None) -> None:
-        self._signals_of = vehicle or Vehicle.unknown()
-        self._signals = SignalStream(self._signals_of)
+    def __init__(self, dialect: Dialect, file: WatchedVehicle | None) -> None:
+        self._file = file
+        vehicle = None if file is None else file.vehicle
+        self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages = VehicleMessages(dialect, self._signals.messages)
         self._flight = ""
         self._newest: dict[str, tuple[float, int]] = {}
         self._fresh = False
         self._taken = self._told = 0
         self._told_s = 0.0
+        self._heard_ns = 0
         self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
     def take(self, records: Sequence[Batch | str]) -> None:
@@ -66,6 +71,8 @@ class LiveProcess:
             waiting = []
             if self._flight and record != self._flight:
                 self._restart()
+            if record and record != self._flight:
+                self._look()
             self._flight = record
         self._take(waiting)
 
@@ -73,15 +80,36 @@ class LiveProcess:
         self._taken += len(batches)
         streams = self._messages.take(batches)
         if streams:
+            newest_ns = max(int(batch.received_ns[-1]) for batch in batches)
+            if newest_ns - self._heard_ns > _AWAY_NS:
+                self._look()
+            self._heard_ns = newest_ns
             samples = self._signals.take(streams, self._messages.autopilot)
-            self._keep(samples, max(int(batch.received_ns[-1]) for batch in batches))
+            self._keep(samples, newest_ns)
 
     def _restart(self) -> None:
         self._messages.restart()
-        self._signals = SignalStream(self._signals_of)
+        if self._file is not None:
+            self._file.end_flight()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Signals and estimates anew, by the vehicle file as it was read last."""
+        vehicle = None if self._file is None else self._file.vehicle
+        self._signals = SignalStream(vehicle or Vehicle.unknown())
+        self._messages.want(self._signals.messages)
         self._newest = {}
-        if self._estimates is not None:
-            self._estimates = EstimateReports(self._signals_of)
+        self._estimates = None if vehicle is None else EstimateReports(vehicle)
+
+    def _look(self) -> None:
+        """Whether the vehicle file is still the one that these estimates go by."""
+        if self._file is None:
+            return
+        before = self._file.notes
+        if self._file.look():
+            self._begin()
+        if self._file.notes != before:
+            tell("vehicle", vehicle=self._file.vehicle.name, notes=self._file.notes)
 
     def _keep(self, samples: dict[str, Samples], received_ns: int) -> None:
         for name, found in samples.items():
@@ -107,6 +135,8 @@ class LiveProcess:
             self._told, self._told_s = self._taken, now_s
         report = None if self._estimates is None else self._estimates.due(now_s)
         if report is not None:
+            notes = () if self._file is None else self._file.notes
+            report["warnings"] = [*notes, *report["warnings"]]
             tell("estimate", identification=report)
 
 
@@ -142,11 +172,11 @@ def main(arguments: list[str]) -> int:
     os.nice(_NICENESS)
     dialect, vehicle = arguments
     try:
-        known = load_vehicle(vehicle) if vehicle else None
-        live = LiveProcess(Dialect.load(dialect), known)
-        if known is not None:
-            LiveIdentifier.warm_up(known)
-        tell("ready")
+        file = WatchedVehicle(vehicle) if vehicle else None
+        live = LiveProcess(Dialect.load(dialect), file)
+        if file is not None:
+            LiveIdentifier.warm_up(file.vehicle)
+        tell("ready", vehicle=None if file is None else file.vehicle.name)
         run(live)
     except (GcsError, SysidError, SimVehicleError) as error:
         tell("error", text=str(error))

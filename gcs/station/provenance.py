@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import mimetypes
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
-from gcs.errors import RecordingError
+from gcs.errors import GcsError, RecordingError
 from gcs.links.url import link_names, parse_url
 from gcs.mavlink.dialect import Dialect, definition_files
 from gcs.recording.parts import Provenance
 from gcs.recording.records import Attachment
 from gcs.version import VERSION
+from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle import load_vehicle
+
+_log = logging.getLogger(__name__)
 
 _TIME_ERROR = 5
 _TIMEX_BYTES = 512  # struct timex is 208 bytes on 64-bit Linux; all zero asks and sets nothing
@@ -58,6 +62,24 @@ def provenance(dialect: Dialect, urls: Sequence[str], vehicle: str | None, diale
         files += definition_files(Path(dialect_name))
     links = {name: parse_url(url).kind.value for name, url in zip(link_names(urls), urls, strict=True)}
     return Provenance({"recording": software, "links": links}, tuple(map(_attachment, dict.fromkeys(files))))
+
+
+class FreshProvenance:
+    """Provenance made anew for each recording: the vehicle file may have been edited since the service started.
+
+    make: as `provenance`. What cannot be read any more stays as it was read last: the flight is recorded all the same.
+    """
+
+    def __init__(self, make: Callable[[], Provenance]) -> None:
+        self._make = make
+        self._last = make()
+
+    def __call__(self) -> Provenance:
+        try:
+            self._last = self._make()
+        except (GcsError, SimVehicleError) as error:
+            _log.warning("%s; the recording keeps what was read before", error)
+        return self._last
 
 
 def _attachment(path: Path) -> Attachment:

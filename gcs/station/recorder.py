@@ -69,8 +69,8 @@ class FlightRecorder:
     """Cuts bytes into flights and writes them. Knows no sockets; time comes with the bytes and with `tick`.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
-    storage, provenance: how recordings are kept, and what stands in each. key: what signatures are
-    checked with.
+    storage, provenance: how recordings are kept, and what stands in each, asked for when it begins. key: what
+    signatures are checked with.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class FlightRecorder:
         disarm_s: float = 2.0,
         on_flight_end: Callable[[Flight], None] = lambda flight: None,
         storage: StorageOptions | None = None,
-        provenance: Provenance | None = None,
+        provenance: Callable[[], Provenance] = Provenance,
         key: bytes | None = None,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ class FlightRecorder:
         self._silence_ns = round(silence_s * 1e9)
         self._disarm_ns = round(disarm_s * 1e9)
         self._storage = storage or StorageOptions()
-        self._provenance = provenance or Provenance()
+        self._provenance = provenance
         self._key = key
         self._signatures = SignatureMemory()
         self._blocked_until_ns = 0
@@ -261,7 +261,7 @@ class FlightRecorder:
         segmenter = FlightSegmenter(self._dialect, self._silence_ns, self._disarm_ns)
         segmenter.system = vehicle
         segmenter.heard(now_ns)
-        writer = RecordingParts(path, self._dialect, self._storage, self._provenance, now_ns)
+        writer = RecordingParts(path, self._dialect, self._storage, self._provenance(), now_ns)
         live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns)
         self._live.append(live)
         self._list(live)

@@ -107,7 +107,7 @@ def test_a_long_flight_is_several_files_and_one_flight(tmp_path: Path) -> None:
             dialect,
             catalogue,
             storage=StorageOptions(split_bytes=20_000),
-            provenance=provenance(dialect, [URL], "iitb-mav"),
+            provenance=lambda: provenance(dialect, [URL], "iitb-mav"),
         )
         vehicle, sent, now = Vehicle(), b"", START
         for _ in range(60):
