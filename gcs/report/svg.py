@@ -17,6 +17,8 @@ _STYLE: Any = {
     "grid.alpha": 0.3, "axes.axisbelow": True, "lines.linewidth": 0.9, "figure.facecolor": "none",
 }  # fmt: skip
 _DOTS_PER_INCH = 130
+# From so many columns on, matplotlib's own number of ticks leaves no room for labels like -0.005.
+_NARROW, _FEW_INTERVALS = 3, 3
 MEASURED, PREDICTED, LIMIT = "#4c78a8", "#c0392b", "#777777"
 
 
@@ -61,4 +63,7 @@ def pages(figure_: Figure, count: int, columns: int) -> list[Any]:
     axes = figure_.subplots(rows, columns, squeeze=False).ravel().tolist()
     for empty in axes[count:]:
         empty.set_visible(False)
+    if columns >= _NARROW:
+        for plot in axes[:count]:
+            plot.locator_params(axis="x", nbins=_FEW_INTERVALS)
     return axes[:count]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -90,6 +92,23 @@ def test_the_residual_stands_over_its_variable_with_its_band() -> None:
     assert band.y1 == pytest.approx(CURVE[-1]["residual"] + 1.96 * CURVE[-1]["std"])
     assert band.y0 == pytest.approx(-1.96 * CURVE[0]["std"])
     assert plot.get_xlabel() == "α, deg"
+
+
+@pytest.mark.parametrize("largest", [0.0106, 0.01, 0.00052, 0.0043, 1.0])
+def test_ticks_of_small_rates_do_not_run_into_each_other(largest: float) -> None:
+    (place, *_) = result()["where"]
+    steps = np.linspace(-largest, largest, 8)
+    curve = [{"value": value, "residual": 0.1 * value, "std": 0.01} for value in steps.tolist()]
+    places = [{**place, "variable": "phat", "curve": curve}] * 3
+    made = Figure(figsize=(7.5, 2.4), layout="constrained")
+    with mpl.rc_context({"font.size": 8.0}):
+        gapfigures.draw_curves(made, places)
+        made.draw_without_rendering()
+        labels = [label for label in made.axes[2].get_xticklabels() if label.get_text()]
+        low, high = made.axes[2].get_xlim()
+        boxes = [label.get_window_extent() for label in labels if low <= label.get_position()[0] <= high]
+    assert len(boxes) >= 3
+    assert all(right.x0 - left.x1 > 3.0 for left, right in pairwise(boxes))
 
 
 def test_bars_are_gaps_in_times_of_the_floor() -> None:
