@@ -78,8 +78,11 @@ class LiveProcess:
 
     def _take(self, batches: Sequence[Batch]) -> None:
         self._taken += len(batches)
+        before_s = self._messages.newest_s
         streams = self._messages.take(batches)
         if streams:
+            if before_s is not None and (self._messages.newest_s or 0.0) < before_s:
+                self._begin()  # the vehicle was switched on again: what was estimated knows nothing of its new clock
             newest_ns = max(int(batch.received_ns[-1]) for batch in batches)
             if newest_ns - self._heard_ns > _AWAY_NS:
                 self._look()
