@@ -59,9 +59,16 @@ def _fields(flight: Flight) -> dict[str, Any]:
 
 
 @router.get("/api/flights", responses={404: _PROBLEM})
-def flights(service: Serving, limit: Annotated[int, Query(ge=1, le=1000)] = 50, after: str | None = None) -> FlightPage:
+def flights(
+    service: Serving,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    after: str | None = None,
+    search: Annotated[
+        str, Query(max_length=200, description="Words that stand in the id, the name or the start, as 2026-11-23 06:10")
+    ] = "",
+) -> FlightPage:
     """Flights, newest first."""
-    found = service.catalogue.flights(limit + 1, after)
+    found = service.catalogue.flights(limit + 1, after, search)
     page = found[:limit]
     return FlightPage(flights=[_item(flight) for flight in page], next=page[-1].id if len(found) > limit else None)
 

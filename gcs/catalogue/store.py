@@ -42,6 +42,8 @@ CREATE TABLE IF NOT EXISTS models (
 # Columns that came later: name, and how it is declared.
 _LATER_COLUMNS = (("parts", "INTEGER NOT NULL DEFAULT 1"), ("deleted_ns", "INTEGER"), ("vehicle_s", "REAL"))
 
+# What a search for flights looks at: an upload's name, and the instant as its user knows it.
+_SEARCHED = "id || ' ' || name || ' ' || strftime('%Y-%m-%d %H:%M:%S', start_ns / 1000000000, 'unixepoch')"
 # A job that was running when the service stopped is tried once more; one that stops it twice is not.
 _MAX_ATTEMPTS = 2
 _MAX_LOG_LINES = 1000
@@ -194,18 +196,21 @@ class Catalogue:
         """Whether the id is taken."""
         return bool(self._rows("SELECT 1 FROM flights WHERE id = ?", flight_id))
 
-    def flights(self, limit: int = 50, after: str | None = None) -> list[Flight]:
-        """Newest first; `after` is the id of the last flight of the page before."""
-        if after is None:
-            rows = self._rows("SELECT * FROM flights ORDER BY start_ns DESC, id DESC LIMIT ?", limit)
-        else:
+    def flights(self, limit: int = 50, after: str | None = None, search: str = "") -> list[Flight]:
+        """Newest first; `after` is the id of the last flight of the page before.
+
+        search: words that all stand in a flight's id, name or start, as `2026-11-23 06:10`, in UTC.
+        """
+        conditions, values = [], list[object]()
+        if after is not None:
             last = self.flight(after)
-            rows = self._rows(
-                "SELECT * FROM flights WHERE (start_ns, id) < (?, ?) ORDER BY start_ns DESC, id DESC LIMIT ?",
-                last.start_ns,
-                last.id,
-                limit,
-            )
+            conditions.append("(start_ns, id) < (?, ?)")
+            values += [last.start_ns, last.id]
+        for word in search.lower().split():
+            conditions.append(f"instr(lower({_SEARCHED}), ?)")
+            values.append(word)
+        where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
+        rows = self._rows(f"SELECT * FROM flights {where} ORDER BY start_ns DESC, id DESC LIMIT ?", *values, limit)
         return [Flight(**row) for row in rows]
 
     def same_flight(self, flight: Flight) -> str | None:

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from node_reader import NodeReader
 from playwright.sync_api import Browser
 from processes import TIMEOUT_S, free_port, run, start
 from traffic import wait_until
+
+from gcs.catalogue.store import Catalogue, Flight
 
 FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
 DEMO_S = 900.0
@@ -215,6 +218,43 @@ def test_two_models_and_two_flights_are_compared(visitor: Visitor, ground: Groun
     visitor.wait_for_text("table", "CL_alpha")
     visitor.wait_for_plots(1)
     visitor.check("compare")
+
+
+def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, node: NodeReader, tmp_path: Path) -> None:
+    with closing(Catalogue(tmp_path / "catalogue.sqlite")) as catalogue:
+        for number in range(120):
+            start = (1_600_000_000 + 86_400 * number) * 10**9
+            name = f"calm morning {number}.tlog"
+            catalogue.put_flight(Flight(f"f{number}", "gone.mcap", name, "upload", "complete", 1, start, start, 9, 9))
+    ground = Ground(tmp_path, free_port(), free_port())
+    ground.start()
+    visitor = Visitor(browser, ground.url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "phone")
+    try:
+        recording = min((data / "flights").glob("*.mcap"))
+        address = f"{ground.url}/api/flights?name={recording.name}"
+        flight = httpx.post(address, content=recording.read_bytes(), timeout=60).raise_for_status().json()["id"]
+        visitor.open("#/flights")
+        visitor.page.fill("input[type=search]", "2020-09-14")  # the second of 120
+        visitor.wait_for_text("tbody tr:only-child", "calm morning 1.tlog")
+        visitor.check()
+        visitor.open(f"#/flights/{flight}")
+        form = visitor.page.locator("form:has(h3:text-is('Identify the model'))")
+        find, judges = form.locator("input[type=search]"), form.locator("fieldset")
+        find.fill("calm 3.tlog")
+        judges.locator("label:text-is('calm morning 3.tlog')").check()
+        find.fill("morning 7.tlog")
+        judges.locator("label:text-is('calm morning 7.tlog')").wait_for()
+        assert judges.locator("input:checked").evaluate_all("boxes => boxes.map(box => box.value)") == ["f3"]
+        visitor.check()
+        visitor.open(f"#/compare?fa={flight}&fb=f5")
+        assert visitor.page.locator("select").last.input_value() == "f5"
+        visitor.page.fill("input[type=search]", "2020-09-21")
+        visitor.page.locator("select").last.locator("option", has_text="calm morning 8.tlog").wait_for(state="attached")
+        assert visitor.page.locator("select").last.input_value() == "f5"
+        visitor.check()
+    finally:
+        visitor.close()
+        ground.stop()
 
 
 def test_the_keyboard_reaches_the_views_and_the_focus_follows(visitor: Visitor) -> None:

@@ -93,6 +93,7 @@ class Visitor:
         assert self.page.evaluate(_CUT_CAPTIONS) == []
         folder = os.environ.get("PAGE_PICTURES")
         if folder and name:
+            self.page.mouse.move(0, 0)  # else the button pressed last is drawn as pointed at
             picture = Image.open(io.BytesIO(self.page.screenshot()))
             small = picture.convert("RGB").quantize(_COLOURS)
             small.save(Path(folder) / f"page-{name}-{self._size}.png", optimize=True)

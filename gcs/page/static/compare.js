@@ -3,6 +3,7 @@
 import { get } from './api.js'
 import { bars, told } from './estimates.js'
 import { field, h, remark, select, table } from './dom.js'
+import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { NONE, number, plusMinus, shownUnit, signalName } from './format.js'
 import { legendAbove, line, plot, shown, source } from './plots.js'
 import { keepQuery } from './router.js'
@@ -11,12 +12,20 @@ const [POINTS, FAR] = [1000, 3]
 
 /** The view that compares; the address keeps the models (ma, mb) and the flights (fa, fb), `a` names a flight. */
 export async function compare(page, parts, query, signal) {
-  const [models, found] = await Promise.all([get('/api/models', signal), get('/api/flights?limit=200', signal)])
-  const flights = found.flights.filter(one => one.state !== 'recording' && !one.recording_deleted)
+  const [models, found] = await Promise.all([get('/api/models', signal), findFlights('', signal)])
+  await addNamed(found.flights, query, signal)
   page.append(h('h1', {}, 'Compare'))
   modelSection(page, models, query, signal)
-  signalSection(page, flights, query, signal)
+  signalSection(page, found, query, signal)
 }
+
+/** The flights that the address names, which may be older than those found. */
+async function addNamed(flights, query, signal) {
+  const named = ['a', 'fa', 'fb'].map(key => query.get(key)).filter(id => id && !flights.some(one => one.id === id))
+  for (const id of new Set(named)) flights.push(...(await findFlights(id, signal)).flights.filter(one => one.id === id))
+}
+
+const comparable = flights => flights.filter(one => one.state !== 'recording' && !one.recording_deleted)
 
 function choice(query, key, fallback, choices, change) {
   const chosen = choices.some(([value]) => value === query.get(key)) ? query.get(key) : fallback
@@ -42,7 +51,7 @@ function modelSection(page, models, query, signal) {
     const ids = [query.get('ma'), query.get('mb')]
     try {
       const two = await Promise.all(ids.map(id => get(`/api/models/${id}`, signal)))
-      place.replaceChildren(...coefficients(two, ids.map(id => of(models.find(model => model.id === id)))))
+      place.replaceChildren(...coefficients(two))
     } catch (error) {
       place.replaceChildren(remark('bad', error.message))
     }
@@ -61,7 +70,7 @@ export function difference(a, b) {
   return std > 0 ? (b.value - a.value) / std : null
 }
 
-function coefficients(models, names) {
+function coefficients(models) {
   const [a, b] = models.map(model => Object.fromEntries(told(model)))
   const all = Object.keys({ ...a, ...b })
   const far = all.filter(name => Math.abs(difference(a[name], b[name]) ?? 0) > FAR)
@@ -77,11 +86,12 @@ function coefficients(models, names) {
       : `None of ${all.length} differs by more than ${FAR} standard errors.`),
     h('p', { class: 'hint' }, 'Standard errors of the difference, the flights being independent. Drawing: first above, '
       + 'second below, 95 % intervals.'),
-    table('Coefficients of both models', ['Coefficient', names[0], names[1], '95 % intervals', 'Difference, σ'], rows),
+    table('Coefficients of both models', ['Coefficient', 'First', 'Second', '95 % intervals', 'Difference, σ'], rows),
   ]
 }
 
-function signalSection(page, flights, query, signal) {
+function signalSection(page, found, query, signal) {
+  const flights = comparable(found.flights)
   page.append(h('h2', {}, 'A signal of two flights'))
   if (flights.length < 2) {
     page.append(remark('note', h('p', {}, 'Two recorded flights are needed.')))
@@ -89,12 +99,11 @@ function signalSection(page, flights, query, signal) {
   }
   const place = h('div', { class: 'plots' })
   const picker = h('div', {})
-  const title = flight => flight.source === 'upload' ? flight.name : flight.id
-  const choices = flights.map(flight => [flight.id, title(flight)])
+  const choices = flights.map(flight => [flight.id, flightTitle(flight)])
   const chosen = () => [query.get('fa'), query.get('fb')].map(id => flights.find(flight => flight.id === id))
   const draw = async () => {
     try {
-      place.replaceChildren(await overlay(chosen(), title, query.get('s'), signal))
+      place.replaceChildren(await overlay(chosen(), query.get('s'), signal))
     } catch (error) {
       place.replaceChildren(remark('bad', error.message))
     }
@@ -112,13 +121,23 @@ function signalSection(page, flights, query, signal) {
   }
   const mine = flights.find(flight => flight.id === query.get('a')) ?? flights[0]
   const other = flights.find(flight => flight !== mine)
-  page.append(h('div', { class: 'pair' },
-    field('First flight', choice(query, 'fa', mine.id, choices, names)),
-    field('Second flight', choice(query, 'fb', other.id, choices, names))), picker, place)
+  const selects = [choice(query, 'fa', mine.id, choices, names), choice(query, 'fb', other.id, choices, names)]
+  /** What is found stands in both lists beside what is chosen in each. */
+  const offer = more => {
+    const matching = comparable(more.flights)
+    for (const one of matching) if (!flights.some(known => known.id === one.id)) flights.push(one)
+    selects.forEach((list, index) => {
+      const now = chosen()[index]
+      const offered = [now, ...matching.filter(one => one.id !== now.id)]
+      list.replaceChildren(...offered.map(one => h('option', { value: one.id, selected: one === now }, flightTitle(one))))
+    })
+  }
+  page.append(...(found.next ? [flightSearch(offer, signal)] : []), h('div', { class: 'pair' },
+    field('First flight', selects[0]), field('Second flight', selects[1])), picker, place)
   names().catch(error => picker.replaceChildren(remark('bad', error.message)))
 }
 
-async function overlay(flights, title, name, signal) {
+async function overlay(flights, name, signal) {
   const answers = await Promise.all(flights.map(flight =>
     get(`/api/flights/${encodeURIComponent(flight.id)}/signals?names=${encodeURIComponent(name)}&points=${POINTS}`, signal)))
   const [unit, factor] = shownUnit(answers[0].signals[name].unit)
@@ -126,8 +145,8 @@ async function overlay(flights, title, name, signal) {
   for (const [index, answer] of answers.entries()) {
     const series = answer.signals[name]
     const data = await source({ x: series.time, y: series.value.map(v => v === null ? null : v * factor) })
-    line(figure, data, 'x', 'y', index, title(flights[index]))
+    line(figure, data, 'x', 'y', index, flightTitle(flights[index]))
   }
   legendAbove(figure)
-  return shown(figure, `${signalName(name)} of ${flights.map(title).join(' and ')}`, signal)
+  return shown(figure, `${signalName(name)} of ${flights.map(flightTitle).join(' and ')}`, signal)
 }

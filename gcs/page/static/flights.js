@@ -1,18 +1,18 @@
 // The list of flights, and taking in logs.
 
-import { get, upload } from './api.js'
+import { upload } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, table } from './dom.js'
+import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { duration, size, utc } from './format.js'
 
 const STATES = { recording: 'being recorded', complete: '', recovered: 'recovered after a crash' }
-const PAGE = 50
 
 /** What the list tells of one flight, its name a link. */
 function row(flight) {
   const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
   return [
-    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, flight.source === 'upload' ? flight.name : flight.id),
+    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, flightTitle(flight)),
     utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
   ]
 }
@@ -20,16 +20,22 @@ function row(flight) {
 /** The view of all flights. */
 export async function flights(page, parts, query, signal) {
   const list = h('div', { 'aria-live': 'off' })
-  let after = query.get('after')
+  const [after, search] = [query.get('after'), query.get('search') ?? '']
+  const take = (found, words) => list.replaceChildren(...content(found, words))
   const show = async () => {
-    const found = await get(`/api/flights?limit=${PAGE}${after ? `&after=${encodeURIComponent(after)}` : ''}`, signal)
-    list.replaceChildren(...content(found))
+    const found = await findFlights(search, signal, after)
+    take(found, search)
+    return found
   }
-  await show()
-  page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'), list)
+  const many = (await show()).next || after || search
+  page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
+    ...(many ? [flightSearch(take, signal, search)] : []), list)
 }
 
-function content(found) {
+function content(found, words) {
+  if (!found.flights.length && words) {
+    return [remark('note', h('p', {}, `No flight has “${words}” in its name or date.`))]
+  }
   if (!found.flights.length) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
       + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
@@ -37,7 +43,8 @@ function content(found) {
   const head = ['Flight', 'Start (UTC)', 'Duration', 'System', 'Size', 'State']
   return [
     table('Flights, newest first', head, found.flights.map(row)),
-    found.next && h('p', {}, h('a', { class: 'button', href: `#/flights?after=${encodeURIComponent(found.next)}` },
+    found.next && h('p', {}, h('a', { class: 'button', 
+      href: `#/flights?${new URLSearchParams({ after: found.next, ...(words && { search: words }) })}` },
       'Older flights')),
   ].filter(Boolean)
 }

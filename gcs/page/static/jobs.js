@@ -3,6 +3,7 @@
 import { get, post } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, select } from './dom.js'
+import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { utc } from './format.js'
 
 const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy' }
@@ -13,8 +14,7 @@ const EVERY_MS = 1000
 /** The section of jobs of a flight. */
 export async function jobs(page, summary, signal) {
   const [models, others] = await Promise.all([
-    get('/api/models', signal), get('/api/flights?limit=200', signal).then(found =>
-      found.flights.filter(one => one.id !== summary.id && one.state !== 'recording')),
+    get('/api/models', signal), findFlights('', signal),
   ])
   const list = h('ul', { class: 'jobs' })
   const add = job => list.prepend(item(job, signal))
@@ -27,19 +27,32 @@ export async function jobs(page, summary, signal) {
       add(job)
       return job
     })
-    page.append(h('div', { class: 'pair' }, identifyForm(others, models, start), discrepancyForm(others, models, start)))
+    page.append(h('div', { class: 'pair' }, 
+      identifyForm(judges(summary, others, signal), models, start),
+      discrepancyForm(judges(summary, others, signal), models, start)))
   }
   page.append(h('h3', {}, 'Jobs'), list)
   if (!summary.jobs.length) list.before(h('p', {}, 'No job was started for this flight.'))
 }
 
-/** A choice of flights that the result is judged on. */
-function judges(others) {
-  const boxes = others.map(flight => h('label', { class: 'choice' },
-    h('input', { type: 'checkbox', value: flight.id }), flight.source === 'upload' ? flight.name : flight.id))
-  const element = h('fieldset', { class: 'choices' }, h('legend', {}, 'Validate on'),
-    boxes.length ? boxes : h('p', { class: 'hint' }, 'There is no other flight; fly or upload one to judge the model on.'))
-  return { element, chosen: () => [...element.querySelectorAll('input:checked')].map(box => box.value) }
+/** A choice of flights that the result is judged on: of the newest, and of those that are looked for. */
+function judges(summary, newest, signal) {
+  const list = h('fieldset', { class: 'choices' })
+  const checked = () => [...list.querySelectorAll('input:checked')]
+  const show = (found, words) => {
+    const kept = checked().map(box => box.parentElement)
+    const there = new Set(checked().map(box => box.value))
+    const boxes = found.flights.filter(one => one.id !== summary.id && one.state !== 'recording' && !there.has(one.id))
+      .map(one => h('label', { class: 'choice' }, h('input', { type: 'checkbox', value: one.id }), flightTitle(one)))
+    const none = words ? `No other flight has “${words}” in its name or date.`
+      : 'There is no other flight; fly or upload one to judge the model on.'
+    list.replaceChildren(h('legend', {}, 'Validate on'), ...kept, ...boxes,
+      ...(boxes.length ? [] : [h('p', { class: 'hint' }, none)]),
+      ...(found.next ? [h('p', { class: 'hint' }, 'There are older flights; look for them above.')] : []))
+  }
+  show(newest, '')
+  const element = newest.next ? h('div', {}, flightSearch(show, signal), list) : list
+  return { element, chosen: () => checked().map(box => box.value) }
 }
 
 function form(title, words, label, parts, submit) {
@@ -63,8 +76,7 @@ function form(title, words, label, parts, submit) {
 const named = models => models.map(model =>
   [model.id, `${model.name || 'model'} of flight ${model.flight_id}${model.kind === 'discrepancy' ? ', effect added' : ''}`])
 
-function identifyForm(others, models, start) {
-  const validate = judges(others)
+function identifyForm(validate, models, start) {
   const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
   const prior = select([['', 'none'], ...named(models)], '')
   const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
@@ -78,8 +90,7 @@ function identifyForm(others, models, start) {
   }))
 }
 
-function discrepancyForm(others, models, start) {
-  const validate = judges(others)
+function discrepancyForm(validate, models, start) {
   const choice = select([...named(models), ['', 'a model file of mine …']], models[0]?.id ?? '', value => {
     own.parentElement.hidden = value !== ''
   })

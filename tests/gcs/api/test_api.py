@@ -183,6 +183,8 @@ def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) 
     rest = client.get("/api/flights", params={"limit": 2, "after": first["next"]}).json()
     assert [flight["id"] for flight in rest["flights"]] == made[:1]
     assert rest["next"] is None
+    found = client.get("/api/flights", params={"search": made[1]}).json()
+    assert [flight["id"] for flight in found["flights"]] == [made[1]]
 
 
 def test_a_flights_summary(bench: Bench, client: httpx.Client) -> None:

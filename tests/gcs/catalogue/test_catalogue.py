@@ -34,6 +34,18 @@ def test_pages_hold_every_flight_once_newest_first(catalogue: Catalogue) -> None
     assert seen == ["f7", "f6", "f5", "f4", "f3", "f2", "f1"]
 
 
+@pytest.mark.parametrize(
+    ("search", "found"),
+    [("", "cba"), ("2027-01-15 08", "ba"), ("CALM", "b"), ("calm 2027", "b"), ("calm 2030", ""), ("%", ""), ("'", "")],
+)
+def test_flights_are_found_by_words_of_name_id_and_start(catalogue: Catalogue, search: str, found: str) -> None:
+    for letter, name, start_s in (("a", "first.tlog", 1_800_000_000), ("b", "Calm.tlog", 1_800_000_060)):
+        start = start_s * 1_000_000_000
+        catalogue.put_flight(Flight(letter, "f.mcap", name, "upload", "complete", 1, start, start, 0, 0))
+    catalogue.put_flight(Flight("c", "f.mcap", "f.mcap", "live", "complete", 1, 2 * 10**18, 2 * 10**18, 0, 0))
+    assert "".join(entry.id for entry in catalogue.flights(search=search)) == found
+
+
 def test_flights_of_the_same_moment_are_all_listed(catalogue: Catalogue) -> None:
     for letter in "abcd":
         catalogue.put_flight(Flight(letter, f"{letter}.mcap", "", "live", "complete", 1, 5, 6, 0, 0))

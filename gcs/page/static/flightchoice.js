@@ -1,0 +1,40 @@
+// Choosing among all flights: the newest stand there, others are found by words of their name, id or date.
+
+import { get } from './api.js'
+import { announce } from './announce.js'
+import { field, h } from './dom.js'
+
+const SHOWN = 50
+const PAUSE_MS = 250
+
+/** How a flight is called in lists. */
+export const flightTitle = flight => flight.source === 'upload' ? flight.name : flight.id
+
+/** The newest flights that match: { flights, next }; next says that there are more. */
+export function findFlights(search, signal, after) {
+  const asked = new URLSearchParams({ limit: SHOWN, ...(search && { search }), ...(after && { after }) })
+  return get(`/api/flights?${asked}`, signal)
+}
+
+/** A field that looks for flights while one types; take: called with what findFlights gives, and the words. */
+export function flightSearch(take, signal, words = '') {
+  let timer = 0
+  let asked = 0
+  const ask = async () => {
+    const number = ++asked
+    try {
+      const found = await findFlights(input.value, signal)
+      if (number === asked) take(found, input.value)
+    } catch (error) {
+      if (!signal.aborted) announce(error.message, true)
+    }
+  }
+  const input = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: words,
+    input: () => {
+      clearTimeout(timer)
+      timer = setTimeout(ask, PAUSE_MS)
+    },
+    // Enter would send the form in which the field stands.
+    keydown: event => event.key === 'Enter' && event.preventDefault() })
+  return field('Find a flight', input, 'A part of its name or date, as 2026-11-23')
+}
