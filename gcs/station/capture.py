@@ -174,11 +174,16 @@ class CaptureOptions:
     storage: StorageOptions = field(default_factory=StorageOptions)
 
 
-def record(links: Sequence[Link], options: CaptureOptions, progress: Callable[[float, Capture], None]) -> Capture:
+def record(
+    links: Sequence[Link],
+    options: CaptureOptions,
+    progress: Callable[[float, Capture], None],
+    listen: Callable[[str, Batch], None] | None = None,
+) -> Capture:
     """Record until the duration is over or KeyboardInterrupt; the finished capture.
 
-    progress: called about twice a second with the seconds so far. RecordingError if the disk refuses; what came until
-    then is in the file.
+    progress: called about twice a second with the seconds so far. listen: as of `Station`.
+    RecordingError if the disk refuses; what came until then is in the file.
     """
     path = options.path
     if path.exists() and path.stat().st_size > 0:
@@ -187,7 +192,7 @@ def record(links: Sequence[Link], options: CaptureOptions, progress: Callable[[f
     warm_up(dialect)
     origin = provenance(dialect, [link.name for link in links], options.vehicle, options.link.dialect)
     capture = Capture(path, dialect, options.storage, origin, time.time_ns(), options.link.key)
-    station = Station(links, capture.take, capture.tick, voice=StationVoice(options.link.own_key))
+    station = Station(links, capture.take, capture.tick, voice=StationVoice(options.link.own_key), listen=listen)
     station.start()
     started = time.monotonic()
     pause = threading.Event()
