@@ -217,6 +217,13 @@ def test_two_models_and_two_flights_are_compared(visitor: Visitor, ground: Groun
     visitor.open("#/compare")
     visitor.wait_for_text("table", "CL_alpha")
     visitor.wait_for_plots(1)
+    visitor.check()
+    models = [
+        [m["id"] for m in ground.get("/api/models") if m["kind"] == kind][-1] for kind in ("identify", "discrepancy")
+    ]
+    visitor.open("#/compare?ma={}&mb={}".format(*models))
+    visitor.wait_for_text("table", "CL_alpha")
+    visitor.wait_for_plots(1)
     visitor.check("compare")
 
 

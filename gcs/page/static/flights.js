@@ -12,7 +12,8 @@ const STATES = { recording: 'being recorded', complete: '', recovered: 'recovere
 function row(flight) {
   const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
   return [
-    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, flightTitle(flight)),
+    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' ? null : 'whole' },
+      flightTitle(flight)),
     utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
   ]
 }
