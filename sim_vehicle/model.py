@@ -202,7 +202,8 @@ def _effect_from_json(item: Any, where: str) -> tuple[Effect, dict[str, Coeffici
 def model_from_json(data: Any, where: str = "model") -> Model:
     """Check and convert the JSON of a model file. Raises ModelFileError naming the key that is wrong."""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise ModelFileError(f'{where}: not a model file (its "schema" must be "{SCHEMA}")')
+        wrote = "; give the file that --write-model wrote" if "model" in data else ""
+        raise ModelFileError(f'{where}: not a model file (its "schema" must be "{SCHEMA}"){wrote}')
     unknown = set(data) - {"schema", "name", "coefficients", "effects", "validity", "correlation"}
     if unknown:
         raise ModelFileError(f"{where}: unknown key {sorted(unknown)[0]!r}")

@@ -173,7 +173,9 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise VehicleFileError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise VehicleFileError(f"{path}: is not a TOML file: it holds bytes that are no text") from error
+    except tomllib.TOMLDecodeError as error:
         raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
     return _read(Table(data, str(path)), path)
 

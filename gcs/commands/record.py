@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 NAME = "record"
 HELP = "record what links bring into an MCAP file, until Ctrl-C or --duration"
 
+_SILENT = "no link brought a byte; check that the vehicle sends, and to this computer's address and port"
 _COUNT_EVERY_S = 10.0  # where nobody watches, each new count is another line
 
 
@@ -101,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
             capture = record(links, options, show, None if feed is None else feed.offer)
         if capture.bytes == 0:
             args.output.unlink()  # only what the station says of itself is in it
-            raise LinkError("nothing was received: " + ("; ".join(problems(links)) or "no link brought a byte"))
+            raise LinkError("nothing was received: " + ("; ".join(problems(links)) or _SILENT))
     files = ", ".join(map(str, capture.parts))
     print(f"{files}: {capture.messages} messages, {capture.bytes} bytes")
     if options.link.key is not None:

@@ -14,6 +14,8 @@ def read_result(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ReportError(f"{path} cannot be read: {error.strerror}; give what gcs identify -o wrote") from None
+        raise ReportError(
+            f"{path} cannot be read: {error.strerror}; give what gcs identify or discrepancy -o wrote"
+        ) from None
     except (ValueError, RecursionError):
-        raise ReportError(f"{path} is not JSON; give what gcs identify -o wrote") from None
+        raise ReportError(f"{path} is not JSON; give what gcs identify or discrepancy -o wrote") from None
