@@ -75,6 +75,7 @@ def report_json(report: LiveReport) -> dict[str, Any]:
         if one.std < usual_size(name):  # a first idea, with its large error bar, to watch it converge
             coefficients[name] |= {"value": one.value, "std": one.std, "unit": one.unit}
     return {
+        "time_s": report.time_s if np.isfinite(report.time_s) else None,
         "coefficients": coefficients,
         "recursive_least_squares": {
             name: {"value": value, "std": std} for name, (value, std) in report.least_squares.items()

@@ -33,7 +33,8 @@ class LiveLines:
         if state.estimate_number == self._number or state.identification is None:
             return
         self._number = state.estimate_number
-        yield coefficients_line(state.identification["coefficients"], state.time_s or 0.0)
+        # Not the time of the newest signals: an estimate that is behind them must not pass for theirs.
+        yield coefficients_line(state.identification["coefficients"], state.identification["time_s"] or 0.0)
         for change in state.identification["changes"]:
             yield from self._once(change["text"])
         for warning in state.identification["warnings"]:
