@@ -1,0 +1,72 @@
+"""Flights, their recordings and signals over REST: the real application, with flights recorded from MAVLink bytes."""
+
+import httpx
+import numpy as np
+import pytest
+from api_bench import START, Bench, problem
+from traffic import SECOND
+
+from gcs.catalogue.decimate import decimate
+
+
+def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) -> None:
+    made = [bench.record(system, 1, START + 60 * system * SECOND) for system in (1, 2, 3)]
+    first = client.get("/api/flights", params={"limit": 2}).json()
+    assert [flight["id"] for flight in first["flights"]] == made[:0:-1]
+    rest = client.get("/api/flights", params={"limit": 2, "after": first["next"]}).json()
+    assert [flight["id"] for flight in rest["flights"]] == made[:1]
+    assert rest["next"] is None
+    found = client.get("/api/flights", params={"search": made[1]}).json()
+    assert [flight["id"] for flight in found["flights"]] == [made[1]]
+
+
+def test_a_flights_summary(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(7, 2, START)
+    summary = client.get(f"/api/flights/{flight}").json()
+    assert summary["system"] == 7
+    assert summary["start"] == "2027-01-15T08:00:00.000Z"
+    assert summary["messages"] == 2 * 52
+    assert summary["topics"]["/mavlink/7/1/ATTITUDE"] == 100
+    assert summary["lost"] == 0
+    assert {"phi", "p"} <= set(summary["signals"])
+    assert summary["jobs"] == []
+
+
+def test_the_recording_with_ranges(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    whole = (bench.settings.flights / f"{flight}.mcap").read_bytes()
+    path = f"/api/flights/{flight}/recording"
+    assert client.get(path).content == whole
+    part = client.get(path, headers={"Range": "bytes=10-19"})
+    assert (part.status_code, part.content) == (206, whole[10:20])
+    assert client.get(path, headers={"Range": "bytes=-5"}).content == whole[-5:]
+    assert client.get(path, headers={"Range": f"bytes={len(whole) + 1}-"}).status_code == 416
+
+
+def test_signals_are_thinned_and_cut_to_a_time(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 4, START)
+    path = f"/api/flights/{flight}/signals"
+    whole = client.get(path, params={"names": "phi"}).json()["signals"]["phi"]
+    assert (whole["unit"], len(whole["value"])) == ("rad", 200)
+    assert whole["value"] == pytest.approx([0.01 * i for i in range(200)], abs=1e-6)
+    thin = client.get(path, params={"names": "phi,theta", "points": 20}).json()["signals"]
+    assert set(thin) == {"phi", "theta"}
+    assert len(thin["phi"]["value"]) <= 20
+    assert (min(thin["phi"]["value"]), max(thin["phi"]["value"])) == pytest.approx((0.0, 1.99), abs=1e-6)
+    part = client.get(path, params={"names": "phi", "start": 1.0, "end": 2.0}).json()["signals"]["phi"]
+    assert all(1.0 <= at <= 2.0 for at in part["time"])
+    assert 49 <= len(part["time"]) <= 51
+    assert "nope" in problem(client.get(path, params={"names": "phi,nope"}), 404)
+
+
+def test_thinning_keeps_every_peak_and_the_order_of_time() -> None:
+    generator = np.random.default_rng(5)
+    time = np.arange(10_000) / 50.0
+    values = generator.normal(size=time.size)
+    values[[777, 8888]] = 50.0, -60.0
+    values[5000:5400] = np.nan
+    kept_time, kept = decimate(time, values, 200)
+    assert kept.size <= 200
+    assert (np.diff(kept_time) > 0).all()
+    assert {50.0, -60.0} <= set(kept.tolist())
+    assert np.isnan(kept).any()

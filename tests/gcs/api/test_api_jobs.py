@@ -1,0 +1,119 @@
+"""Jobs over REST, from request to model, and requests that cannot work."""
+
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+from api_bench import START, Bench, problem
+from serving import serving
+from traffic import wait_until
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (b'{"kind": identify}', "the body is no JSON (Expecting value, at character 9); send a JSON object such as"),
+        (b'{"kind": "\xff"}', "the body is no JSON; send a JSON object such as"),
+        (b"", "the body is missing or no JSON object; send"),
+        (b"[]", "the body is missing or no JSON object; send"),
+        (b"{}", "kind is missing"),
+        (b'{"kind": "identify", "valdate": [], "x": 1}', "valdate, x: no such key in a job; did you mean validate?"),
+        (b'{"kind": "identify", "vehicle": "a"}', "vehicle: no such key in a job; there are kind, model, structure"),
+        (b'{"kind": "fly"}', "kind: Input should be 'identify' or 'discrepancy'"),
+    ],
+)
+def test_a_job_that_cannot_be_read_says_what_to_send(
+    bench: Bench, client: httpx.Client, body: bytes, told: str
+) -> None:
+    flight = bench.record(1, 1, START)
+    kind = {"Content-Type": "application/json"}
+    answer = client.post(f"/api/flights/{flight}/jobs", content=body, headers=kind)
+    assert told in problem(answer, 400 if b"\xff" in body else 422)
+
+
+def test_json_without_its_content_type_is_told_so(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    answer = client.post(f"/api/flights/{flight}/jobs", content=b'{"kind": "identify"}')
+    assert "Content-Type: application/json" in problem(answer, 422)
+
+
+def test_a_result_that_nobody_judged_does_not_hide_the_validated_one_in_silence(
+    bench: Bench, client: httpx.Client
+) -> None:
+    flight = bench.record(1, 1, START)
+    judged = bench.catalogue.add_job(flight, "identify", {"kind": "identify", "validate": ["other"]})
+    result = {"schema": "identification/1", "validation": {"flights": ["other"]}}
+    bench.catalogue.finish_job(judged, result)
+    started = client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}).json()
+    place = f"/api/flights/{flight}/identification?job={judged.id}"
+    assert "validated on other" in started["log"][0]
+    assert started["log"][0].endswith(place)
+    wait_until(lambda: client.get(f"/api/jobs/{started['id']}").json()["state"] == "done")
+    assert "validation" not in client.get(f"/api/flights/{flight}/identification").json()
+    assert client.get(place).json() == result
+    assert "of job 'x'" in problem(client.get(f"/api/flights/{flight}/identification?job=x"), 404)
+    # A job that is judged itself, and one behind a result that was not, need no warning.
+    for request in ({"kind": "identify", "validate": [flight]}, {"kind": "identify"}):
+        log = client.post(f"/api/flights/{flight}/jobs", json=request).json()["log"]
+        assert not any("validated on" in line for line in log)
+
+
+def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    assert "no identify result" in problem(client.get(f"/api/flights/{flight}/identification"), 404)
+    answer = client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify", "from": 0.5, "validate": [flight]})
+    assert answer.status_code == 202
+    job = answer.json()
+    assert job["request"]["from"] == 0.5
+
+    def done() -> dict[str, Any] | None:
+        state = client.get(f"/api/jobs/{job['id']}").json()
+        return state if state["state"] in ("done", "failed") else None
+
+    ended = wait_until(done)
+    assert (ended["state"], ended["progress"], ended["log"]) == ("done", 1.0, ["half way"])
+    assert client.get(f"/api/flights/{flight}/identification").json()["schema"] == "identification/1"
+    (model,) = client.get("/api/models").json()
+    assert model["flight_id"] == flight
+    assert client.get(f"/api/models/{model['id']}").json()["coefficients"] == {"CL_0": {"value": 0.25}}
+    assert client.get(f"/api/flights/{flight}").json()["jobs"][0]["state"] == "done"
+    assert job["report"] is None
+    page = client.get(ended["report"])
+    assert page.headers["content-type"] == "text/html; charset=utf-8"
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "<title>Flight model of found from one</title>" in page.text
+    assert '<data value="0.25">0.25</data>' in page.text
+    assert "no discrepancy result" in problem(client.get(f"/api/flights/{flight}/report?of=discrepancy"), 404)
+    assert "'identification' or 'discrepancy'" in problem(client.get(f"/api/flights/{flight}/report?of=x"), 422)
+    other = bench.catalogue.add_job(flight, "discrepancy", {})
+    bench.catalogue.finish_job(other, {"schema": "unheard/9"})
+    assert "unheard/9" in problem(client.get(f"/api/flights/{flight}/report?of=discrepancy"), 400)
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "words"),
+    [
+        ({"kind": "paint"}, 422, "kind"),
+        ({}, 422, "kind"),
+        ({"kind": "identify", "vehicle": "/etc/passwd"}, 422, "vehicle"),
+        ({"kind": "identify", "method": "magic"}, 422, "method"),
+        ({"kind": "discrepancy"}, 409, "model"),
+        ({"kind": "discrepancy", "model": "../../etc/passwd"}, 404, "no model"),
+        ({"kind": "identify", "validate": ["../x"]}, 404, "no flight"),
+    ],
+)
+def test_job_requests_that_cannot_work(
+    bench: Bench, client: httpx.Client, body: dict[str, Any], status: int, words: str
+) -> None:
+    flight = bench.record(1, 1, START)
+    assert words in problem(client.post(f"/api/flights/{flight}/jobs", json=body), status)
+
+
+def test_without_a_vehicle_file_jobs_and_signals_say_so(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(vehicle=None)
+    with serving(bench.app) as client:
+        flight = bench.record(1, 1, START)
+        assert "--vehicle" in problem(client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}), 409)
+        assert "--vehicle" in problem(client.get(f"/api/flights/{flight}/signals", params={"names": "p"}), 404)
+        assert client.get(f"/api/flights/{flight}").json()["messages"] == 52
