@@ -121,7 +121,7 @@ campaign-jsbsim: setup
 
 # Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
 campaign-jsbsim-effects: setup
-	$(BIN)/python tests/campaign/jsbsim_effects.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1)
+	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1)
 
 campaign-bad-flights: setup
 	$(BIN)/python tests/campaign/bad_flights.py

@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.effects import EFFECTS, Effect, Stage
 from sim_vehicle.model import Model
 from sysid.estimate import Problem
-from sysid.moments import likely_events
+from sysid.moments import is_in_flight, likely_events
 from sysid.parameterisation import effect_parameter
 
 # Half steps that are looked at of a parameter over which the likelihood goes in steps: one is then on the right step.
@@ -61,6 +61,12 @@ class Candidate:
     def parameter(self, name: str) -> str:
         """Name of one of its parameters among the estimated ones."""
         return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
+
+
+def happens_in_flight(candidate: Candidate, values: Mapping[str, float], problem: Problem) -> bool:
+    """Whether the moment of a candidate that has one, at these values by parameter, lies well within some flight."""
+    moments = set(candidate.free) - set(candidate.sizes)
+    return all(is_in_flight(problem.records, values[name]) for name in moments)
 
 
 def alone(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:

@@ -18,6 +18,7 @@ from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, build_filter, start_values
 from sysid.filter_error import FilterErrorResult
+from sysid.filter_noise import SEARCH_S
 from sysid.steps import inverse
 
 Start = Mapping[str, float]
@@ -86,7 +87,19 @@ def fitted(
     values = start_values(problem, model, coefficients, effects) | dict(start)
     sigma = max(gust_sigma, _LEAST_GUSTS)
     flight = build_filter(problem, model, coefficients, effects)
-    return flight.solve(values, Turbulence(sigma, sigma), brief=True)
+    found = flight.solve(values, Turbulence(sigma, sigma), brief=True)
+    if not is_gusty(found):
+        return found
+    # Gusts can stand where the likelihood is flat, far above those that are there, until all has been moved once.
+    with suppress(EstimationError):
+        again = flight.solve(found.values(), found.turbulence, near=found, brief=True)
+        found = min(found, again, key=lambda one: one.cost)
+    return found
+
+
+def is_gusty(result: FilterErrorResult) -> bool:
+    """Whether an estimate has found gusts at all."""
+    return max(result.turbulence.horizontal, result.turbulence.vertical) > _LEAST_GUSTS
 
 
 def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
@@ -148,17 +161,55 @@ def _likelier(one: FilterErrorResult | None, other: FilterErrorResult | None) ->
 def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:
     """Those that have come furthest, the first brought to its end. fits: of `tried`, the likeliest first.
 
-    Where little is missing, noise and turbulence without it are right for all, and who is near the first stays. Else
-    they hold what is missing, and the first few are judged with their own.
+    Where little is missing in calm air, the noise without it is right for all, and who is near the first stays. Else
+    noise and turbulence hold what is missing, and the first few are judged with their own.
     """
     gains = [2.0 * (base.result.cost - found.cost) for _, found in fits]
     if gains[0] < _LITTLE:
         kept = [i for i, gain in enumerate(gains) if gain > gains[0] - 2.0 * _CLOSE]
+        if is_gusty(base.result):
+            return _by_own_gusts(problem, base, [fits[i] for i in kept[:_FINALISTS]])
         ended = [finished(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
         return [Finalist(fits[i][0], found, gains[i]) for i, found in zip(kept, ended, strict=True)]
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
     found = [(fits[i][0], finished(problem, base, *fits[i])) for i in near]
     return [Finalist(candidate, one, 2.0 * (base.result.cost - one.cost)) for candidate, one in found]
+
+
+def _by_own_gusts(
+    problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]
+) -> list[Finalist]:
+    """Candidates judged with the noise and turbulence that each of them leaves, the model without them with its own.
+
+    Gusts of a model that lacks something hold some of that: judged by them it weighs too little. All noise is estimated
+    from the same flight in the same way, else a candidate gains what the estimate of the noise does.
+    """
+    found = [_levelled(problem, _extended(base, *fit), fit[1]) for fit in fits]
+    without = (base.model, base.coefficients, base.effects)
+    least = min(_levelled(problem, without, base.result, start).cost for start in (base.result, found[0]))
+    return [Finalist(candidate, one, 2.0 * (least - one.cost)) for (candidate, _), one in zip(fits, found, strict=True)]
+
+
+_Built = tuple[Model, Sequence[str], Effects]
+
+
+def _extended(base: Setting, candidate: Candidate, result: FilterErrorResult) -> _Built:
+    """The base's model with a candidate as a fit has it, and its free parameters."""
+    values = result.values()
+    model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
+    return model, *_free(base, candidate)
+
+
+def _levelled(
+    problem: Problem, built: _Built, result: FilterErrorResult, start: FilterErrorResult | None = None
+) -> FilterErrorResult:
+    """A model's fit with noise and turbulence of all flights, from those of `start`; as it was where that is lost."""
+    near = start or result
+    with suppress(EstimationError):
+        return build_filter(problem, *built).solve(
+            result.values(), near.turbulence, near=near, brief=True, search_s=SEARCH_S
+        )
+    return result
 
 
 def finished(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
@@ -174,8 +225,7 @@ def finished(problem: Problem, base: Setting, candidate: Candidate, rough: Filte
         best = found if found is not None and gained > 0.0 else best
         if gained > _LITTLE and found is not None and (together or not found.converged):
             continue
-        windy = max(best.turbulence.horizontal, best.turbulence.vertical) > _LEAST_GUSTS
-        if together or not windy or rough.cost - best.cost < _LITTLE:
+        if together or not is_gusty(best) or rough.cost - best.cost < _LITTLE:
             break
         together = True
     return best
@@ -185,11 +235,9 @@ def _again(
     problem: Problem, base: Setting, candidate: Candidate, near: FilterErrorResult, together: bool
 ) -> FilterErrorResult | None:
     """A candidate's fit taken on from where it is, noise and turbulence too; None where the flight is lost."""
-    values = near.values()
-    model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
-    flight = build_filter(problem, model, *_free(base, candidate))
+    flight = build_filter(problem, *_extended(base, candidate, near))
     with suppress(EstimationError):
-        return flight.solve(values, near.turbulence, near=near, brief=not together)
+        return flight.solve(near.values(), near.turbulence, near=near, brief=not together)
     return None
 
 

@@ -111,6 +111,7 @@ class FilterError(FilteredFlight):
         known: FilterErrorResult | None = None,
         near: FilterErrorResult | None = None,
         brief: bool = False,
+        search_s: float | None = None,
     ) -> FilterErrorResult:
         """Estimate from parameter values and a first guess of the turbulence.
 
@@ -118,13 +119,16 @@ class FilterError(FilteredFlight):
         can be compared with others found so, without the information that variances carry. near: an estimate whose
         noise lets the filter follow the flight from these values, to start from. brief: noise and turbulence
         are estimated, but beside the parameters, not together with them: near the estimate in a fifth of the time.
+        search_s: of flight [s] from which noise and turbulence are estimated beside the parameters; costs of briefly
+        estimated models can be compared where that is all of it.
 
         Raises EstimationError where the filter diverges.
         """
         theta = np.array([values.get(p.name, p.prior_mean) for p in self.predictor.parameters])
         theta = np.clip(theta, self.low, self.high)
         iteration = calls = 0
-        search_s = _BRIEF_S if brief else SEARCH_S
+        if search_s is None:
+            search_s = _BRIEF_S if brief else SEARCH_S
         if known is None:
             noise, linear, found, turbulence = self._begun(theta, turbulence, search_s, near)
         else:

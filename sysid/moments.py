@@ -11,7 +11,7 @@ from sysid.flight import Array
 from sysid.records import OUTPUTS, Record
 from sysid.smoothing import fourier_smooth
 
-# Moments looked at in all, and the least time between two that are proposed, s.
+# Moments looked at in all, and the least time between two that are proposed and of flight before and after each, s.
 _LOOKS = 400
 _APART_S = 1.0
 _NEEDED = ("airspeed", "alpha", "q", "ax", "az")
@@ -25,7 +25,7 @@ def likely_events(records: Sequence[Record], vehicle: Vehicle, count: int) -> li
 
     Forces and pitching over the dynamic pressure are explained by angle of attack, elevator, pitch rate and thrust, all
     flights together; a step from a moment on joins the regressors, and the gain in the log likelihood counts. None
-    where the flights lack alpha, q, airspeed or accelerations.
+    where the flights lack alpha, q, airspeed or accelerations, or are too short.
     """
     used = [record for record in records if _complete(record)]
     if not used:
@@ -38,6 +38,7 @@ def likely_events(records: Sequence[Record], vehicle: Vehicle, count: int) -> li
     residual = Y - basis @ (basis.T @ Y)
     power = np.maximum(np.sum(residual**2, axis=0), 1e-300)
     looks = np.linspace(time.min(), time.max(), _LOOKS + 2)[1:-1]
+    looks = looks[[is_in_flight(used, float(look)) for look in looks]]
     gains, sizes = np.zeros(looks.size), np.zeros((looks.size, 3))
     for i, look in enumerate(looks):
         step = (time > look).astype(np.float64)
@@ -56,6 +57,18 @@ def likely_events(records: Sequence[Record], vehicle: Vehicle, count: int) -> li
         if all(abs(looks[i] - other["time"]) >= _APART_S for other in found):
             found.append({"time": float(looks[i]), **_coefficients(sizes[i], vehicle, rho, alpha)})
     return found
+
+
+def is_in_flight(records: Sequence[Record], moment: float) -> bool:
+    """Whether some flight has been flown for a second before a moment [s] and goes on for one after it.
+
+    What changes with the first or last samples is how a record starts or ends.
+    """
+    spans: dict[str, tuple[float, float]] = {}
+    for record in records:
+        first, last = spans.get(record.flight, (np.inf, -np.inf))
+        spans[record.flight] = min(first, float(record.time_s[0])), max(last, float(record.time_s[-1]))
+    return any(first + _APART_S <= moment <= last - _APART_S for first, last in spans.values())
 
 
 def _coefficients(size: Array, vehicle: Vehicle, rho: float, alpha: float) -> dict[str, float]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, candidates, stepping_of
+from sysid.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.engines import Setting, finalists, tried
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, Progress, build_filter, model_of
@@ -19,7 +19,8 @@ from sysid.filter_path import LAGGING
 from sysid.filter_screen import filter_gains
 from sysid.steps import inverse
 
-# Only candidates that promise at least this much, and this share of the best promise, are tried: at most so many.
+# None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
+# most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
 # Play of servos and of the thrust sensor, whose state between samples nobody records.
 _PLAY = ("thrust_sensor_hysteresis", "servo_deadband", "actuator_backlash", "sensor_time_skew")
@@ -91,13 +92,16 @@ def extend(search: Search, progress: Progress) -> bool:
     for position, (candidate, start) in enumerate(worth):
         progress((position + 1.0) / (len(worth) + 2.0), f"trying {candidate.effect.name}")
         begun = tried(problem, base, candidate, start)
-        if begun is not None:
+        if begun is not None and _is_possible(problem, candidate, begun):
             fits.append((candidate, begun))
     search.tried = len(choices)
     if not fits:
         return False
     progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
     found = finalists(problem, base, sorted(fits, key=lambda item: item[1].cost))
+    found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
+    if not found:
+        return False
     samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
     weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
@@ -110,6 +114,11 @@ def extend(search: Search, progress: Progress) -> bool:
     search.named.append(Named(candidate, weights[top], alternatives, values_of(candidate, result)))
     _add(search, candidate, result)
     return True
+
+
+def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResult) -> bool:
+    values = {name: result.value(candidate.parameter(name)) for name in candidate.free}
+    return happens_in_flight(candidate, values, problem)
 
 
 def drop_replaced(search: Search) -> None:
@@ -229,5 +238,8 @@ def _promising(
     """Candidates worth a fit, with the start each promises most from."""
     gains = filter_gains(problem, base.model, base.coefficients, base.effects, base.result, choices)
     order = sorted(range(len(choices)), key=lambda i: -gains[i][0])
-    limit = max(MIN_PROMISE, PROMISE_SHARE * gains[order[0]][0]) if order else 0.0
+    best = gains[order[0]][0] if order else 0.0
+    if best < MIN_PROMISE:
+        return []
+    limit = max(0.5 * MIN_PROMISE, PROMISE_SHARE * best)
     return [(choices[i], gains[i][1]) for i in order[:MAX_TRIED] if gains[i][0] >= limit]

@@ -43,3 +43,19 @@ def test_a_hidden_effect_is_named_in_turbulence(tmp_path: Path) -> None:
     assert abs(estimate["value"] - 1.5) < 4.0 * estimate["std"]
     assert 0.0 < estimate["std"] < 0.15
     assert over_floor(found["gap"]["estimation"], "after") < 1.3
+
+
+def test_what_gusts_of_a_wrong_model_hold_is_given_back_to_the_effect(tmp_path: Path) -> None:
+    """An airspeed that disagrees with the motion passes for gusts twice as strong; with its own it is told."""
+    hidden = ("--effect", "density_error:scale=0.12")
+    gusts = ("--effect", "turbulence:sigma=0.15,length=20", "--wind", "0.5,1,0")
+    found = run_discrepancy(tmp_path, 43, 0.1, *hidden, *gusts, validate=False)
+    assert found["verdict"] == "missing_effect", found["reasons"]
+    # Whether the air or the sensor is to blame no flight tells without another airspeed.
+    (named,) = found["effects"]
+    assert {"density_error", "airspeed_error"} >= {named["name"]}, found["reasons"]
+    told = [named["name"], *(one["name"] for one in named["alternatives"])]
+    if named["name"] == "density_error":
+        estimate = named["parameters"]["scale"]
+        assert abs(estimate["value"] - 0.12) < 4.0 * estimate["std"]
+    assert "density_error" in told

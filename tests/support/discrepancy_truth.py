@@ -18,7 +18,6 @@ import numpy as np
 from discrepancy_cases import (
     GUST_LENGTH_M,
     KINDS,
-    STEP_S,
     Case,
     fly_calm,
     off_by_values,
@@ -119,7 +118,7 @@ class Whitener:
 
     def __init__(self, experiment: Experiment, base: Slopes, gust: float) -> None:
         self.base, self.gust = base, gust
-        self._path = linear_path(experiment, STEP_S) if gust else None
+        self._path = linear_path(experiment) if gust else None
         dt = float(experiment.flown.time_s[1] - experiment.flown.time_s[0])
         self._gusts = gust_model(gust, GUST_LENGTH_M, experiment.vehicle.flight.airspeed, dt) if gust else None
 

@@ -44,7 +44,7 @@ INPUTS = ("start ", "thrust ", "rotor ")
 _STEP = 1e-5  # of coefficients and states, relative where they exceed 1
 _THRUST_STEP = 1e-4  # N
 _ROTOR_STEP = 1e-5  # of full speed
-_SUB_STEPS = 4
+SUB_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def simulated(
     count = path.shape[0]
     y = np.empty((count, len(CHANNELS)))
     dt = float(flown.time_s[1] - flown.time_s[0])
-    simulate(x0, 0, 0, count, np.ascontiguousarray(command), thrust, flown.truth["rho"], dt, _SUB_STEPS,
+    simulate(x0, 0, 0, count, np.ascontiguousarray(command), thrust, flown.truth["rho"], dt, SUB_STEPS,
              False, held, flown.gust_body, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
     return y[:, [CHANNELS.index(name) for name in experiment.outputs]]
 

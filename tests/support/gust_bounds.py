@@ -3,7 +3,7 @@
 The outputs' errors have the covariance R + G G', G being the outputs' answer to the white noise that drives the gusts.
 A Kalman filter with the true matrices whitens the sensitivities, which gives S' (R + G G')^-1 S without the large
 matrix (Mehra's innovations form; Maine & Iliff, NASA RP-1168, section 5). Intensity and length of the gusts are known.
-The matrices are differences of single steps of the plant that flew; nothing of the estimators is used.
+The matrices are differences of single steps of the simulator; nothing of the estimators is used.
 """
 
 from __future__ import annotations
@@ -13,14 +13,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from flight_bounds import STATES, Array, Experiment, Slopes, true_states
+from flight_bounds import STATES, SUB_STEPS, Array, Experiment, Slopes, true_states
 
-from sim_vehicle.layout import CHANNELS
-from sim_vehicle.plant import Plant
-from sim_vehicle.plantstate import PlantState, quaternion
+from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_at_rest
+from sim_vehicle.dynamics import derivatives
+from sim_vehicle.effects import START_TIME
+from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.parameters import FlatModel, flatten
+from sim_vehicle.plantstate import quaternion
+from sim_vehicle.sensing import read_sensors
+from sim_vehicle.simulation import effects_flown, settle_lift, tick
 
 _STEP = 1e-4  # m/s, rad/s, rad: of states and gusts
-_STILL = np.zeros(3)
+_STILL, _FREE = np.zeros(3), np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -62,30 +67,22 @@ class LinearPath:
     D: Array
 
 
-def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
-    """Central differences of single steps, states and gusts of the free motion only."""
-    plant = Plant(experiment.vehicle, experiment.model, max_step=max_step)
-    flown = experiment.flown
+def linear_path(experiment: Experiment) -> LinearPath:
+    """Central differences of single steps, states and gusts of the free motion only.
+
+    Thrust is as it was measured and the servos are where they were, as in the whole simulations of `slopes`: a path
+    that answers otherwise than those makes innovations of what coefficients and starting states could imitate.
+    """
+    flown, flat = experiment.flown, flatten(experiment.vehicle, experiment.model)
     path, count = true_states(flown), flown.time_s.size
-    dt = float(flown.time_s[1] - flown.time_s[0])
-    surfaces = np.stack([flown.truth[name] for name in ("de", "da", "dr", "throttle")], axis=1)
     columns = [CHANNELS.index(name) for name in experiment.outputs]
     free = [STATES.index(name) for name in experiment.states]
     air = [0, 1, 2] if experiment.lateral else [0, 2]
     n, m = len(free), len(air)
     A, B = np.zeros((count, n, n)), np.zeros((count, n, 3))
     C, D = np.zeros((count, len(columns), n)), np.zeros((count, len(columns), 3))
-
-    def state(k: int, change: Array, place: Array) -> PlantState:
-        """`place`: where the aircraft is; the attitude and the rest from nine numbers."""
-        nine = path[k] + change
-        x = np.concatenate((place, nine[:3], quaternion(*(float(a) for a in nine[6:])), nine[3:6], [0.0]))
-        return plant.state_at(x, flown.command[max(k - 1, 0)], surfaces[k])
-
+    steps = _Steps(experiment, flat)
     for k in range(count):
-        place = np.array([flown.truth[name][k] for name in ("north", "east", "down")])
-        here = flown.gust_body[k]
-        over = 0.5 * (here + flown.gust_body[min(k + 1, count - 1)])
         for j in range(n + m):
             ends, reads = [], []
             for sign in (1.0, -1.0):
@@ -94,17 +91,57 @@ def linear_path(experiment: Experiment, max_step: float = 0.005) -> LinearPath:
                     change[free[j]] = sign * _STEP
                 else:
                     gust[air[j - n]] = sign * _STEP
-                moved = state(k, change, place)
-                plant.evaluate(moved, _STILL, here + gust, 0.0)
-                reads.append(plant.read(moved)[columns])
-                plant.step(moved, flown.command[k], dt, _STILL, over + gust)
-                ends.append(_nine(moved)[free])
+                reading, end = steps.step(k, path[k] + change, gust)
+                reads.append(reading[columns])
+                ends.append(end[free])
             step, read = (ends[0] - ends[1]) / (2.0 * _STEP), (reads[0] - reads[1]) / (2.0 * _STEP)
             if j < n:
                 A[k, :, j], C[k, :, j] = step, read
             else:
                 B[k, :, air[j - n]], D[k, :, air[j - n]] = step, read
     return LinearPath(A, B, C, D)
+
+
+class _Steps:
+    """Single steps of a flight from any of its samples, with recorded thrust and with servos that run all along."""
+
+    def __init__(self, experiment: Experiment, flat: FlatModel) -> None:
+        self._flown, self._flat = experiment.flown, flat
+        self._effects = effects_flown(flat.E, float(self._flown.truth["thrust"][0]))
+        self._command = np.ascontiguousarray(self._flown.command)
+        self._dt = float(self._flown.time_s[1] - self._flown.time_s[0])
+        actuators, mean, surfaces = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4)
+        start_actuators(self._command[0], actuators)
+        surfaces_at_rest(self._command[0], self._effects, surfaces)
+        self._servos: list[tuple[Array, Array]] = []
+        step = self._dt / SUB_STEPS
+        for k in range(self._command.shape[0]):
+            self._servos.append((actuators.copy(), surfaces.copy()))
+            for i in range(SUB_STEPS):
+                advance_actuators(
+                    self._command, k, i * step, step, self._dt, flat.P, self._effects, actuators, mean, surfaces
+                )
+
+    def step(self, k: int, nine: Array, gust: Array) -> tuple[Array, Array]:
+        """What sensors read at sample k from nine states, and the states at the next; gust: (3,) on top."""
+        flown, flat, dt = self._flown, self._flat, self._dt
+        truth, after = flown.truth, min(k + 1, flown.time_s.size - 1)
+        here = flown.gust_body[k] + gust
+        over = 0.5 * (flown.gust_body[k] + flown.gust_body[after]) + gust
+        thrust, rho = truth["thrust"], float(truth["rho"][k])
+        actuators, surfaces = (one.copy() for one in self._servos[k])
+        place = [truth[name][k] for name in ("north", "east", "down")]
+        x = np.concatenate((place, nine[:3], quaternion(*(float(a) for a in nine[6:])), nine[3:6], [np.nan]))
+        W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+        reading, mean = np.zeros(len(CHANNELS)), np.zeros(4)
+        W[Aux.time] = self._effects[START_TIME] + k * dt
+        terms = flat.C, flat.F, flat.K, flat.T
+        settle_lift(x, surfaces, float(thrust[k]), rho, flat.P, self._effects, *terms, W, rate)
+        derivatives(x, surfaces, float(thrust[k]), _STILL, here, rho, flat.P, self._effects, *terms, W, rate)
+        read_sensors(x, W, flat.P, self._effects, 0.0, np.zeros(SENSOR_SIZE), reading)
+        tick(x, actuators, self._command, k, dt, SUB_STEPS, _STILL, over, rho, 0.5 * float(thrust[k] + thrust[after]),
+             _FREE, flat.P, self._effects, *terms, W, scratch, mean, surfaces)  # fmt: skip
+        return reading, _nine(x)
 
 
 def gust_information(told: Slopes, path: LinearPath, gusts: GustModel) -> Array:
@@ -139,10 +176,10 @@ def whitened(told: Slopes, path: LinearPath, gusts: GustModel) -> Iterator[Array
         mean, covariance = step @ mean, step @ covariance @ step.T + noise @ gusts.Q @ noise.T
 
 
-def _nine(state: PlantState) -> Array:
-    """The STATES of a plant's state."""
-    q0, q1, q2, q3 = state.x[6:10]
+def _nine(x: Array) -> Array:
+    """The STATES of a state of the simulation (14,)."""
+    q0, q1, q2, q3 = x[6:10]
     phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
     theta = math.asin(2.0 * (q0 * q2 - q1 * q3))
     psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
-    return np.array([*state.x[3:6], *state.x[10:13], phi, theta, psi])
+    return np.array([*x[3:6], *x[10:13], phi, theta, psi])

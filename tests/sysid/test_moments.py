@@ -16,7 +16,7 @@ from sysid.errors import SignalError
 from sysid.flight import FlightData
 from sysid.heights import height_above_ground, height_in_flight
 from sysid.hysteresis import way_of
-from sysid.moments import likely_events
+from sysid.moments import is_in_flight, likely_events
 from sysid.parameterisation import Predictor
 from sysid.records import OUTPUTS, Record, effects_at, held_by_dead_band, with_other_inputs
 from sysid.thrust import ThrustSource
@@ -56,6 +56,21 @@ def test_the_moment_of_a_step_is_found_to_a_tenth_of_a_second(moment: float) -> 
     assert abs(found[0]["dCm"]) < 0.002
     assert len(found) == 3
     assert min(abs(a["time"] - b["time"]) for i, a in enumerate(found) for b in found[:i]) >= 1.0
+
+
+@pytest.mark.parametrize("moment", [5.4, 34.6])
+def test_a_moment_has_a_second_of_flight_on_either_side(moment: float) -> None:
+    """A step of one sample's length from an end is how the record starts or ends."""
+    found = likely_events([record(moment)], VEHICLE, 3)
+    assert all(TIME[0] + 1.0 <= one["time"] <= TIME[-1] - 1.0 for one in found)
+
+
+def test_a_moment_lies_in_the_flight_not_in_each_of_its_records() -> None:
+    whole = record(22.2)
+    parts = [whole.window(0, 800), whole.window(800, N)]
+    assert is_in_flight(parts, float(TIME[800]))
+    assert not is_in_flight(parts, float(TIME[0]) + 0.5)
+    assert not is_in_flight(parts[:1], float(TIME[799]))
 
 
 def test_of_two_records_of_one_flight_the_one_that_holds_the_moment_gives_it() -> None:
