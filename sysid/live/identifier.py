@@ -20,7 +20,7 @@ from sysid.live.equations import BIASES, LiveEquations
 from sysid.live.excitation import Coefficient, judged
 from sysid.live.recursive import Decimator, RecursiveLeastSquares
 from sysid.live.sentences import change_sentence, sensor_warnings
-from sysid.live.spectral import AxisEstimator, Estimate
+from sysid.live.spectral import VANES, AxisEstimator, Estimate
 from sysid.live.thrust import LiveThrust
 from sysid.live.timebase import Rows, TimeBase
 from sysid.structure import LONGITUDINAL_AXES, default_structure, helpful_manoeuvre, usual_size
@@ -32,10 +32,12 @@ _SPARSE = ("vn", "ve", "vd")
 _GATHER_S = 1.5
 # Rows are worked on when a report is asked for, at the latest after this time: many cost hardly more than one does.
 _PIECE_S = 0.5
-_NOISE_MEMORY = 300.0  # rows
+_NOISE_MEMORY = 300  # rows
 # Sum of the squares of the fourth difference's weights: the variance of white noise in it.
 _FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-_VANES = ("alpha", "beta")
+_RATES = ("p", "q", "r")
+# Of the square of a normal variate, the median over the mean.
+_MEDIAN_OF_SQUARES = 0.4549
 
 
 @dataclass(frozen=True)
@@ -67,10 +69,16 @@ class _Axis:
 
 
 @dataclass
-class _VaneNoise:
-    """Variance of a vane's white noise, by the fourth difference, in which motion does not show."""
+class _Noise:
+    """Variance of a sensor's white noise, by the fourth difference, in which motion does not show.
 
+    jumps: whether what is measured may bend from one sample to the next, as a rate does at a step of a command. Then
+    the median tells it.
+    """
+
+    jumps: bool = False
     tail: Array = field(default_factory=lambda: np.empty(0))
+    recent: Array = field(default_factory=lambda: np.empty(0))
     variance: float = np.nan
     count: int = 0
 
@@ -80,6 +88,10 @@ class _VaneNoise:
         if joined.size < 5:
             return
         squares = np.convolve(joined, _FOURTH, mode="valid") ** 2 / float(_FOURTH @ _FOURTH)
+        if self.jumps:
+            self.recent = np.concatenate([self.recent, squares])[-_NOISE_MEMORY:]
+            self.variance = float(np.median(self.recent)) / _MEDIAN_OF_SQUARES
+            return
         self.count += squares.size
         share = min(squares.size / min(self.count, _NOISE_MEMORY), 1.0)
         mean = float(np.mean(squares))
@@ -104,7 +116,7 @@ class LiveIdentifier:
         self._decimator: Decimator | None = None
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
-        self._noise = {name: _VaneNoise() for name in _VANES}
+        self._noise = {name: _Noise(name in _RATES) for name in (*VANES, *_RATES)}
         self._changes: list[Change] = []
         self._settled: dict[str, float] = {}
         self._sparse: dict[str, list[tuple[float, float]]] = {name: [] for name in _SPARSE}
@@ -206,7 +218,7 @@ class LiveIdentifier:
         for axis, terms in self._equations.terms.items():
             names = tuple(term.name for term in terms)
             factors = tuple(term.factors for term in terms)
-            noisy = [chosen[0] if chosen in (("alpha",), ("beta",)) else "" for chosen in factors]
+            noisy = [chosen[0] if len(chosen) == 1 and chosen[0] in self._noise else "" for chosen in factors]
             scales = np.array([usual_size(name) for name in names])
             self._axes[axis] = _Axis(
                 names,
@@ -226,9 +238,7 @@ class LiveIdentifier:
             if not self._axes:
                 self._make_axes(rows.interval_s)
             self.time_s = float(rows.time_s[-1])
-            for name in _VANES:
-                if name in rows.columns:
-                    self._noise[name].take(rows.columns[name], continues=rows.continues)
+            self._watch_noise(rows)
             self._filter(rows)
             if self._air.rows:
                 told = {name: error.value for name, error in self._air.errors().items() if error.told}
@@ -267,7 +277,7 @@ class LiveIdentifier:
         known = {**self._equations.corrected(columns), **self._ground_velocity(rows)}
         unknown = np.full(rows.time_s.size, np.nan)
         table = np.column_stack([known.get(name, unknown) for name in ROW])
-        self._air.take(table, rows.interval_s, self._vane_noise())
+        self._air.take(table, rows.interval_s, self._known_noise())
 
     def _ground_velocity(self, rows: Rows) -> dict[str, Array]:
         """Samples that come seldom, each at the row nearest to it; NaN elsewhere. One far from any row is left out."""
@@ -285,13 +295,22 @@ class LiveIdentifier:
             del found[:taken]
         return columns
 
-    def _vane_noise(self) -> dict[str, float]:
+    def _watch_noise(self, rows: Rows) -> None:
+        lengths = {"p": self._vehicle.geometry.b, "q": self._vehicle.geometry.c, "r": self._vehicle.geometry.b}
+        for name, noise in self._noise.items():
+            if name in rows.columns:
+                values = rows.columns[name]
+                if name in lengths:  # as the equations hold it
+                    values = values * lengths[name] / (2.0 * np.maximum(rows.columns["airspeed"], 1.0))
+                noise.take(values, continues=rows.continues)
+
+    def _known_noise(self) -> dict[str, float]:
         return {name: one.variance for name, one in self._noise.items() if np.isfinite(one.variance)}
 
     def _update(self, axis: str, one: _Axis, errors: Mapping[str, SensorError]) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
         biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
-        one.estimate = one.estimator.estimate(self._vane_noise(), biases)
+        one.estimate = one.estimator.estimate(self._known_noise(), biases)
         if one.estimate is None:
             return
         if axis in MOMENTS:
@@ -310,7 +329,7 @@ class LiveIdentifier:
         """A coefficient and its standard error, with what the live sensor errors make of it."""
         value, variance = float(estimate.values[index]), float(estimate.covariance[index, index])
         factors = one.factors[index]
-        for vane in _VANES:
+        for vane in VANES:
             error = errors.get(f"{vane}_scale")
             if factors == (vane,) and error is not None and error.told:
                 variance = variance * (1.0 + error.value) ** 2 + (value * error.std) ** 2
@@ -324,7 +343,7 @@ class LiveIdentifier:
         """What takes the vanes' biases off a constant, and the variance that their errors leave."""
         gains: dict[str, float] = {}
         assert one.estimate is not None
-        for vane in _VANES:
+        for vane in VANES:
             if f"{axis}_{vane}" in one.names:
                 gains[f"{vane}_bias"] = float(one.estimate.values[one.names.index(f"{axis}_{vane}")])
         shift = sum(gain * errors[name].value for name, gain in gains.items())

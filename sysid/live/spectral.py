@@ -24,6 +24,7 @@ from sysid.structure import PRIOR_SHARE, usual_size
 WINDOW_S = 10.0
 HIGHEST_HZ = 2.5
 _LEAST_S = 1.0
+VANES = ("alpha", "beta")
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Estimate:
 class AxisEstimator:
     """Takes the columns of `LiveEquations` for one axis and gives its coefficients at any time.
 
-    names: the terms' coefficients, the constant's among them. noisy: for each, which vane's noise is in it ("" none).
+    names: the terms' coefficients, the constant's among them. noisy: for each, which vane's or gyro's noise is in it
+    ("" none).
     biases: sensor errors whose columns follow those of the terms; how large they are the caller knows.
     """
 
@@ -99,8 +101,9 @@ class AxisEstimator:
     ) -> Estimate | None:
         """Coefficients now; None in the first second.
 
-        noise: vane -> variance of its white noise, rad^2. biases: sensor error -> value and standard error, which the
-        coefficients' errors then hold; one that is not given counts as 0.
+        noise: vane (rad^2) or nondimensional rate -> variance of its white noise; only a vane's is taken off. biases:
+        sensor error -> value and standard error, which the coefficients' errors then hold; one that is not given
+        counts as 0.
         """
         if self.seconds < _LEAST_S:
             return None
@@ -112,12 +115,19 @@ class AxisEstimator:
         lines = products[1:]
         X = np.ascontiguousarray(lines[:, chosen][:, :, chosen])
         y, power = np.ascontiguousarray(lines[:, chosen, left]), np.ascontiguousarray(lines[:, left, left])
-        error = np.array([self._weights * noise.get(self._noisy[i], 0.0) for i in moving] + [0.0] * (len(extra) + 1))
+        power_of = [self._weights * noise.get(self._noisy[i], 0.0) for i in moving]
+        rest = [0.0] * (len(extra) + 1)
+        vane = np.array([self._noisy[i] in VANES for i in moving] + [False] * len(rest))
+        error = np.array(power_of + rest)
+        sizes = np.array([usual_size(self.names[i]) for i in moving] + rest)
         windows = self._count / self._size
         known = [(biases or {}).get(name, (0.0, 1e-9)) for name in self.biases]
         doubts = [PRIOR_SHARE * usual_size(self.names[i]) for i in moving] + [std for _, std in known] + [100.0]
         mean = np.array([0.0] * len(moving) + [value for value, _ in known] + [0.0])
-        theta, covariance = weighted(X, y, power, error, self._frequencies[1:], windows, mean, np.array(doubts))
+        theta, covariance = weighted(
+            X, y, power, np.where(vane, error, 0.0), np.where(vane, 0.0, error), sizes,
+            self._frequencies[1:], windows, mean, np.array(doubts),
+        )  # fmt: skip
         return self._with_constant(chosen[:-1], theta[:-1], covariance[:-1, :-1])
 
     def _with_constant(self, chosen: list[int], theta: Array, covariance: Array) -> Estimate:

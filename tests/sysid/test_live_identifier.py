@@ -100,3 +100,31 @@ def test_an_elevator_that_answers_at_half_is_told_with_its_time() -> None:
     assert (change.axis, change.coefficient) == ("Cm", "Cm_de")
     assert abs(change.time_s - 14.0) < 0.6
     assert report.sentences()[0].startswith("elevator answers at half since 1")
+
+
+def first_known(signals: FlightSignals) -> dict[str, tuple[float, float]]:
+    """Value and standard error of each coefficient as it is told for the first time."""
+    live, found = LiveIdentifier(load_vehicle("iitb-mav")), dict[str, tuple[float, float]]()
+    for count, samples in enumerate(pieces(signals, 0.1), 1):
+        live.take(samples)
+        if count % 4 == 0:
+            for name, one in live.report().coefficients.items():
+                if one.known:
+                    found.setdefault(name, (one.value, one.std))
+    return found
+
+
+def test_error_bars_hold_from_the_first_ones_on() -> None:
+    errors = []
+    for seed in range(200, 208):
+        told = first_known(fly_mav("multisine", seed, duration=4.0)[0])
+        errors += [(value - TRUTH[name]) / std for name, (value, std) in told.items() if name in TRUTH]
+    assert len(errors) > 60
+    assert np.mean(np.abs(errors) < 1.96) >= 0.9
+    assert np.max(np.abs(errors)) < 4.0
+
+
+def test_of_an_axis_that_only_noise_moves_nothing_is_known() -> None:
+    told = first_known(fly_mav("elevator-3211", 1, duration=8.0)[0])
+    assert {"CL_alpha", "Cm_alpha", "Cm_de"} <= told.keys()
+    assert not {"Cn_beta", "Cl_beta", "Cl_p", "Cl_da", "Cn_r", "CY_beta"} & told.keys()
