@@ -112,5 +112,6 @@ def discrepancy(
         )
     clean: dict[str, Any] = finite_json(found)
     models = [model] if model.is_file() else []
+    clean["warnings"] = list(dict.fromkeys([*craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made({"vehicle": craft.name, "system": system}, [*paths, *validate, craft.path, *models])
     return clean

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import SettingsError
+from gcs.text.chance import p_text, probability_text
 from gcs.text.jsontext import dumps
 from sim_vehicle.targets import unwritable
 
@@ -67,10 +68,11 @@ def _bench_lines(model: dict[str, Any]) -> list[str]:
 
 
 def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
-    columns = ("tic", "r2", "residual_mean", "residual_std", "gaussian_p")
-    lines = ["  " + f"{'output':<12}" + "".join(f"{column:>15}" for column in columns)]
+    columns = ("tic", "r2", "residual_mean", "residual_std")
+    lines = ["  " + f"{'output':<12}" + "".join(f"{column:>15}" for column in (*columns, "gaussian_p"))]
     for name, entry in outputs.items():
-        lines.append("  " + f"{name:<12}" + "".join(f"{_number(entry.get(column), 4):>15}" for column in columns))
+        cells = [*(_number(entry.get(column), 4) for column in columns), p_text(entry.get("gaussian_p"), 4)]
+        lines.append("  " + f"{name:<12}" + "".join(f"{cell:>15}" for cell in cells))
     return lines
 
 
@@ -105,9 +107,16 @@ def _regression_lines(report: dict[str, Any] | None) -> list[str]:
     return lines
 
 
+def _warning_lines(result: dict[str, Any]) -> list[str]:
+    warnings = result.get("warnings", [])
+    return [*(f"warning: {warning}" for warning in warnings), ""] if warnings else []
+
+
 def identification_text(result: dict[str, Any]) -> str:
     """A result of schema identification/1 as lines."""
-    lines = [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
+    # First what makes the rest doubtful: a vehicle file in grams refuses dozens of coefficients.
+    lines = _warning_lines(result)
+    lines += [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
     lines += [f"thrust: {source}" for source in dict.fromkeys((result.get("thrust") or {}).values())]
     for segment in result.get("segments", []):
         if isinstance(segment, dict):
@@ -139,7 +148,6 @@ def identification_text(result: dict[str, Any]) -> str:
             verdict[True] += " by TIC, not down to the noise"
         lines += ["", f"validation: {verdict[_truth(validation.get('acceptable'))]}"]
         lines += [*_score_lines(validation["outputs"]), *([f"  {outliers}"] if outliers else [])]
-    lines += [f"warning: {warning}" for warning in result.get("warnings", [])]
     return "\n".join(lines)
 
 
@@ -156,24 +164,24 @@ def _plain(value: Any) -> str:
 
 def discrepancy_text(result: dict[str, Any]) -> str:
     """A result of schema discrepancy/1 as lines."""
-    lines = [result["sentence"], ""] if result.get("sentence") else []
+    lines = _warning_lines(result)
+    lines += [result["sentence"], ""] if result.get("sentence") else []
     lines += [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
     for place in result.get("where", []):
         lines.append(
             f"where: {place['axis']} over {place['variable']}, share {_number(place.get('share'), 3)},"
-            f" p {_number(place.get('p_value'), 2)}"
+            f" p {p_text(place.get('p_value'))}"
         )
     for effect in result.get("effects", []):
-        lines += ["", f"effect {effect['name']}, probability {_number(effect.get('probability'), 3)}"]
+        lines += ["", f"effect {effect['name']}, probability {probability_text(effect.get('probability'))}"]
         lines += [_estimate_row(name, entry) for name, entry in effect.get("parameters", {}).items()]
         for other in effect.get("alternatives", []):
-            lines.append(f"  or {other['name']}, probability {_number(other.get('probability'), 3)}")
+            lines.append(f"  or {other['name']}, probability {probability_text(other.get('probability'))}")
         if effect.get("alternatives") and effect.get("separating_manoeuvre"):
             lines.append(f"  to tell them apart, fly {effect['separating_manoeuvre']}")
     for flights, gap in (result.get("gap") or {}).items():
         if gap:
             lines += ["", f"gap on the {flights} flights (RMS):", *_gap_lines(gap)]
-    lines += [f"warning: {warning}" for warning in result.get("warnings", [])]
     return "\n".join(lines)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gcs.report.gapfigures import STAGES
-from gcs.report.markup import estimate, number, table, text
+from gcs.report.markup import estimate, number, p_value, probability, table, text
 from gcs.report.tables import interval
 
 Result = Mapping[str, Any]
@@ -15,7 +15,7 @@ Result = Mapping[str, Any]
 def where(result: Result) -> str:
     """Axes and variables with which measurement and model disagree."""
     rows = [
-        [text(one["axis"]), text(one["variable"]), number(one.get("share"), 3), number(one.get("p_value"), 2),
+        [text(one["axis"]), text(one["variable"]), number(one.get("share"), 3), p_value(one.get("p_value")),
          str(len(one.get("intervals", [])))]
         for one in result.get("where", [])
     ]  # fmt: skip
@@ -33,9 +33,9 @@ def effects(result: Result) -> list[str]:
             between = "–" if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
             rows.append([f"<code>{text(name)}</code>", estimate(entry["value"], std), number(std, 2), between])
         title = effect.get("title", effect["name"])
-        found.append(f"<p>{text(title)}: probability {number(effect.get('probability'), 3)}.</p>")
+        found.append(f"<p>{text(title)}: probability {probability(effect.get('probability'))}.</p>")
         found.append(table(f"Parameters of {title}", ["parameter", "value", "± (1 σ)", "95 % interval"], rows))
-        others = [f"{text(o['name'])} ({number(o.get('probability'), 3)})" for o in effect.get("alternatives", [])]
+        others = [f"{text(o['name'])} ({probability(o.get('probability'))})" for o in effect.get("alternatives", [])]
         if others:
             found.append(f"<p>Or: {', '.join(others)}. To tell them apart: {text(effect['separating_manoeuvre'])}.</p>")
     return found

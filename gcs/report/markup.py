@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from gcs.text.chance import LEAST_EXPONENT, probability_text, too_small
+
 NONE = '<span aria-label="none">–</span>'
 
 
@@ -15,6 +17,18 @@ def number(value: float | None, digits: int = 4, factor: float = 1.0) -> str:
     if value is None:
         return NONE
     return f'<data value="{value!r}">{shown(value * factor, digits)}</data>'
+
+
+def p_value(value: float | None, digits: int = 2) -> str:
+    """A p value; what underflow left as zero is below what can be told."""
+    if value is None or not too_small(value):
+        return number(value, digits)
+    return f'<data value="{value!r}">&lt; 10<sup>{str(LEAST_EXPONENT).replace("-", "−")}</sup></data>'
+
+
+def probability(value: float | None) -> str:
+    """A posterior probability, certain to no more digits than it is."""
+    return NONE if value is None else f'<data value="{value!r}">{escape(probability_text(value))}</data>'
 
 
 def shown(value: float, digits: int = 4) -> str:

@@ -48,6 +48,7 @@ def _identification(result: Result) -> str:
     return _document(
         f"Flight model of {name} from {flights}",
         _facts(result),
+        _warnings(result),
         section("Validation", _validation_words(result), tables.validation(result)),
         section(
             "Model",
@@ -61,8 +62,7 @@ def _identification(result: Result) -> str:
         ),
         section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                 tables.sensor_errors(result)),
-        section("Mistakes, delays, warnings", _mistakes(result), tables.delays(result),
-                listing([text(one) for one in result.get("warnings", [])])),
+        section("Mistakes and delays", _mistakes(result), tables.delays(result)),
         section("Measured and predicted", paragraph(_series_words(series)), *figures.flights(series)),
         section("Residuals", *figures.residual_statistics(series)),
         section("Modes", tables.modes(result)),
@@ -79,6 +79,7 @@ def _discrepancy(result: Result) -> str:
         f"What the flight model lacks: {verdict}",
         _definitions({"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}),
         f'<p class="verdict">{text(result["sentence"])}</p>' if result.get("sentence") else "",
+        _warnings(result),
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
         section("Where", discrepancy.where(result), *gapfigures.residual_curves(result)),
         section("Effects", *discrepancy.effects(result)),
@@ -86,9 +87,13 @@ def _discrepancy(result: Result) -> str:
         section("Measured and simulated", *gapfigures.simulations(result)),
         section("Model", *(f'<p class="equation">{e}</p>' for e in equations(result["model"]["coefficients"])),
                 paragraph(LEGEND), tables.coefficients(result["model"])),
-        section("Warnings", listing([text(one) for one in result.get("warnings", [])])),
         section("How it was made", _made(result)),
     )  # fmt: skip
+
+
+def _warnings(result: Result) -> str:
+    """Before the rest, which they may make doubtful."""
+    return section("Warnings", listing([text(one) for one in result.get("warnings", [])]))
 
 
 def _document(title: str, *parts: str) -> str:

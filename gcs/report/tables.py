@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from gcs.report.markup import NONE, estimate, number, shown, table, text
+from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
 from sim_vehicle.terms import AXES
 
@@ -160,8 +160,12 @@ def validation(result: Result) -> str:
     outputs = (result.get("validation") or {}).get("outputs", {})
     there = [key for key in _SCORES if any(entry.get(key) is not None for entry in outputs.values())]
     ordered = sorted(outputs.items(), key=lambda one: AXES.index(one[0]) if one[0] in AXES else len(AXES))
-    rows = [[axis_symbol(name), *(number(entry.get(key), 3) for key in there)] for name, entry in ordered]
+    rows = [[axis_symbol(name), *(_score(key, entry.get(key)) for key in there)] for name, entry in ordered]
     return table("Validation", ["output", *(_SCORES[key] for key in there)], rows)
+
+
+def _score(key: str, value: float | None) -> str:
+    return p_value(value, 3) if key == "gaussian_p" else number(value, 3)
 
 
 def delays(result: Result) -> str:

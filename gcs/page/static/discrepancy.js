@@ -1,7 +1,7 @@
 // The result of a discrepancy analysis: the verdict, what is missing, and how far the gap shrinks.
 
 import { field, h, listing, remark, select, table, there } from './dom.js'
-import { NONE, number, percent, plusMinus, probability, shownUnit, signalName } from './format.js'
+import { chance, NONE, number, percent, plusMinus, probability, shownUnit, signalName } from './format.js'
 import { modelLink } from './identification.js'
 import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
@@ -36,6 +36,7 @@ export function discrepancy(page, result, summary, signal) {
   const bars = h('div', { class: 'plots' })
   page.append(...there(
     remark(kind, h('p', { class: 'verdict' }, words), h('p', {}, result.sentence)),
+    result.warnings?.length && remark('note', h('h2', {}, 'Warnings'), listing(result.warnings)),
     h('p', { class: 'row' }, opened(`/api/flights/${id}/report?of=discrepancy`, 'Report to read and print'),
       download(`/api/flights/${id}/discrepancy`, `${summary.id}-discrepancy.json`, 'Result (JSON)'),
       h('span', { id: 'model-download' })),
@@ -46,7 +47,6 @@ export function discrepancy(page, result, summary, signal) {
     h('h2', {}, 'Measured and simulated'), simulated(result.series, signal),
     h('h2', {}, 'Where it disagrees'), ...where(result, signal),
     result.reasons?.length && h('h2', {}, 'Why'), listing(result.reasons ?? []),
-    result.warnings?.length && remark('note', h('h2', {}, 'Warnings'), listing(result.warnings)),
   ))
   gapBars(bars, result.gap, signal)
   modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
@@ -148,7 +148,7 @@ function where(result, signal) {
   curvePlots(plots, result.where, signal)
   return [
     table('Axes that disagree, and the variable that explains it', ['Axis', 'Variable', 'Share of the axis’ gap', 'Chance'],
-      result.where.map(one => [h('code', {}, one.axis), signalName(one.variable), percent(one.share), number(one.p_value, 2)])),
+      result.where.map(one => [h('code', {}, one.axis), signalName(one.variable), percent(one.share), chance(one.p_value)])),
     plots,
   ]
 }

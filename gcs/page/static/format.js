@@ -42,6 +42,9 @@ export function interval(entry) {
   return Number.isFinite(entry.std) ? [entry.value - 1.96 * entry.std, entry.value + 1.96 * entry.std] : null
 }
 
+/** A p value; what underflow left as zero is below what can be told. */
+export const chance = (value, digits = 2) => Number.isFinite(value) && value < 1e-300 ? 'below 10⁻³⁰⁰' : number(value, digits)
+
 /** A probability, certain to no more digits than it is. */
 export const probability = share => share > 0.999 ? 'over 99.9 %' : percent(share)
 

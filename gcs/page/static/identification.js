@@ -3,7 +3,7 @@
 import { get } from './api.js'
 import { field, h, listing, remark, select, table, there } from './dom.js'
 import { coefficientTable, refusedTable, sensorTable } from './estimates.js'
-import { estimate, NONE, number } from './format.js'
+import { chance, estimate, NONE, number } from './format.js'
 import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
 import { gaps, legendAbove, level, line, plot, shown, source, BLUE, RED } from './plots.js'
@@ -26,7 +26,8 @@ export function identification(page, result, summary, signal) {
   }
   const found = result.validation
   page.append(
-    verdict(result),
+    verdict(result), ...there(
+      result.warnings.length && remark('note', h('h2', {}, 'Warnings'), listing(result.warnings))),
     h('p', { class: 'row' }, opened(`/api/flights/${id}/report?of=identification`, 'Report to read and print'),
       download(`/api/flights/${id}/identification`, `${summary.id}-identification.json`, 'Result (JSON)'),
       h('span', { id: 'model-download' }), h('a', { class: 'button', href: `#/compare?a=${id}` }, 'Compare')),
@@ -36,11 +37,10 @@ export function identification(page, result, summary, signal) {
     h('h2', {}, 'Validation'),
     ...there(found ? table(`Figures of merit on ${found.flights.join(', ')}`,
       ['Output', ...Object.values(SCORES)], Object.entries(found.outputs).map(([name, entry]) =>
-        [h('code', {}, name), ...Object.keys(SCORES).map(key => number(entry[key]))])) : null),
+        [h('code', {}, name), ...Object.keys(SCORES).map(key => key === 'gaussian_p' ? chance(entry[key], 3) : number(entry[key]))])) : null),
     h('h2', {}, 'Measured and predicted'), residuals(result.series, signal),
     h('h2', {}, 'Modes'), ...there(modes(result.modes)),
-    h('h2', {}, 'How it was made'), ...there(segments(result),
-      result.warnings.length ? remark('note', listing(result.warnings)) : null),
+    h('h2', {}, 'How it was made'), ...there(segments(result)),
   )
   modelLink(page.querySelector('#model-download'), summary.id, 'identify', signal)
 }

@@ -229,6 +229,10 @@ def test_it_says(words: str, page: Page) -> None:
     assert words in page.text
 
 
+def test_warnings_stand_before_what_they_make_doubtful(page: Page) -> None:
+    assert page.text.index("the mass is doubtful") < page.text.index("Not acceptable")
+
+
 def test_an_older_result_without_curves_or_modes_is_a_page_too(tmp_path: Path) -> None:
     result = identification()
     for name in ("series", "frequency_responses", "made", "delays", "mistakes"):
@@ -248,12 +252,16 @@ def test_a_discrepancy_is_a_page_too(tmp_path: Path) -> None:
               "separating_manoeuvre": "slow deceleration"}  # fmt: skip
     result = {
         "schema": "discrepancy/1", "flights": ["one"], "verdict": "missing_effect", "reasons": ["stall: likely"],
-        "where": [{"axis": "CL", "variable": "alpha", "share": 0.67, "p_value": 4e-31, "intervals": [{}, {}]}],
+        "where": [{"axis": "CL", "variable": "alpha", "share": 0.67, "p_value": 4e-31, "intervals": [{}, {}]},
+                  {"axis": "Cm", "variable": "q", "share": 0.9, "p_value": 0.0, "intervals": []}],
+        "warnings": ["the mass is doubtful"],
         "effects": [effect], "gap": {"estimation": gap, "validation": None}, "model": identification()["model"],
     }  # fmt: skip
     page = Page(make(tmp_path, result))
     assert {0.2001, 0.0012, 0.972, 0.42, 0.0213, 4e-31} <= {value for value, _ in page.data}
     assert "missing effect" in page.text
+    assert "< 10 −300" in " ".join(page.text.split()).replace("10−300", "10 −300")
+    assert page.text.index("the mass is doubtful") < page.text.index("stall: likely")
     assert "slow deceleration" in page.text
 
 

@@ -1,0 +1,26 @@
+"""Probabilities in words that no arithmetic makes certain."""
+
+from __future__ import annotations
+
+# Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
+LEAST_EXPONENT = -300
+_CERTAIN = 0.999
+
+
+def too_small(p_value: float) -> bool:
+    """Whether a p value is only known to be below 1e-300. No p value is zero: such a one is what underflow left."""
+    return p_value < float(f"1e{LEAST_EXPONENT}")
+
+
+def p_text(p_value: float | None, digits: int = 2) -> str:
+    """A p value for a terminal, "-" for none."""
+    if p_value is None:
+        return "-"
+    return f"< 1e{LEAST_EXPONENT}" if too_small(p_value) else f"{p_value:.{digits}g}"
+
+
+def probability_text(probability: float | None) -> str:
+    """A posterior probability for a terminal, "-" for none: certain to no more digits than it is."""
+    if probability is None:
+        return "-"
+    return "> 0.999" if probability > _CERTAIN else f"{probability:.3g}"
