@@ -186,7 +186,7 @@ class FlightRecorder:
             self.state.add_unrecorded(part.consumed)
             return
         own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
-        before_reset = live.segmenter.clock_reset(link, part)
+        before_reset = live.segmenter.clock_reset(link, part, times)
         if before_reset is not None:
             cut = run[0] + before_reset
             if before_reset > 0:

@@ -24,6 +24,8 @@ _FLAG_ARMED = 0x80  # MAV_MODE_FLAG_SAFETY_ARMED
 _CLOCK_RESET_MS = 2000
 _WRAP_MS = 1 << 32
 _LAG_MS = 5000  # how far one link may be behind another
+# A link that begins when all others have been silent for so long may be the vehicle's after a restart.
+_QUIET_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,13 @@ def _first_reset(
     table: NDArray[np.int64],
     last: NDArray[np.int64],
     elsewhere: NDArray[np.int64],
+    quiet_ms: int,
 ) -> int:
     """Index of the first frame of `wanted` whose boot clock went back; -1 if none. Updates `last` per message.
 
     elsewhere: (messages,) what the other links told last. One that lags behind restarts a clock that they know already.
+    quiet_ms: since when the links before this one are silent, -1 where there are none or they are not. What was
+    switched on again since then has a clock no older; what is farther behind than any link is another vehicle.
     """
     for i in range(payload.size):
         row = message[i]
@@ -94,6 +99,10 @@ def _first_reset(
         known = other > 0 and abs(other - stamp) < _LAG_MS and last[row] - other > _CLOCK_RESET_MS
         if back > _CLOCK_RESET_MS and back < _WRAP_MS // 2 and not known:
             return i
+        behind = other - stamp
+        anew = stamp < quiet_ms + _CLOCK_RESET_MS or behind > _LAG_MS
+        if quiet_ms >= 0 and other > 0 and behind > _CLOCK_RESET_MS and behind < _WRAP_MS // 2 and anew:
+            return i
         last[row] = stamp
     return -1
 
@@ -106,6 +115,8 @@ class FlightSegmenter:
         self._silence_ns = silence_ns
         self._disarm_ns = disarm_ns
         self._clocks: dict[str, NDArray[np.int64]] = {}
+        # When the vehicle was heard first and last over each link.
+        self._heard: dict[str, tuple[int, int]] = {}
         self._ends_at: int | None = None
         self._last_ns: int | None = None
         self.system: int | None = None
@@ -133,10 +144,15 @@ class FlightSegmenter:
             self._ends_at = None
         self.armed = beat.armed
 
-    def clock_reset(self, link: str, frames: Frames) -> int | None:
-        """Index of the first frame behind a reboot of the autopilot, as its stamps over this link tell."""
-        if self.system is None:
+    def clock_reset(self, link: str, frames: Frames, received: NDArray[np.int64]) -> int | None:
+        """Index of the first frame behind a reboot of the autopilot, as its stamps over this link tell.
+
+        received: (frames,) UTC ns. A link that begins where the others end, such as another port of the sender,
+        goes on with their clock.
+        """
+        if self.system is None or self.system not in frames.systems:
             return None
+        quiet_ms = self._quiet_ms(link, received)
         last = self._clocks.get(link)
         if last is None:
             last = self._clocks[link] = np.zeros(self._table.shape[0], np.int64)
@@ -152,8 +168,19 @@ class FlightSegmenter:
             self._table,
             last,
             elsewhere,
+            quiet_ms,
         )
         return None if index < 0 else int(index)
+
+    def _quiet_ms(self, link: str, received: NDArray[np.int64]) -> int:
+        """For how long the links that this one follows have been silent; -1 where it follows none."""
+        now_ns, newest_ns = int(received[0]), int(received[-1])
+        first_ns, _ = self._heard.get(link, (now_ns, now_ns))
+        self._heard[link] = first_ns, newest_ns
+        before_ns = max((last for name, (_, last) in self._heard.items() if name != link), default=None)
+        if before_ns is None or before_ns > first_ns or now_ns - before_ns < _QUIET_NS:
+            return -1
+        return (now_ns - before_ns) // 1_000_000
 
     def end_reason(self, now_ns: int) -> str | None:
         """Why the flight has ended by now, None while it goes on."""

@@ -33,6 +33,6 @@ def warm_up(dialect: Dialect) -> None:
     fit_clock(seconds, seconds)
     segmenter = FlightSegmenter(dialect, 1, 1)
     segmenter.system = 1
-    segmenter.clock_reset("", frames)
+    segmenter.clock_reset("", frames, received)
     with tempfile.TemporaryDirectory(prefix="gcs-") as folder, McapWriter(Path(folder) / "x.mcap", dialect) as writer:
         writer.write("", buffer, frames, received)

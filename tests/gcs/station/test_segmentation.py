@@ -81,6 +81,63 @@ def test_a_reboot_splits_exactly_at_the_first_stamp_of_the_new_boot(rig: Rig) ->
     assert rig.stream() == rig.sent[LINK]
 
 
+OTHER_PORT = f"{LINK}#2"
+
+
+@pytest.mark.parametrize(("flown_ms", "silent_s"), [(100_000, 1.5), (3_000, 2.0), (100_000, 9.0)])
+def test_a_vehicle_that_comes_back_from_another_port_with_a_new_clock_is_another_flight(
+    rig: Rig, flown_ms: int, silent_s: float
+) -> None:
+    vehicle, again = Vehicle(), Vehicle()
+    vehicle.boot_ms = flown_ms
+    for _ in range(2):
+        rig.feed(vehicle.second())
+    rig.wait(silent_s)
+    for _ in range(3):
+        rig.feed(again.second(), OTHER_PORT)
+    first, second = rig.finish()
+    assert first.end_reason == "clock reset"
+    # HEARTBEAT carries no stamp: the one in front of the first that does cannot tell.
+    assert (first.messages, second.messages) == (2 * 52 + 1, 3 * 52 - 1)
+    assert rig.recording(second).columns("SYSTEM_TIME")[0]["time_boot_ms"].tolist() == [0, 1000, 2000]
+    assert rig.stream(OTHER_PORT) == rig.sent[OTHER_PORT]
+
+
+def test_another_vehicle_of_the_same_number_from_another_port_is_another_flight(rig: Rig) -> None:
+    vehicle, other = Vehicle(), Vehicle()
+    vehicle.boot_ms, other.boot_ms = 100_000, 60_000
+    rig.feed(vehicle.second())
+    rig.wait(3.0)
+    rig.feed(other.second(), OTHER_PORT)
+    assert len(rig.finish()) == 2
+
+
+@pytest.mark.parametrize("lag_ms", [0, 2_500, 4_500])
+def test_a_vehicle_whose_port_changes_goes_on_with_its_flight(rig: Rig, lag_ms: int) -> None:
+    """As behind a router; a modem may bring what is some seconds old."""
+    vehicle = Vehicle()
+    vehicle.boot_ms = 100_000
+    rig.feed(vehicle.second())
+    rig.wait(1.5)
+    vehicle.boot_ms -= lag_ms
+    for _ in range(3):
+        rig.feed(vehicle.second(), OTHER_PORT)
+    assert len(rig.finish()) == 1
+
+
+def test_a_second_link_that_is_far_behind_does_not_split_when_the_first_falls_silent(rig: Rig) -> None:
+    near, far = Vehicle(), Vehicle()
+    near.boot_ms, far.boot_ms = 100_000, 60_000
+    for _ in range(2):
+        mixed = near.second()
+        rig.feed(mixed[:26], span_ns=SECOND // 4)
+        rig.feed(far.second(), OTHER_PORT, span_ns=SECOND // 2)
+        rig.feed(mixed[26:], span_ns=SECOND // 4)
+    for _ in range(4):
+        rig.feed(far.second(), OTHER_PORT)
+    assert len(rig.finish()) == 1
+
+
 def test_a_datagram_overtaken_by_others_does_not_split(rig: Rig) -> None:
     vehicle = Vehicle()
     vehicle.boot_ms = 100_000
