@@ -83,6 +83,8 @@ class LiveFeed:
         self.flight: str | None = None
         # The name in the vehicle file that estimates go by.
         self.vehicle: str | None = None
+        # Why the vehicle file that was given does not count, while none does.
+        self._no_vehicle = ""
         self.process_state = "starting"
         self.restarts = 0
         self.dropped_bytes = 0
@@ -116,7 +118,9 @@ class LiveFeed:
     @property
     def problem(self) -> str:
         """Why nothing live comes, in words; empty when all is well."""
-        return "" if self.process_state != "failed" else f"live identification stands still: {self._failure}"
+        return (
+            f"live identification stands still: {self._failure}" if self.process_state == "failed" else self._no_vehicle
+        )
 
     @property
     def link_state(self) -> str:
@@ -220,13 +224,17 @@ class LiveFeed:
     def _take(self, report: dict[str, Any]) -> None:
         kind = report.pop("kind")
         old = self.state
-        if kind == "ready":
-            self.process_state = "running"
+        if kind in ("ready", "vehicle"):
             self.vehicle = report["vehicle"]
-        elif kind == "vehicle":
-            self.vehicle = report["vehicle"]
+            self._no_vehicle = "" if self.vehicle else " ".join(report["notes"])
             for note in report["notes"]:
                 _log.warning("%s", note)
+            if kind == "ready":
+                self.process_state = "running"
+        elif kind == "begin":
+            self.state = LiveState(
+                heard_s=old.heard_s, signals_number=old.signals_number, estimate_number=old.estimate_number
+            )
         elif kind == "error":
             self._failure = report["text"]
         elif kind == "taken":

@@ -20,6 +20,7 @@ class LiveLines:
         self._feed = feed
         self._next_s = 0.0
         self._number = 0
+        self._time_s = 0.0
         self._said: set[str] = set()
 
     def due(self, now_s: float) -> Iterator[str]:
@@ -34,7 +35,11 @@ class LiveLines:
             return
         self._number = state.estimate_number
         # Not the time of the newest signals: an estimate that is behind them must not pass for theirs.
-        yield coefficients_line(state.identification["coefficients"], state.identification["time_s"] or 0.0)
+        time_s = state.identification["time_s"] or 0.0
+        if time_s < self._time_s:
+            self._said.clear()  # another flight, or the vehicle was switched on again
+        self._time_s = time_s
+        yield coefficients_line(state.identification["coefficients"], time_s)
         for change in state.identification["changes"]:
             yield from self._once(change["text"])
         for warning in state.identification["warnings"]:

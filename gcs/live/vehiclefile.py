@@ -14,49 +14,62 @@ from sysid.live.identifier import LiveIdentifier
 
 
 class WatchedVehicle:
-    """A vehicle file that its user may edit between flights. Raises what `load_vehicle` raises when it is bad at first.
+    """A vehicle file that its user may edit between flights.
 
-    vehicle: what counts. notes: what its user is to know while this flight lasts; the first line alone tells what
-    happened, the others what is doubtful in a new file.
+    vehicle: what counts; None while the file has been bad since the process began. notes: what its user is to know
+    while this flight lasts; the first line alone tells what happened, the others what is doubtful in a new file.
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self.vehicle = load_vehicle(name)
-        self._seen = self._used = _content(name, self.vehicle)
+        self.vehicle: Vehicle | None = None
         self.notes: tuple[str, ...] = ()
+        # What the files held that were read last, and those that count; empty where that is not known.
+        self._seen: tuple[str, ...] = ()
+        self._used: tuple[str, ...] = ()
+        self._bad = False
+        if self.look():
+            self.notes = ()
 
     def look(self) -> bool:
         """Look at the file again: whether another vehicle counts from now on. A new look may have changed `notes`."""
-        seen = _content(self._name, self.vehicle)
-        if seen == self._seen:
+        # A bad file may be mended by what is beside it, such as the bench points that it names.
+        if self.vehicle is not None and not self._bad and _content(self._name, self.vehicle) == self._seen:
             return False
+        given = Path(self._name)
+        before = _digest(given)
         try:
             vehicle = load_vehicle(self._name)
             # What the flight would stumble over is stumbled over here, where there is another to go on with.
             SignalStream(vehicle)
             LiveIdentifier(vehicle)
         except (GcsError, SysidError, SimVehicleError) as error:
-            self._seen = seen
-            self.notes = (
-                f"the vehicle file cannot be used ({error}); "
-                f"live identification goes on with what was read before ({self.vehicle.name})",
-            )
+            self._bad = True
+            self._refuse(str(error))
             return False
+        self._bad = False
         # A file with other calibration tables has other points beside it.
         self._seen = _content(self._name, vehicle)
-        if self._seen == self._used:
+        if self.vehicle is not None and self._seen == self._used:
             self.notes = ()  # mended by putting back what was there
             return False
+        if _digest(given) != before:
+            self._seen = ()  # saved while it was read: the next look tells what is in it now
         self._used = self._seen
         self.vehicle = vehicle
         doubts = (f"{vehicle.path.name}: {doubt}" for doubt in vehicle.warnings)
         self.notes = (f"{vehicle.path.name} has changed: coefficients begin anew with it ({vehicle.name})", *doubts)
         return True
 
+    def _refuse(self, why: str) -> None:
+        meanwhile = "waits until it is mended"
+        if self.vehicle is not None:
+            meanwhile = f"goes on with what was read before ({self.vehicle.name})"
+        self.notes = (f"the vehicle file cannot be used ({why}); live identification {meanwhile}",)
+
     def end_flight(self) -> None:
         """A change was news for the flight that began with it; a bad file is news until it is mended."""
-        if self._seen == self._used:
+        if not self._bad:
             self.notes = ()
 
 

@@ -33,7 +33,8 @@ _READ_BYTES = 1 << 20
 # Messages are taken together so often: taking one costs hardly less than taking all of a turn.
 _TURN_S = 0.1
 _SILENT_S = 0.5
-# A vehicle that was silent for longer may have been switched off, and its file edited meanwhile.
+# A vehicle that was silent for longer may have been switched off, and its file edited meanwhile. One without a file
+# that can be used has nothing to lose by another look.
 _AWAY_NS = 2_000_000_000
 # Bytes of one turn, beyond which it tells what it knows before it goes on.
 _MOST_BYTES = 4 << 20
@@ -54,10 +55,10 @@ class LiveProcess:
         self._messages = VehicleMessages(dialect, self._signals.messages)
         self._flight = ""
         self._newest: dict[str, tuple[float, int]] = {}
-        self._fresh = False
+        self._fresh, self._anew = False, True
         self._taken = self._told = 0
         self._told_s = 0.0
-        self._heard_ns = 0
+        self._heard_ns = self._looked_ns = 0
         self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
     def take(self, records: Sequence[Batch | str]) -> None:
@@ -84,7 +85,9 @@ class LiveProcess:
             if before_s is not None and (self._messages.newest_s or 0.0) < before_s:
                 self._begin()  # the vehicle was switched on again: what was estimated knows nothing of its new clock
             newest_ns = max(int(batch.received_ns[-1]) for batch in batches)
-            if newest_ns - self._heard_ns > _AWAY_NS:
+            bad = self._file is not None and self._file.vehicle is None
+            if newest_ns - (self._looked_ns if bad else self._heard_ns) > _AWAY_NS:
+                self._looked_ns = newest_ns
                 self._look()
             self._heard_ns = newest_ns
             samples = self._signals.take(streams, self._messages.autopilot)
@@ -98,6 +101,7 @@ class LiveProcess:
 
     def _begin(self) -> None:
         """Signals and estimates anew, by the vehicle file as it was read last."""
+        self._anew = True
         vehicle = None if self._file is None else self._file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages.want(self._signals.messages)
@@ -112,7 +116,7 @@ class LiveProcess:
         if self._file.look():
             self._begin()
         if self._file.notes != before:
-            tell("vehicle", vehicle=self._file.vehicle.name, notes=self._file.notes)
+            tell("vehicle", **_told_of(self._file))
 
     def _keep(self, samples: dict[str, Samples], received_ns: int) -> None:
         for name, found in samples.items():
@@ -124,7 +128,9 @@ class LiveProcess:
     def report(self, now_s: float) -> None:
         """Tell what is due."""
         if self._fresh:
-            self._fresh = False
+            if self._anew:
+                tell("begin")  # with the first that is new: what is known of a flight stands until another begins
+            self._fresh = self._anew = False
             known = {
                 name: [value, received_ns, self._signals.unit(name)]
                 for name, (value, received_ns) in self._newest.items()
@@ -141,6 +147,12 @@ class LiveProcess:
             notes = () if self._file is None else self._file.notes
             report["warnings"] = [*notes, *report["warnings"]]
             tell("estimate", identification=report)
+
+
+def _told_of(file: WatchedVehicle | None) -> dict[str, object]:
+    """The name in the vehicle file that counts, None without one, and what its user is to know."""
+    name = None if file is None or file.vehicle is None else file.vehicle.name
+    return {"vehicle": name, "notes": () if file is None else file.notes}
 
 
 def run(live: LiveProcess) -> None:
@@ -177,9 +189,9 @@ def main(arguments: list[str]) -> int:
     try:
         file = WatchedVehicle(vehicle) if vehicle else None
         live = LiveProcess(Dialect.load(dialect), file)
-        if file is not None:
+        if file is not None and file.vehicle is not None:
             LiveIdentifier.warm_up(file.vehicle)
-        tell("ready", vehicle=None if file is None else file.vehicle.name)
+        tell("ready", **_told_of(file))
         run(live)
     except (GcsError, SysidError, SimVehicleError) as error:
         tell("error", text=str(error))

@@ -13,6 +13,7 @@ from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
+from sim_vehicle.vehicle import VEHICLES
 
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(600)")
 
@@ -63,9 +64,43 @@ def test_a_process_that_takes_nothing_holds_nobody(tmp_path: Path) -> None:
 def test_a_vehicle_file_that_cannot_be_used_is_told_in_words(tmp_path: Path) -> None:
     wrong = LiveFeed(Settings(data=tmp_path, vehicle="no-such-vehicle"), list)
     wrong.start()
-    wait_until(lambda: wrong.process_state == "failed")
+    wait_until(lambda: wrong.problem)
+    assert wrong.process_state == "running"
     assert "no-such-vehicle: no such vehicle file" in wrong.problem
+    assert wrong.problem.count("\n") == 0
     wrong.stop()
+
+
+def test_a_process_that_starts_anew_beside_a_bad_vehicle_file_goes_on_and_takes_the_mended_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.live.feed._FIRST_PAUSE_S", 0.05)
+    craft = tmp_path / "own.toml"
+    good = (VEHICLES / "iitb-mav.toml").read_text(encoding="utf-8").split("[calibration", 1)[0]
+    craft.write_text(good, encoding="utf-8")
+    feed = LiveFeed(Settings(data=tmp_path, vehicle=str(craft)), lambda: ["flight-1"])
+    feed.start()
+    vehicle = Vehicle()
+
+    def fly() -> bool:
+        feed.offer("udpin", batch(vehicle.second(), vehicle.boot_ms * 1_000_000))
+        return True
+
+    wait_until(lambda: fly() and feed.state.identification)
+    assert feed.vehicle == "iitb-mav"
+    craft.write_text(good.replace("[mass]", "[mess]"), encoding="utf-8")
+    assert feed._process is not None
+    os.kill(feed._process.pid, signal.SIGKILL)
+    wait_until(lambda: feed.restarts == 1 and feed.process_state == "running")
+    before = feed.state.signals_number
+    wait_until(lambda: fly() and feed.state.signals_number > before)
+    assert feed.problem.startswith("the vehicle file cannot be used (")
+    assert "waits until it is mended" in feed.problem
+    assert feed.state.identification is None
+    craft.write_text(good, encoding="utf-8")
+    wait_until(lambda: fly() and feed.state.identification)
+    assert (feed.problem, feed.restarts, feed.vehicle) == ("", 1, "iitb-mav")
+    feed.stop()
 
 
 def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.live.vehiclefile import WatchedVehicle
-from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle import VEHICLES
+from sim_vehicle.vehicle import VEHICLES, Vehicle, load_vehicle
 
 
 @pytest.fixture
@@ -83,7 +82,47 @@ def test_a_file_that_is_gone_leaves_the_old_one(craft: Path) -> None:
     assert "no such vehicle file" in watched.notes[0]
 
 
-def test_a_file_that_is_bad_from_the_start_is_refused(craft: Path) -> None:
+def test_a_file_that_is_bad_from_the_start_is_kept_out_until_it_is_mended(craft: Path) -> None:
+    good = craft.read_text(encoding="utf-8")
     craft.write_text("mass = 1", encoding="utf-8")
-    with pytest.raises(VehicleFileError):
-        WatchedVehicle(str(craft))
+    watched = WatchedVehicle(str(craft))
+    assert watched.vehicle is None
+    (note,) = watched.notes
+    assert "waits until it is mended" in note
+    assert not watched.look()
+    assert watched.notes == (note,)
+    craft.write_text(good, encoding="utf-8")
+    assert watched.look()
+    assert watched.vehicle is not None
+
+
+def test_bench_points_that_come_after_the_file_that_names_them_mend_it(craft: Path) -> None:
+    watched = WatchedVehicle(str(craft))
+    points = next(entry.points for entry in watched.vehicle.calibration.values() if isinstance(entry.points, Path))
+    edit(craft, points.name, "later.csv")
+    assert not watched.look()
+    assert "later.csv" in watched.notes[0]
+    shutil.copy(points, craft.parent / "later.csv")
+    assert watched.look()
+
+
+def test_what_is_saved_while_the_file_is_read_is_news_at_the_next_look(
+    craft: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = WatchedVehicle(str(craft))
+    assert watched.vehicle is not None
+    mass = watched.vehicle.mass.mass
+    edit(craft, f"\nmass = {mass}", f"\nmass = {2 * mass}")
+
+    def saved_meanwhile(name: str) -> Vehicle:
+        found = load_vehicle(name)
+        edit(craft, f"\nmass = {2 * mass}", f"\nmass = {3 * mass}")
+        monkeypatch.setattr("gcs.live.vehiclefile.load_vehicle", load_vehicle)
+        return found
+
+    monkeypatch.setattr("gcs.live.vehiclefile.load_vehicle", saved_meanwhile)
+    assert watched.look()
+    assert watched.vehicle.mass.mass == 2 * mass
+    assert watched.look()
+    assert watched.vehicle.mass.mass == 3 * mass
+    assert not watched.look()
