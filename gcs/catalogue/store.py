@@ -114,6 +114,13 @@ class Job:
         return asdict(self)
 
 
+def _insert(db: sqlite3.Connection, otherwise: str, flight: Flight) -> sqlite3.Cursor:
+    columns = asdict(flight)
+    marks = ", ".join("?" for _ in columns)
+    into = f"INSERT OR {otherwise} INTO flights ({', '.join(columns)}) VALUES ({marks})"
+    return db.execute(into, tuple(columns.values()))
+
+
 class Catalogue:
     """Thread-safe access to the catalogue's file. `clock` gives UTC in ns."""
 
@@ -162,23 +169,13 @@ class Catalogue:
 
     def put_flight(self, flight: Flight) -> None:
         """Add a flight, or replace what is known of it."""
-        columns = asdict(flight)
-        marks = ", ".join("?" for _ in columns)
         with self._transaction() as db:
-            db.execute(
-                f"INSERT OR REPLACE INTO flights ({', '.join(columns)}) VALUES ({marks})",
-                tuple(columns.values()),
-            )
+            _insert(db, "REPLACE", flight)
 
     def add_flight(self, flight: Flight) -> bool:
         """Add a flight unless its id is taken, in which case nothing is changed; whether it was added."""
-        columns = asdict(flight)
-        marks = ", ".join("?" for _ in columns)
         with self._transaction() as db:
-            added = db.execute(
-                f"INSERT OR IGNORE INTO flights ({', '.join(columns)}) VALUES ({marks})", tuple(columns.values())
-            )
-            return added.rowcount == 1
+            return _insert(db, "IGNORE", flight).rowcount > 0
 
     def remove_flight(self, flight_id: str) -> None:
         """Forget a flight of which nothing was recorded."""
@@ -197,34 +194,31 @@ class Catalogue:
         return bool(self._rows("SELECT 1 FROM flights WHERE id = ?", flight_id))
 
     def flights(self, limit: int = 50, after: str | None = None, search: str = "") -> list[Flight]:
-        """Newest first; `after` is the id of the last flight of the page before.
-
-        search: words that all stand in a flight's id, name or start, as `2026-11-23 06:10`, in UTC.
-        """
+        """Newest first, after the one named. search: words in id, name or start, as `2026-11-23 06:10`, UTC."""
         conditions, values = [], list[object]()
         if after is not None:
             last = self.flight(after)
             conditions.append("(start_ns, id) < (?, ?)")
             values += [last.start_ns, last.id]
-        for word in search.lower().split():
-            conditions.append(f"instr(lower({_SEARCHED}), ?)")
+        for word in search.split():
+            conditions.append(f"instr(lower({_SEARCHED}), lower(?))")  # both by SQLite, which leaves Ü as it is
             values.append(word)
         where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
-        rows = self._rows(f"SELECT * FROM flights {where} ORDER BY start_ns DESC, id DESC LIMIT ?", *values, limit)
-        return [Flight(**row) for row in rows]
+        query = f"SELECT * FROM flights {where} ORDER BY start_ns DESC, id DESC LIMIT ?"
+        return [Flight(**row) for row in self._rows(query, *values, limit)]
 
     def same_flight(self, flight: Flight) -> str | None:
         """The first other flight with as many messages between the same instants whose recording is kept."""
-        query = (
-            "SELECT id FROM flights WHERE (start_ns, end_ns, messages) = (?, ?, ?) AND id != ? AND deleted_ns IS NULL"
-        )
-        rows = self._rows(f"{query} ORDER BY rowid", flight.start_ns, flight.end_ns, flight.messages, flight.id)
+        same = "(start_ns, end_ns, messages) = (?, ?, ?) AND id != ? AND deleted_ns IS NULL ORDER BY rowid"
+        values = (flight.start_ns, flight.end_ns, flight.messages, flight.id)
+        rows = self._rows(f"SELECT id FROM flights WHERE {same}", *values)
         return str(rows[0]["id"]) if rows else None
 
     def kept_flights(self) -> list[Flight]:
         """Flights whose recordings have not been deleted, oldest first."""
-        rows = self._rows("SELECT * FROM flights WHERE deleted_ns IS NULL ORDER BY start_ns, id")
-        return [Flight(**row) for row in rows]
+        return [
+            Flight(**row) for row in self._rows("SELECT * FROM flights WHERE deleted_ns IS NULL ORDER BY start_ns, id")
+        ]
 
     def deleted_flights(self) -> list[Flight]:
         """Flights whose recordings were deleted to make room."""

@@ -32,8 +32,8 @@ export function estimate(value, std) {
   return decimals > 8 ? number(value, 6) : value.toFixed(Math.max(0, decimals)).replace('-', '−')
 }
 
-/** value ± standard error. */
-export const plusMinus = entry => entry.std > 0 ? `${estimate(entry.value, entry.std)}\u00a0±\u00a0${number(entry.std, 2)}`
+/** value ± standard error, both to the same decimals. */
+export const plusMinus = entry => entry.std > 0 ? `${estimate(entry.value, entry.std)}\u00a0±\u00a0${estimate(entry.std, entry.std)}`
   : number(entry.value, 4)
 
 /** The 95 % interval of an estimate; null where it has none. */

@@ -2,7 +2,7 @@
 
 import { h, remark, table } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
-import { band, line, plot, shown, source } from './plots.js'
+import { band, bokeh, line, plot, shown, source } from './plots.js'
 
 const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
 const KEPT = 1200
@@ -52,22 +52,45 @@ export class Identification {
     this.draw(name, kept)
   }
 
+  /** The plot before which that of a coefficient stands; the order is theirs, not that in which they become known. */
+  later(name) {
+    const behind = MAIN.slice(MAIN.indexOf(name) + 1).map(one => this.panels.get(one)?.element)
+    return behind.find(element => element?.parentElement === this.plots) ?? null
+  }
+
   async draw(name, kept) {
     const panel = this.panels.get(name)
     if (panel) {
+      panel.follow?.(kept)
       if (panel.data) panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
       return
     }
     const made = { element: h('div', {}) }
     this.panels.set(name, made)
     const data = await source(kept)
-    const figure = await plot({ x: 'time, s', y: name, height: 170 })
+    const { range, follow } = await following()
+    follow(kept)
+    const figure = await plot({ x: 'time, s', y: name, height: 170, yRange: range })
     band(figure, data, 'x', 'low', 'high')
     line(figure, data, 'x', 'y', 0)
     made.element = await shown(figure, `${name} with its 95 % band`, this.signal)
     made.data = data
-    if (this.panels.get(name) === made) this.plots.append(made.element)
+    made.follow = follow
+    if (this.panels.get(name) === made) this.plots.insertBefore(made.element, this.later(name))
   }
+}
+
+/** A range of heights about what the last three quarters say: the first bands would press the rest flat. */
+async function following() {
+  const Bokeh = await bokeh()
+  const range = new Bokeh.Range1d({ start: 0, end: 1 })
+  const follow = ({ low, high }) => {
+    const first = Math.floor(low.length / 4)
+    const [start, end] = [Math.min(...low.slice(first)), Math.max(...high.slice(first))]
+    const margin = 0.1 * (end - start || 1)
+    range.setv({ start: start - margin, end: end + margin })
+  }
+  return { range, follow }
 }
 
 function speed(found) {

@@ -36,12 +36,23 @@ def test_pages_hold_every_flight_once_newest_first(catalogue: Catalogue) -> None
 
 @pytest.mark.parametrize(
     ("search", "found"),
-    [("", "cba"), ("2027-01-15 08", "ba"), ("CALM", "b"), ("calm 2027", "b"), ("calm 2030", ""), ("%", ""), ("'", "")],
+    [
+        ("", "cbad"),
+        ("2027-01-15 08", "ba"),
+        ("CALM", "b"),
+        ("calm 2027", "b"),
+        ("calm 2030", ""),
+        ("%", ""),
+        ("'", ""),
+        ("Über", "d"),
+        ("FLUG", "d"),
+    ],
 )
 def test_flights_are_found_by_words_of_name_id_and_start(catalogue: Catalogue, search: str, found: str) -> None:
     for letter, name, start_s in (("a", "first.tlog", 1_800_000_000), ("b", "Calm.tlog", 1_800_000_060)):
         start = start_s * 1_000_000_000
         catalogue.put_flight(Flight(letter, "f.mcap", name, "upload", "complete", 1, start, start, 0, 0))
+    catalogue.put_flight(Flight("d", "f.mcap", "Überflug.bin", "upload", "complete", 1, 10**18, 10**18, 0, 0))
     catalogue.put_flight(Flight("c", "f.mcap", "f.mcap", "live", "complete", 1, 2 * 10**18, 2 * 10**18, 0, 0))
     assert "".join(entry.id for entry in catalogue.flights(search=search)) == found
 
