@@ -12,6 +12,7 @@ from sysid.engines import Setting
 from sysid.estimate import Problem, build_filter
 from sysid.filter_screen import filter_gains
 from sysid.output_error import autocorrelation
+from sysid.phrases import chance_text
 from sysid.records import OUTPUTS
 
 # Noise of an output over what its highest frequencies show, and how many samples of its innovations are
@@ -60,5 +61,5 @@ def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[st
     for choice, (gain, _) in zip(choices, gains, strict=True):
         chance = float(special.chdtrc(len(choice.free), max(gain, 0.0)))
         if chance * len(choices) < _CHANCE and gain > least:
-            found[choice.effect.name] = f"smooth terms gain {gain:.0f}, chance {chance:.1e}"
+            found[choice.effect.name] = f"smooth terms gain {gain:.0f}, {chance_text(chance)}"
     return found

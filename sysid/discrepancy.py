@@ -32,6 +32,7 @@ from sysid.gap import Fixed
 from sysid.gapseries import gap_series
 from sysid.gapstages import fixed_model, stage_gaps
 from sysid.location import locate
+from sysid.phrases import chance_text
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
@@ -300,7 +301,7 @@ def _is_rough(result: FilterErrorResult) -> bool:
 def _told(named: Named, tried: int) -> str:
     weight = named.weight
     return (
-        f"{named.candidate.effect.name}: the likelihood gains {weight.gain:.0f} (chance {weight.p_value:.1e}, "
+        f"{named.candidate.effect.name}: the likelihood gains {weight.gain:.0f} ({chance_text(weight.p_value)}, "
         f"{tried} effects looked at)"
     )
 
@@ -319,7 +320,9 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
     if search.named:
         return "missing_effect", reasons
     moved, chance = _moved(base)
-    reasons.append(f"the coefficients fitted again are {moved:.0f} from those given (chi-squared, chance {chance:.1e})")
+    reasons.append(
+        f"the coefficients fitted again are {moved:.0f} from those given (chi-squared, {chance_text(chance)})"
+    )
     return ("parameter_error" if chance < _CHANCE else "none"), reasons
 
 

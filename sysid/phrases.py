@@ -17,6 +17,8 @@ _UNITS = {
 # Which of them a parameter is told in where no phrase says it.
 _OF_SI = {"rad": "deg", "rad/s": "deg/s", "s": "ms", "m": "mm", "m/s": "m/s", "N": "N"}
 _DIGITS = 3
+# Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
+LEAST_EXPONENT = -300
 _PHRASES = {
     "stall": "above {alpha_stall:deg} the wing stalls",
     "propwash_elevator": "the propeller's wash strengthens the elevator (k = {k})",
@@ -144,3 +146,13 @@ def _in_units(effect: str, name: str, number: _Number) -> str:
     if unit is not None:
         return format(number, unit)
     return f"{number}" if known[name].unit == "1" else f"{number} {known[name].unit}"
+
+
+def too_small(p_value: float) -> bool:
+    """Whether a p value is only known to be below 1e-300. No p value is zero: such a one is what underflow left."""
+    return p_value < float(f"1e{LEAST_EXPONENT}")
+
+
+def chance_text(p_value: float) -> str:
+    """A p value within a sentence."""
+    return f"chance below 1e{LEAST_EXPONENT}" if too_small(p_value) else f"chance {p_value:.1e}"

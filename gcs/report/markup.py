@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from gcs.text.chance import LEAST_EXPONENT, probability_text, too_small
+from gcs.text.chance import probability_text
+from sysid.phrases import LEAST_EXPONENT, too_small
 
 NONE = '<span aria-label="none">–</span>'
 

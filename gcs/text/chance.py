@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-# Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
-LEAST_EXPONENT = -300
+from sysid.phrases import LEAST_EXPONENT, too_small
+
 _CERTAIN = 0.999
-
-
-def too_small(p_value: float) -> bool:
-    """Whether a p value is only known to be below 1e-300. No p value is zero: such a one is what underflow left."""
-    return p_value < float(f"1e{LEAST_EXPONENT}")
 
 
 def p_text(p_value: float | None, digits: int = 2) -> str:

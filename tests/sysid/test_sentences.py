@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sim_vehicle.effects import EFFECTS
-from sysid.phrases import digits, effect_phrase
+from sysid.phrases import chance_text, digits, effect_phrase
 from sysid.sentences import sentence, shrinking
 
 # Alpha goes from 5.1 to 1.1 times its floor, q from 2 to 1: of alpha's part above the floor, sqrt(5.1^2 - 1) = 5.001,
@@ -161,3 +161,10 @@ def test_an_effect_of_which_a_part_was_estimated_is_told_by_its_title() -> None:
 )
 def test_numbers_have_the_digits_that_their_errors_allow(value: float, std: float | None, wanted: str) -> None:
     assert digits(value, std) == wanted
+
+
+@pytest.mark.parametrize(
+    ("p_value", "told"), [(0.034, "chance 3.4e-02"), (2e-300, "chance 2.0e-300"), (0.0, "chance below 1e-300")]
+)
+def test_no_chance_is_zero(p_value: float, told: str) -> None:
+    assert chance_text(p_value) == told
