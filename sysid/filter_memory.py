@@ -25,8 +25,9 @@ _LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_la
 _SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
 _ALPHA = OUTPUTS.index("alpha")
-# Of a sensor's whole travel, which its memory at the start may be off by.
-_START_SHARE = 0.5
+# Of a sensor's travel, one standard deviation of its memory at the start: from the middle to either end. Travel is
+# between these percentiles, which one wild reading does not move.
+_START_SHARE, _TRAVEL = 0.5, (1.0, 99.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def remember(
         before = np.concatenate((prompt[:1], prompt[:-1]))
         # Only sensors that come late, whose decay is 0, read forces, which parameters change at once.
         read_theta[:, lag.column, direct] = lag.new * prompt + lag.old * before
-        start.append(_START_SHARE * float(np.ptp(z[np.isfinite(z[:, lag.column]), lag.column])))
+        start.append(_START_SHARE * _travel(z[:, lag.column]))
     return Memory(
         np.array([int(np.flatnonzero(columns == lag.column)[0]) for lag in used]),
         np.array([lag.decay for lag in used]),
@@ -101,6 +102,12 @@ def remember(
         np.ascontiguousarray(slopes),
         np.maximum(start, 1e-6),
     )
+
+
+def _travel(readings: Array) -> float:
+    """How far readings (N,), NaN where missing, move; 0 where there are none."""
+    there = readings[np.isfinite(readings)]
+    return float(np.ptp(np.percentile(there, _TRAVEL))) if there.size else 0.0
 
 
 @dataclass(frozen=True)
@@ -144,10 +151,9 @@ def unseen(record: Record, flat: FlatModel) -> list[Unseen]:
     if noise.sigma > 0.0 and np.isfinite(record.thrust[record.start]):
         decay, variance = exp(-record.interval_s / noise.memory_s), noise.sigma**2
         found.append(Unseen(THRUST_COLUMN, np.ones(record.length), decay, (1.0 - decay**2) * variance, variance))
-    angles = record.z[:, _ALPHA][np.isfinite(record.z[:, _ALPHA])]
-    if flat.E[_SLOW] != 0.0 and angles.size and "CL_alpha" in flat.names:
+    if flat.E[_SLOW] != 0.0 and np.isfinite(record.z[:, _ALPHA]).any() and "CL_alpha" in flat.names:
         slope = float(flat.C[flat.names.index("CL_alpha")])
-        start = (_START_SHARE * float(np.ptp(angles))) ** 2
+        start = (_START_SHARE * _travel(record.z[:, _ALPHA])) ** 2
         decay = exp(-record.interval_s / float(flat.E[_SLOW_TAU]))
         found.append(Unseen(STATE_COLUMNS, np.full(record.length, slope), decay, 0.0, start))
     return found

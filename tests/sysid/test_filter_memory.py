@@ -6,7 +6,7 @@ from scipy import stats
 
 from sim_vehicle.effects import SLOT_COUNT, slot
 from sim_vehicle.effects.sensor import ramp_lag
-from sysid.filter_memory import Lag, Memory, System, Unseen, lags, with_memory, with_unseen
+from sysid.filter_memory import Lag, Memory, System, Unseen, lags, remember, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass
 from sysid.records import OUTPUTS
 
@@ -90,3 +90,19 @@ def test_what_nothing_measures_alone_is_a_coloured_noise_of_the_readings() -> No
     dense = 0.5 + read**2 * start * decay**apart + noise * np.eye(count)
     wanted = -0.5 * (seen[:, 0] @ np.linalg.solve(dense, seen[:, 0]) + np.linalg.slogdet(dense)[1])
     assert found == pytest.approx(wanted, rel=1e-9)
+
+
+def test_one_wild_reading_leaves_the_memory_at_the_start_as_sure() -> None:
+    """Half of a sensor's travel, which a spike of twenty times that would make twenty times as wide."""
+    z = np.full((500, len(OUTPUTS)), np.nan)
+    alpha = OUTPUTS.index("alpha")
+    z[:, alpha] = 0.1 * np.sin(np.linspace(0.0, 30.0, 500))
+    slopes = np.zeros((500, len(OUTPUTS), 1))
+    found = []
+    for spike in (0.0, 4.0):
+        z[250, alpha] += spike
+        memory = remember([the_lag()], np.array([alpha]), z, slopes.copy(), slopes.copy(), [])
+        assert memory is not None
+        found.append(float(memory.start[0]))
+    assert found[0] == pytest.approx(0.1, rel=0.01)
+    assert found[1] == pytest.approx(found[0], rel=0.01)
