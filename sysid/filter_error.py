@@ -17,9 +17,10 @@ from sysid.convolution import convolved
 from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
 from sysid.filter_noise import FAINT, SEARCH_S, Surroundings, likeliest_noise, surroundings
-from sysid.filter_path import FilteredFlight, Linear, Pass, Path
+from sysid.filter_path import FilteredFlight, Linear, Pass
 from sysid.filter_scores import Scores, joint_scores
 from sysid.filter_start import followed, follows, settled_path
+from sysid.filter_track import Path
 from sysid.flight import Array
 from sysid.output_error import autocorrelation, prior_knowledge
 from sysid.parameterisation import Parameter, Predictor

@@ -21,6 +21,7 @@ from sysid.filter_late import come_late, come_later, late_by, missed, unread, wi
 from sysid.filter_memory import Memory, System, Unseen, lags, remember, unseen, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
+from sysid.filter_track import Path, apart
 from sysid.flight import Array, IntArray
 from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
 from sysid.records import (
@@ -43,28 +44,7 @@ _LOWEST_NOISE = 1e-5
 LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
 _LAGGING = [slot(name) for name in LAGGING]
 _AX = OUTPUTS.index("ax")
-# rad of airflow and attitude over which readings are straight lines to a sensor's noise.
-_LINEAR = 0.05
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
-
-
-@dataclass
-class Path:
-    """Where a record is linearised: (N, 9) states and (N, 3) gusts before and after each sample."""
-
-    before: Array
-    after: Array
-    gust_before: Array
-    gust_after: Array
-
-    def copy(self) -> Path:
-        """The same, free to move."""
-        return Path(self.before.copy(), self.after.copy(), self.gust_before.copy(), self.gust_after.copy())
-
-    @property
-    def gust_over(self) -> Array:
-        """(N - 1, 3) mean gust of each step, as far as it is known at its begin."""
-        return 0.5 * (self.gust_after[:-1] + self.gust_before[1:])
 
 
 @dataclass(frozen=True)
@@ -122,8 +102,7 @@ class FilteredFlight:
         # Gusts along an imposed axis would act on nothing.
         self.axes = [np.array([a for a in range(3) if a in free], dtype=np.int64) for free in self.free]
         self.noise = self._measured_noise()
-        calm = [np.zeros((record.length, 3)) for record in self.records]
-        self.paths = [Path(p.copy(), p.copy(), g.copy(), g.copy()) for p, g in zip(paths, calm, strict=True)]
+        self.paths = [Path.along(states) for states in paths]
 
     def _measured_noise(self) -> Array:
         """(m,) variances of the used outputs from their highest frequencies."""
@@ -170,12 +149,12 @@ class FilteredFlight:
                 moved[i] += h
                 other, _ = self.predictor.apply(moved)
                 there = self._predicted(k, other, thrust, *self._surfaces(k, other))
-                step_theta[:, :, i] = _apart(there[0], ahead)[:, free] / h
+                step_theta[:, :, i] = apart(there[0], ahead)[:, free] / h
                 read_theta[:, :, i] = (there[1] - y) * gains / h
         read_x *= gains[None, :, None]
         memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
         return Linear(
-            drift=_apart(ahead, path.before[1:])[:, free],
+            drift=apart(ahead, path.before[1:])[:, free],
             step_x=step_x,
             step_theta=step_theta,
             left=np.where(never, np.nan, angle_wrap(record.z - predicted))[:, self.columns],
@@ -196,7 +175,7 @@ class FilteredFlight:
         steps, reads = [one.step_theta], [one.read_theta]
         for other in others:
             there = self._predicted(k, other, thrust, *self._surfaces(k, other), read_ahead=False)
-            steps.append(_apart(there[0], ahead)[:, self.free[k], None])
+            steps.append(apart(there[0], ahead)[:, self.free[k], None])
             reads.append(((there[1] - y) * gains)[:, self.columns, None])
         return replace(
             one,
@@ -309,7 +288,7 @@ class FilteredFlight:
         p_start[nf:, nf:] = gusts.stationary
         p_start[np.arange(nf), np.arange(nf)] = _START[self.free[k]] ** 2
         jump, drift = np.zeros((n, nx)), np.zeros((n - 1, nx))
-        jump[:, :nf] = _apart(path.after, path.before)[:, self.free[k]]
+        jump[:, :nf] = apart(path.after, path.before)[:, self.free[k]]
         # Gusts are whole here, not deviations: what the path assumed of them comes off again.
         drift[:, :nf] = one.drift - np.einsum("kia,ka->ki", one.step_x[:, :, nf:], path.gust_over[:, axes])
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
@@ -317,7 +296,14 @@ class FilteredFlight:
         system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
         for i, state in enumerate(one.unseen):
             system = with_unseen(system, state, one.step_unseen[:, :, i], one.read_unseen[:, :, i])
-        return system if one.memory is None else with_memory(system, one.memory, nf, path.gust_after[:, axes])
+        begin = path.begin_deviation[self.free[k]]
+        rest = np.zeros(0)
+        if one.memory is not None:
+            # Sensors that remember are at rest there too.
+            rest = one.memory.held * (one.memory.slopes[0, :, :nf] @ begin)
+            system = with_memory(system, one.memory, nf, path.gust_after[:, axes])
+        middle = np.zeros(system.drift.shape[1] - nf - rest.size)
+        return _begun_at(system, np.concatenate((begin, middle, rest)))
 
     def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
         """One filter pass over all records; with information and slopes if `wanted`."""
@@ -351,13 +337,9 @@ class FilteredFlight:
         """Paths where the filter was, or where it will be after a step (P,) of the parameters."""
         paths = []
         for k, (deviations, slopes) in enumerate(zip(found.deviations, found.deviation_slopes, strict=True)):
-            path, free, axes, nf = self.paths[k].copy(), self.free[k], self.axes[k], self.free[k].size
+            free, axes, nf = self.free[k], self.axes[k], self.free[k].size
             there = [s if step is None else s + d @ step for s, d in zip(deviations, slopes, strict=True)]
-            path.before[:, free] += there[0][:, :nf]
-            path.after[:, free] += there[1][:, :nf]
-            if _is_far(path.before[0], path.after[0]):
-                # A reconstruction from sensors that lag: the first readings cannot be linearised so far from them.
-                path.before[0, free] = path.after[0, free]
+            path = self.paths[k].moved(free, there[0][:, :nf], there[1][:, :nf])
             path.gust_before[:, axes] = there[0][:, nf:] @ found.outputs[k].T
             path.gust_after[:, axes] = there[1][:, nf:] @ found.outputs[k].T
             paths.append(path)
@@ -370,11 +352,14 @@ class FilteredFlight:
         return other
 
 
-def _is_far(expected: Array, known: Array) -> bool:
-    """Whether the state (9,) known after a sample has another airflow or attitude than a linear reading bears."""
-    speed = max(float(np.linalg.norm(expected[:3])), 1.0)
-    apart = np.abs(known - expected)
-    return bool(np.max(apart[:3]) > _LINEAR * speed or np.max(apart[6:8]) > _LINEAR)
+def _begun_at(system: System, mean: Array) -> System:
+    """The system whose state begins at a mean (states,) other than zero, told to passes that begin at zero."""
+    if not np.any(mean):
+        return system
+    left, jump = system.left.copy(), system.jump.copy()
+    left[0] -= system.observe[0] @ mean
+    jump[0] -= mean
+    return replace(system, left=left, jump=jump)
 
 
 def _thrust_error(record: Record, name: str) -> Array:
@@ -393,11 +378,3 @@ def _prompt(effects: Array) -> Array:
     prompt = effects.copy()
     prompt[_LAGGING] = 0.0
     return prompt
-
-
-def _apart(ahead: Array, behind: Array) -> Array:
-    """(N, 9) differences of states, angles the short way round."""
-    apart = ahead - behind
-    for place in (6, 8):
-        apart[:, place] = (apart[:, place] + np.pi) % (2.0 * np.pi) - np.pi
-    return apart

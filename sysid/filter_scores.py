@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.dryden import Turbulence
-from sysid.filter_path import FilteredFlight, Pass, Path
+from sysid.filter_path import FilteredFlight, Pass
+from sysid.filter_track import Path
 from sysid.flight import Array
 from sysid.parallel import side_by_side
 
