@@ -125,7 +125,9 @@ def with_thrust_by_airspeed(
             if again.law is not None:
                 flying = np.full(thrust.size, airspeed[place])
                 flying[part] = airspeed[own]
-            records[i] = replace(records[i], thrust=thrust, thrust_doubt=doubt, law=again.law, airspeed=flying)
+            records[i] = replace(
+                records[i], thrust=thrust, thrust_doubt=doubt, law=again.law, airspeed=flying, thrust_noise=again.noise
+            )  # fmt: skip
             place += part.size
     corrected = warmed(replace(problem, records=tuple(records)), result)
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}

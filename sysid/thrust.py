@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -94,7 +94,9 @@ def thrust_of_speed(speed: Denoised, vehicle: Vehicle) -> Denoised:
         raise SignalError("thrust from rpm needs [propulsion] max_thrust and max_rpm")
     share = np.abs(speed.values) / propulsion.max_rpm
     slope = 2.0 * propulsion.max_thrust * share / propulsion.max_rpm
-    return Denoised(0.5 * slope * speed.values, np.ascontiguousarray(slope * speed.doubt))
+    # One size for the whole series: where the speed swings by a tenth, so does that of its noise.
+    noise = replace(speed.noise, sigma=float(np.sqrt(np.mean(slope**2))) * speed.noise.sigma)
+    return Denoised(0.5 * slope * speed.values, np.ascontiguousarray(slope * speed.doubt), noise=noise)
 
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:

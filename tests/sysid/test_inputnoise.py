@@ -109,6 +109,8 @@ def test_thrust_that_falls_with_airspeed_costs_what_the_bound_says(stick):
     assert again.records[0].law.slope == pytest.approx(slope, rel=0.03)
     assert error(again) < 2.5e-3
     assert error(corrected) < 2.5e-3
+    # Its own noise is told as well: less, by what the measured airspeed's was.
+    assert 0.0 < again.records[0].thrust_noise.sigma < problem.records[0].thrust_noise.sigma
     limit = bounds(told.names, calm_information(told), [*names, *problem.sensors])
     for name in ("CD_0", "CD_CL", "CD_k", "CL_q", "Cm_q"):
         assert found.std_white(name) == pytest.approx(limit[name], rel=0.05), name

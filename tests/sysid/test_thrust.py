@@ -136,6 +136,8 @@ def test_the_counters_noise_is_told_of_thrust_and_throttle_alike() -> None:
     doubt = 20.0 / np.sqrt(232) / 4500.0
     np.testing.assert_allclose(np.abs(record.thrust_doubt), 2.0 * doubt * 2.0, rtol=0.15)
     np.testing.assert_allclose(np.abs(record.rotor_doubt), doubt * 0.5, rtol=0.15)
+    # Of a constant the mean alone passes the smoothing, so that the filter's state is as large.
+    assert record.thrust_noise.sigma == pytest.approx(2.0 * doubt * 2.0, rel=0.15)
     # One error of the counter moves both.
     np.testing.assert_allclose(record.thrust_doubt / record.thrust, 2.0 * record.rotor_doubt / record.commands[:, 3])
 
