@@ -14,8 +14,9 @@ from sysid.smoothing import fourier_smooth
 # Motor lags tried when measured thrust is explained by the throttle, s.
 _LAGS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5)
 _LAG_TURNS, _LAG_FOUND_S = 12, 1e-5
-# Slow swings whose own noise is carried on: an aircraft's speed averages the quicker ones out.
-_DOUBTED_TERMS = 8
+# Terms of the series of the slow swings whose own noise is carried on as doubts: an aircraft's speed averages the
+# quicker ones out.
+DOUBTED_TERMS = 8
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,14 @@ class Passed:
     """Noise of a measured input that its smoothing lets pass: as white as the sensor's, up to a frequency.
 
     sigma: its standard deviation, 0 where there is none. memory_s: s, of the first-order process of that size and of
-    the sensor's spectral density at low frequencies.
+    the sensor's spectral density at low frequencies. terms: of the series that it came through. doubted: rows at the
+    end of the doubts that are of the same noise.
     """
 
     sigma: float = 0.0
     memory_s: float = 0.0
+    terms: int = 0
+    doubted: int = 0
 
 
 NO_NOISE = Passed()
@@ -57,6 +61,7 @@ class Denoised:
     """A measured input without its noise.
 
     values: (N,). doubt: (K, N) independent errors that are left in it, each of one standard deviation; K may be 0.
+    Those that are also in `noise`, its level and slowest swings above all, come last.
     law: what of it the airspeed explains, None if nothing. noise: what of the sensor's noise passed the smoothing.
     """
 
@@ -117,14 +122,34 @@ def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed:
     values = explained + smooth_series(rest)
     kept = _terms(rest, fft.dct(rest, norm="ortho"), 0.5) if np.any(rest) else 1
     explaining = design.shape[1]
-    swings = fft.idct(np.eye(min(kept, _DOUBTED_TERMS), n)[1:], norm="ortho").T
-    design = np.hstack([design, swings])
-    basis, sizes, _ = linalg.qr(design, mode="economic", pivoting=True)
-    basis = basis[:, np.abs(np.diag(sizes)) > 1e-9 * np.abs(sizes[0, 0])]
+    swings = fft.idct(np.eye(min(kept, DOUBTED_TERMS), n)[1:], norm="ortho").T
+    own, shared = _last_of_series(_basis(design), kept)
+    rest_of_swings = _basis(swings - own @ (own.T @ swings), 1.0)
+    basis = np.hstack([own, rest_of_swings])
+    doubted = shared + rest_of_swings.shape[1]
     fitted = kept + explaining - 1  # the series has a level, and so has the explanation
     sigma = float(np.sqrt(np.sum((thrust - values) ** 2) / max(n - fitted, 1)))
-    passed = Passed(sigma * float(np.sqrt(kept / n)), 0.5 * interval_s * n / kept)
+    passed = Passed(sigma * float(np.sqrt(kept / n)), 0.5 * interval_s * n / kept, kept, doubted)
     return Denoised(np.ascontiguousarray(values), np.ascontiguousarray(sigma * basis.T), law, passed)
+
+
+def _basis(columns: Array, size: float = 0.0) -> Array:
+    """Orthonormal columns (N, at most K) that span what K columns (N, K) do.
+
+    size: of a column, a billionth of which is a rounding error; at least that of the largest.
+    """
+    if columns.shape[1] == 0:
+        return columns
+    basis, sizes, _ = linalg.qr(columns, mode="economic", pivoting=True)
+    return np.asarray(basis[:, np.abs(np.diag(sizes)) > 1e-9 * max(size, float(np.abs(sizes[0, 0])))])
+
+
+def _last_of_series(basis: Array, terms: int) -> tuple[Array, int]:
+    """Orthonormal columns (N, K) turned so that those come last that the first `terms` of a cosine series have too, and
+    how many of them are more in that series than outside it.
+    """
+    shares, turn = np.linalg.svd(fft.dct(basis, axis=0, norm="ortho")[:terms])[1:]
+    return np.asarray(basis @ turn[::-1].T), int(np.sum(shares**2 > 0.5))
 
 
 def _smooth_airspeed(airspeed: Array | None, count: int, interval_s: float) -> Array:

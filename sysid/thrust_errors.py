@@ -3,7 +3,8 @@
 The equations of motion take thrust as exact. A curve that is wrong by a thousandth, or the slow noise that no smoothing
 takes off, would look like a small error of the thrust, of the mass or of the drag in a long flight. Each is an unknown
 of one standard deviation about zero (errors of inputs as parameters with priors: Maine & Iliff, NASA RP-1168, section
-5.4).
+5.4). What smoothing lets pass counts once: a few slow swings are such unknowns, many are a state of the filter
+(sysid.filter_memory.unseen), whose spectrum is theirs, and only errors quicker than they stay beside that.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from sysid.calibration import Calibration
 from sysid.estimate import Problem
 from sysid.flight import Array
+from sysid.inputs import DOUBTED_TERMS, NO_NOISE
 from sysid.prepare import Prepared
 from sysid.records import Record
 
@@ -28,17 +30,26 @@ def with_thrust_errors(problem: Problem, prepared: Sequence[Prepared]) -> Proble
 
     Those of a bench curve are common to all flights that went through it, those of the noise a stretch's own.
     """
+    parts = [_counted_once(record) for record in problem.records]
     stretches: dict[tuple[str, int], int] = {}
-    for record in problem.records:
+    for record in parts:
         stretches.setdefault((record.flight, record.stretch), record.thrust_doubt.shape[0])
     curves = {flight.data.name: flight.calibrations.get("thrust") for flight in prepared}
-    rows = [_rows(record, stretches, curves) for record in problem.records]
+    rows = [_rows(record, stretches, curves) for record in parts]
     kept = np.any([np.abs(one).max(axis=1, initial=0.0) > _LEAST_N for one in rows], axis=0)
     records = tuple(
-        replace(record, thrust_doubt=np.ascontiguousarray(one[kept]))
-        for record, one in zip(problem.records, rows, strict=True)
+        replace(record, thrust_doubt=np.ascontiguousarray(one[kept])) for record, one in zip(parts, rows, strict=True)
     )
     return replace(problem, records=records, thrust_errors=int(kept.sum()))
+
+
+def _counted_once(record: Record) -> Record:
+    """The record with the noise left in its thrust either among its doubts or in the filter's state, not in both."""
+    noise = record.thrust_noise
+    if noise.terms <= DOUBTED_TERMS:
+        return replace(record, thrust_noise=NO_NOISE)
+    beside = record.thrust_doubt[: record.thrust_doubt.shape[0] - noise.doubted]
+    return replace(record, thrust_doubt=beside, thrust_noise=replace(noise, doubted=0))
 
 
 def _rows(record: Record, stretches: dict[tuple[str, int], int], curves: dict[str, Calibration | None]) -> Array:
