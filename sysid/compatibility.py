@@ -13,12 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.errors import EstimationError
 from sysid.flight import Array, FlightData
 from sysid.identifiability import LIMITS, Refusal, least_believed, select
-from sysid.kinematic_filter import OUTPUTS, PARAMETERS, filter_part, smooth_part
+from sysid.kinematic_filter import OUTPUTS, PARAMETERS
 from sysid.kinematic_part import (
     IMU,
     OutputFit,
@@ -28,11 +27,9 @@ from sysid.kinematic_part import (
     part_states,
     prepare_part,
 )
-from sysid.parallel import side_by_side
+from sysid.kinematic_passes import Mask, Setting, Solution, apply, run_pass, step
 
 __all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "SensorLayout", "compatibility", "correct"]
-
-Mask = NDArray[np.bool_]
 
 _COUNT = len(PARAMETERS)
 _MAX_ITERATIONS = 20
@@ -40,8 +37,6 @@ _MAX_ITERATIONS = 20
 _SETTLING_PASSES = 4
 # Prior of a sensor error: ten times the standard error above which it is refused, so that it says nothing itself.
 _DIFFUSE = 10.0
-_START_VELOCITY, _START_ANGLE = 20.0, 0.5
-_GUST_LENGTH_M = 30.0
 _CALM = 0.05  # m/s
 _GUSTS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 # Two log-likelihood units for one parameter: 95 %. Below that the air counts as calm.
@@ -88,32 +83,6 @@ class CompatibilityResult:
     warnings: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Solution:
-    """Result of one pass over all parts: information (18, 18) and gradient (18,) of all sensor errors summed over them,
-    innovations and their variances (N, 9) of each part, smoothed deviations (N, 9) of each part.
-    """
-
-    likelihood: float
-    information: Array
-    gradient: Array
-    innovations: list[Array]
-    variances: list[Array]
-    smoothed: list[Array]
-
-
-@dataclass(frozen=True)
-class _Setting:
-    """What a pass takes besides the nominal trajectory."""
-
-    noise: Array
-    q_imu: Array
-    gust_sigma: float
-    free: Mask
-    mean: Array
-    std: Array
-
-
 def compatibility(
     parts: FlightData | Sequence[FlightData],
     layout: SensorLayout | None = None,
@@ -138,10 +107,10 @@ def compatibility(
     setting = _setting(prepared, wanted, dict(priors or {}))
     theta = setting.mean.copy()
     # A first pass with moderate turbulence gives a trajectory near enough to judge what can be told.
-    _apply(prepared, _pass(prepared, theta, replace(setting, gust_sigma=0.1), smooth=True))
+    apply(prepared, run_pass(prepared, theta, replace(setting, gust_sigma=0.1), smooth=True))
     wanted, refused = _moving(prepared, wanted)
     setting = replace(setting, free=_mask(wanted))
-    kept, unknowable = select(wanted, _step(_pass(prepared, theta, setting, slopes=True), theta, setting)[1])
+    kept, unknowable = select(wanted, step(run_pass(prepared, theta, setting, slopes=True), theta, setting)[1])
     theta, setting, covariance, converged = _estimate(prepared, theta, replace(setting, free=_mask(kept)))
     # The real trajectory and noise are known only now; what they cannot bear is refused now.
     again, late = select(kept, covariance)
@@ -158,7 +127,7 @@ def compatibility(
         kept = [name for name in kept if name != wrong.name]
         prepared = [prepare_part(part, layout) for part in sequence]
         setting = replace(_setting(prepared, kept, dict(priors or {})), gust_sigma=0.1)
-        _apply(prepared, _pass(prepared, setting.mean, setting, smooth=True))
+        apply(prepared, run_pass(prepared, setting.mean, setting, smooth=True))
         theta, setting, covariance, converged = _estimate(prepared, setting.mean.copy(), setting)
     return _result(prepared, theta, setting, covariance, kept, refused, layout, converged)
 
@@ -198,17 +167,17 @@ def moved_by(
     theta = np.array([result.parameters[name].value if name in result.parameters else 0.0 for name in PARAMETERS])
     noise = np.array([result.noise.get(name, 1.0) ** 2 for name in OUTPUTS])
     q_imu = np.array([result.noise[name] ** 2 for name in IMU])
-    setting = _Setting(noise, q_imu, result.gust_sigma, _mask([]), np.zeros(_COUNT), np.ones(_COUNT))
+    setting = Setting(noise, q_imu, result.gust_sigma, _mask([]), np.zeros(_COUNT), np.ones(_COUNT))
     prepared = [prepare_part(part, result.layout) for part in parts]
     for _ in range(_SETTLING_PASSES):
-        _apply(prepared, _pass(prepared, theta, setting, smooth=True))
+        apply(prepared, run_pass(prepared, theta, setting, smooth=True))
     settled = [(part.nominal, part.gusts) for part in prepared]
     moved = []
     for change in changes:
         for part, (nominal, gusts) in zip(prepared, settled, strict=True):
             part.nominal, part.gusts = nominal, gusts
         shifted = theta + np.array([change.get(name, 0.0) for name in PARAMETERS])
-        _apply(prepared, _pass(prepared, shifted, setting, smooth=True))
+        apply(prepared, run_pass(prepared, shifted, setting, smooth=True))
         parameters = {n: replace(e, value=e.value + change.get(n, 0.0)) for n, e in result.parameters.items()}
         values = {name: error.value for name, error in parameters.items()}
         states = [part_states(part.data, result.layout, values) | part.reconstructed() for part in prepared]
@@ -253,7 +222,7 @@ def _moving(parts: list[Part], names: list[str]) -> tuple[list[str], list[Refusa
     return kept, refused
 
 
-def _calm_only(names: list[str], setting: _Setting) -> tuple[list[str], list[Refusal]]:
+def _calm_only(names: list[str], setting: Setting) -> tuple[list[str], list[Refusal]]:
     """Refuse the airspeed's errors in turbulence.
 
     The aircraft answers a gust, so specific force is correlated with it; the kinematics alone then take part of that
@@ -269,7 +238,7 @@ def _calm_only(names: list[str], setting: _Setting) -> tuple[list[str], list[Ref
     return [name for name in names if name not in stirred], refused
 
 
-def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float, float]]) -> _Setting:
+def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float, float]]) -> Setting:
     unknown = [name for name in priors if name not in PARAMETERS]
     if unknown:
         raise EstimationError(f"unknown sensor error {', '.join(unknown)}; known are {', '.join(PARAMETERS)}")
@@ -278,60 +247,14 @@ def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float
     length = np.array([part.z.shape[0] for part in parts], dtype=np.float64)
     noise = np.average([part.noise**2 for part in parts], axis=0, weights=length)
     q_imu = np.average([part.imu_noise**2 for part in parts], axis=0, weights=length)
-    return _Setting(noise, q_imu, 0.0, _mask(wanted), mean, std)
+    return Setting(noise, q_imu, 0.0, _mask(wanted), mean, std)
 
 
-def _pass(parts: list[Part], theta: Array, setting: _Setting, smooth: bool = False, slopes: bool = False) -> _Solution:
-    """Filter every part with these sensor errors; smooth backwards or take sensitivities on request."""
-    p_start = np.diag([_START_VELOCITY**2] * 3 + [_START_ANGLE**2] * 3 + [setting.gust_sigma**2] * 3)
-    likelihood, information, gradient = 0.0, np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
-    innovations, variances, smoothed = [], [], []
-
-    def forward(part: Part) -> tuple[tuple[float, Array, Array, Array, Array], Array | None]:
-        decay = float(np.exp(-part.dt * part.speed / _GUST_LENGTH_M))
-        linear = part.linearised(theta)
-        passed = filter_part(
-            *(part.nominal, part.gusts, theta, *linear, part.z, setting.noise, setting.q_imu),
-            *(np.array([setting.gust_sigma, decay]), p_start, smooth, slopes),
-        )
-        return passed[:5], smooth_part(*passed[3:], linear[1], linear[3], decay) if smooth else None
-
-    for passed, backward in side_by_side(forward, parts):
-        likelihood += passed[0]
-        information += passed[1]
-        gradient += passed[2]
-        innovations.append(passed[3])
-        variances.append(passed[4])
-        if backward is not None:
-            smoothed.append(backward)
-    if not np.isfinite(likelihood):
-        raise EstimationError("data compatibility diverged: check units, signs and sensor positions")
-    return _Solution(likelihood, information, gradient, innovations, variances, smoothed)
-
-
-def _step(solution: _Solution, theta: Array, setting: _Setting) -> tuple[Array, Array]:
-    """Gauss-Newton step (P,) and covariance (P, P) of the free sensor errors."""
-    free = np.flatnonzero(setting.free)
-    unit = setting.std[free]
-    # Scaled by the prior's standard deviations, whose units differ by orders of magnitude.
-    information = solution.information[np.ix_(free, free)] * np.outer(unit, unit) + np.eye(free.size)
-    covariance = np.linalg.inv(information) * np.outer(unit, unit)
-    gradient = solution.gradient[free] + (setting.mean[free] - theta[free]) / unit**2
-    return covariance @ gradient, covariance
-
-
-def _apply(parts: list[Part], solution: _Solution) -> None:
-    """Move every part's nominal trajectory to the smoothed one."""
-    for part, smoothed in zip(parts, solution.smoothed, strict=True):
-        part.nominal = part.nominal + smoothed[:, :6]
-        part.gusts = part.gusts + smoothed[:, 6:]
-
-
-def _find_gust(parts: list[Part], theta: Array, setting: _Setting) -> _Setting:
+def _find_gust(parts: list[Part], theta: Array, setting: Setting) -> Setting:
     """Turbulence of greatest likelihood; calm air unless the data insist."""
     found: list[float] = []
     for gust in _GUSTS:
-        found.append(_pass(parts, theta, replace(setting, gust_sigma=gust)).likelihood)
+        found.append(run_pass(parts, theta, replace(setting, gust_sigma=gust)).likelihood)
         # Far beyond the likeliest and falling on, nothing likelier comes.
         if len(found) > 2 and found[-1] < found[-2] < found[-3] and found[-1] < max(found) - _GUST_LOST:
             break
@@ -345,17 +268,17 @@ def _find_gust(parts: list[Part], theta: Array, setting: _Setting) -> _Setting:
     return replace(setting, gust_sigma=sigma)
 
 
-def _estimate(parts: list[Part], theta: Array, setting: _Setting) -> tuple[Array, _Setting, Array, bool]:
+def _estimate(parts: list[Part], theta: Array, setting: Setting) -> tuple[Array, Setting, Array, bool]:
     """Gauss-Newton, the noise re-estimated on the way: turbulence, output noise, then its colour."""
     converged = False
     stage = 0
     free = np.flatnonzero(setting.free)
     for _ in range(_MAX_ITERATIONS):
-        change, covariance = _step(_pass(parts, theta, setting, slopes=True), theta, setting)
+        change, covariance = step(run_pass(parts, theta, setting, slopes=True), theta, setting)
         theta = theta.copy()
         theta[free] += change
-        solution = _pass(parts, theta, setting, smooth=True)
-        _apply(parts, solution)
+        solution = run_pass(parts, theta, setting, smooth=True)
+        apply(parts, solution)
         if np.any(np.abs(change) > 0.05 * np.sqrt(np.diag(covariance))):
             continue
         if stage == 3:
@@ -369,7 +292,7 @@ def _estimate(parts: list[Part], theta: Array, setting: _Setting) -> tuple[Array
     return theta, setting, covariance, converged
 
 
-def _renew_noise(noise: Array, solution: _Solution, coloured: bool) -> Array:
+def _renew_noise(noise: Array, solution: Solution, coloured: bool) -> Array:
     """Output noise variances from the innovations, never below the noise seen at high frequency.
 
     First by size (Mehra: mean(innovation^2 R / S) = R). Then, for outputs whose innovations stay
@@ -400,7 +323,7 @@ def _renew_noise(noise: Array, solution: _Solution, coloured: bool) -> Array:
 def _result(
     parts: list[Part],
     theta: Array,
-    setting: _Setting,
+    setting: Setting,
     covariance: Array,
     kept: list[str],
     refused: list[Refusal],

@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.convolution import convolved
 from sysid.dryden import Turbulence
 from sysid.errors import EstimationError
 from sysid.filter_noise import FAINT, SEARCH_S, Surroundings, likeliest_noise, surroundings
 from sysid.filter_path import FilteredFlight, Linear, Pass
-from sysid.filter_scores import Scores, joint_scores
+from sysid.filter_scores import Place, Scored, joint_scores
 from sysid.filter_start import followed, follows, settled_path
-from sysid.filter_track import Path
 from sysid.flight import Array
-from sysid.output_error import autocorrelation, prior_knowledge
+from sysid.output_error import prior_knowledge
 from sysid.parameterisation import Parameter, Predictor
 from sysid.prior import Gaussian
 from sysid.records import OUTPUTS
@@ -240,7 +238,7 @@ class FilterError(FilteredFlight):
         noise, turbulence = known.values(best.eta, turbulence)
         return self._result(best, noise, turbulence, iteration, converged)
 
-    def _climbed(self, best: _Scored, known: Surroundings, turbulence: Turbulence, share: float) -> _Place | None:
+    def _climbed(self, best: Scored, known: Surroundings, turbulence: Turbulence, share: float) -> Place | None:
         """A `share` of the way to where the scores vanish by the slopes of `best`; None where it is no way any more.
 
         The likelihood has a narrow, bent ridge: a step along it leaves it, and the next ones come back.
@@ -250,7 +248,7 @@ class FilterError(FilteredFlight):
         whole[: std.size] = self._within(best.theta, whole[: std.size])
         if np.max(np.abs(whole[: std.size]) / std) < _SETTLED:
             return None
-        here: _Place = best
+        here: Place = best
         step = share * whole
         for _ in range(_CHORDS):
             theta = np.clip(here.theta + step[: std.size], self.low, self.high)
@@ -269,7 +267,7 @@ class FilterError(FilteredFlight):
         outward = ((theta <= self.low) & (step < 0.0)) | ((theta >= self.high) & (step > 0.0))
         return np.where(outward, 0.0, step)
 
-    def _placed(self, theta: Array, eta: Array, known: Surroundings, turbulence: Turbulence) -> _Place:
+    def _placed(self, theta: Array, eta: Array, known: Surroundings, turbulence: Turbulence) -> Place:
         """The filter at parameters theta and surroundings eta, on the path that it takes itself."""
         noise, here = known.values(eta, turbulence)
         for _ in range(2):
@@ -278,9 +276,9 @@ class FilterError(FilteredFlight):
         linear = [self.linearised(k, theta, slopes=False) for k in range(len(self.records))]
         found = self.filtered(linear, noise, here, wanted=False)
         cost = self._cost(found, theta) + known.cost(eta)
-        return _Place(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
+        return Place(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
 
-    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> _Scored:
+    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> Scored:
         """The whole likelihood about there, covariance (P, P) saying how far is near."""
         known = surroundings(self)
         here = self._placed(theta, eta, known, turbulence)
@@ -297,7 +295,7 @@ class FilterError(FilteredFlight):
         require_numbers(self.records[0].flight, information)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13, hermitian=True)
-        return _Scored(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale))
+        return Scored(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale))
 
     def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
         """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
@@ -340,7 +338,7 @@ class FilterError(FilteredFlight):
         return cost
 
     def _result(
-        self, best: _Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
+        self, best: Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
     ) -> FilterErrorResult:
         p = best.theta.size
         sigma = np.full(len(OUTPUTS), np.nan)
@@ -351,49 +349,6 @@ class FilterError(FilteredFlight):
             self.predictor.parameters, best.theta, best.coloured()[:p, :p], best.covariance[:p, :p], sigma, turbulence,
             self._residuals(best.found), cost, self._calm_cost(linear, noise, best.theta), iteration, converged,
         )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Parameters theta (P,), surroundings eta, the filter's own paths there, its pass over them.
-
-    cost: negative log likelihood and prior.
-    """
-
-    theta: Array
-    eta: Array
-    paths: list[Path]
-    found: Pass
-    cost: float
-
-
-@dataclass(frozen=True)
-class _Scored(_Place):
-    """A place with its scores, the prior's information (n, n) and mean (n,), and the covariance (n, n) of both."""
-
-    scores: Scores
-    prior: Array
-    middle: Array
-    covariance: Array
-
-    def step(self, there: _Place) -> Array:
-        """Scoring step (n,) from another place, with the slopes of this one."""
-        away = np.concatenate((there.theta, there.eta)) - self.middle
-        return np.asarray(self.covariance @ (self.scores.gradient(there.found) - self.prior @ away))
-
-    def coloured(self) -> Array:
-        """Covariance for what colour the innovations keep (Morelli & Klein), never below the white one."""
-        white, middle = self.covariance, self.prior + self.scores.spread
-        pairs = list(zip(self.found.innovations, self.found.variances, strict=True))
-        for j in range(pairs[0][0].shape[1]):
-            kernel = autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
-            for rows in self.scores.rows:
-                here = rows[:, j]
-                wide = here if kernel.size == 1 else convolved(here, kernel)
-                middle = middle + here.T @ wide
-        covariance = white @ (0.5 * (middle + middle.T)) @ white
-        growth = np.sqrt(np.maximum(np.diag(covariance) / np.maximum(np.diag(white), 1e-300), 1.0))
-        return np.asarray(white * np.outer(growth, growth))
 
 
 def _lengthened(step: Array, last: Array, covariance: Array) -> Array:

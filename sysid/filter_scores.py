@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.convolution import convolved
 from sysid.dryden import Turbulence
 from sysid.filter_path import FilteredFlight, Pass
 from sysid.filter_track import Path
 from sysid.flight import Array
+from sysid.output_error import autocorrelation
 from sysid.parallel import side_by_side
 
 _SHARE = 3e-3  # of a standard error, by which a parameter is moved
@@ -49,6 +51,49 @@ class Scores:
                 "kji,kj->i", widths, good * (1.0 - white**2)
             )
         return downhill
+
+
+@dataclass(frozen=True)
+class Place:
+    """Parameters theta (P,), surroundings eta, the filter's own paths there, its pass over them.
+
+    cost: negative log likelihood and prior.
+    """
+
+    theta: Array
+    eta: Array
+    paths: list[Path]
+    found: Pass
+    cost: float
+
+
+@dataclass(frozen=True)
+class Scored(Place):
+    """A place with its scores, the prior's information (n, n) and mean (n,), and the covariance (n, n) of both."""
+
+    scores: Scores
+    prior: Array
+    middle: Array
+    covariance: Array
+
+    def step(self, there: Place) -> Array:
+        """Scoring step (n,) from another place, with the slopes of this one."""
+        away = np.concatenate((there.theta, there.eta)) - self.middle
+        return np.asarray(self.covariance @ (self.scores.gradient(there.found) - self.prior @ away))
+
+    def coloured(self) -> Array:
+        """Covariance for what colour the innovations keep (Morelli & Klein), never below the white one."""
+        white, middle = self.covariance, self.prior + self.scores.spread
+        pairs = list(zip(self.found.innovations, self.found.variances, strict=True))
+        for j in range(pairs[0][0].shape[1]):
+            kernel = autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
+            for rows in self.scores.rows:
+                here = rows[:, j]
+                wide = here if kernel.size == 1 else convolved(here, kernel)
+                middle = middle + here.T @ wide
+        covariance = white @ (0.5 * (middle + middle.T)) @ white
+        growth = np.sqrt(np.maximum(np.diag(covariance) / np.maximum(np.diag(white), 1e-300), 1.0))
+        return np.asarray(white * np.outer(growth, growth))
 
 
 def joint_scores(
