@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from sim_vehicle.effects import EFFECTS, Effect
-from sim_vehicle.model import Coefficient, Model
+from sim_vehicle.effects import EFFECTS
+from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.adequacy import left_over
@@ -32,11 +32,12 @@ from sysid.gap import Fixed
 from sysid.gapseries import gap_series
 from sysid.gapstages import fixed_model, stage_gaps
 from sysid.location import locate
+from sysid.named import effect_json, reason
 from sysid.phrases import chance_text
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
-from sysid.search import Named, Search, drop_replaced, extend, is_borne_out, settle, sharpen
+from sysid.search import Search, drop_replaced, drop_unborne, extend, settle, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
@@ -158,7 +159,7 @@ def discrepancy(
         "verdict": verdict,
         "reasons": reasons,
         "where": where,
-        "effects": [_effect_json(named) for named in search.named],
+        "effects": [effect_json(named) for named in search.named],
         "gap": gaps,
         "series": series,
         "model": search.model.to_json(),
@@ -247,7 +248,9 @@ def _is_fitted(effect: str, parameter: str) -> bool:
 
 
 def _without(base: _Baseline) -> Search:
-    return Search(base.problem, base.refitted, list(base.names), list(base.effects), base.before)
+    return Search(
+        base.problem, base.refitted, list(base.names), list(base.effects), base.before, given=_own_values(base)
+    )
 
 
 def _left(base: _Baseline, search: Search) -> str:
@@ -265,11 +268,13 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
             break
         _with_bench(used, search)
     drop_replaced(search)
-    if search.named and _is_rough(search.result) and not search.result.together:
+    if search.named and _is_rough(search.result):
         used.progress(0.72, "standard errors in turbulence")
-        sharpen(search)
-        if not is_borne_out(search):
-            return _without(base)
+        if not search.result.together:
+            sharpen(search)
+        drop_unborne(search)
+        if not search.named:
+            return replace(_without(base), dropped=search.dropped)
     return search
 
 
@@ -298,17 +303,9 @@ def _is_rough(result: FilterErrorResult) -> bool:
     return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
 
 
-def _told(named: Named, tried: int) -> str:
-    weight = named.weight
-    return (
-        f"{named.candidate.effect.name}: the likelihood gains {weight.gain:.0f} ({chance_text(weight.p_value)}, "
-        f"{tried} effects looked at)"
-    )
-
-
 def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list[str]]:
     """Verdict and the tests it rests on, in words."""
-    reasons = [_told(named, search.tried) for named in search.named]
+    reasons = [*(reason(named) for named in search.named), *search.dropped]
     if _is_rough(search.result):
         gusts = search.result.turbulence
         reasons.append(
@@ -326,11 +323,15 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
     return ("parameter_error" if chance < _CHANCE else "none"), reasons
 
 
+def _own_values(base: _Baseline) -> dict[str, float]:
+    """Values of the model's own parameters as they were given."""
+    effects = {f"{effect}.{name}": (base.model.effect(effect) or {})[name] for effect, name in base.effects}
+    return base.model.values() | effects
+
+
 def _moved(base: _Baseline) -> tuple[float, float]:
     """How far the model's own parameters are from those given (Wald's test), and the chance of that."""
-    values = base.model.values() | {
-        f"{effect}.{name}": (base.model.effect(effect) or {})[name] for effect, name in base.effects
-    }
+    values = _own_values(base)
     every = [parameter.name for parameter in base.before.parameters]
     names = [*base.names, *(f"{effect}.{name}" for effect, name in base.effects)]
     places = [every.index(name) for name in names]
@@ -383,20 +384,3 @@ def _where(
                 found.append((flight.data.name, along))
     found_better = stages[stage_before] is not stages["after"]
     return locate(paths[stage_before], [path for _, path in paths["after"]] if found_better else (), axes)
-
-
-def _effect_json(named: Named) -> dict[str, Any]:
-    effect = named.candidate.effect
-    return {
-        "name": effect.name,
-        "title": effect.title,
-        "probability": round(min(named.weight.probability, 0.9999), 4),
-        "parameters": {name: Coefficient(value, std).to_json() for name, (value, std) in named.values.items()},
-        "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
-        "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),
-    }
-
-
-def _separating(effect: Effect, alternatives: Sequence[str]) -> str:
-    """The manoeuvre that tells an effect from the likeliest of its alternatives, or in general where it has none."""
-    return effect.manoeuvre_against(EFFECTS[alternatives[0]]) if alternatives else effect.separated_by

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,12 +47,16 @@ _SHARES = (1.0, 0.3)
 
 @dataclass(frozen=True)
 class Setting:
-    """A model with its free coefficients and effect parameters, and its estimate."""
+    """A model with its free coefficients and effect parameters, and its estimate.
+
+    given: values of its own parameters before they were fitted, as far as those may be nearer the truth.
+    """
 
     model: Model
     coefficients: Sequence[str]
     effects: Effects
     result: FilterErrorResult
+    given: Start = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -69,15 +73,23 @@ class Finalist:
 
         A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
         """
-        stepping = stepping_of(self.candidate.effect)
-        sizes = [name for name in self.candidate.sizes if self.candidate.is_size(name) and name not in stepping]
-        if len(sizes) < len(self.candidate.sizes):
-            return self.gain  # a limit has no size that vanishes, and steps have no slope
-        names = [self.candidate.parameter(name) for name in sizes]
-        every = [parameter.name for parameter in self.result.parameters]
-        places = [every.index(name) for name in names]
-        values, spread = self.result.theta[places], self.result.covariance[np.ix_(places, places)]
-        return min(self.gain, _BORNE_OUT * float(values @ inverse(spread) @ values))
+        borne = walds(self.candidate, self.result)
+        return self.gain if borne is None else min(self.gain, _BORNE_OUT * borne)
+
+
+def walds(candidate: Candidate, result: FilterErrorResult) -> float | None:
+    """Wald's statistic of a candidate's sizes (chi-squared, one degree each), None where not every one is a size.
+
+    A limit has no size that vanishes, and what goes in steps has no slope.
+    """
+    stepping = stepping_of(candidate.effect)
+    sizes = [name for name in candidate.sizes if candidate.is_size(name) and name not in stepping]
+    if len(sizes) < len(candidate.sizes):
+        return None
+    every = [parameter.name for parameter in result.parameters]
+    places = [every.index(candidate.parameter(name)) for name in sizes]
+    values, spread = result.theta[places], result.covariance[np.ix_(places, places)]
+    return float(values @ inverse(spread) @ values)
 
 
 def fitted(
@@ -144,12 +156,17 @@ def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start
     return {**candidate.starts[0], name: 0.5 * (sizes[first] + sizes[last])}
 
 
-def _trial(problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int) -> FilterErrorResult | None:
-    """A candidate's fit from one start; None where the filter loses the flight from there."""
+def _trial(
+    problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int, given: Start | None = None
+) -> FilterErrorResult | None:
+    """A candidate's fit from one start; None where the filter loses the flight from there. given: of other parameters,
+    instead of the base's estimates.
+    """
     known, values = base.result, within(candidate, dict(start))
     flight = build_filter(problem, extended(base.model, candidate, values), *_free(base, candidate))
     with suppress(EstimationError):
-        begin = known.values() | {candidate.parameter(name): value for name, value in values.items()}
+        begin = known.values() | dict(given or {})
+        begin |= {candidate.parameter(name): value for name, value in values.items()}
         return flight.solve(begin, known.turbulence, known=known, max_iterations=steps)
     return None
 
@@ -172,8 +189,50 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
         ended = [finished(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
         return [Finalist(fits[i][0], found, gains[i]) for i, found in zip(kept, ended, strict=True)]
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
-    found = [(fits[i][0], finished(problem, base, *fits[i])) for i in near]
-    return [Finalist(candidate, one, 2.0 * (base.result.cost - one.cost)) for candidate, one in found]
+    found = [(fits[i][0], _finished_from_both(problem, base, *fits[i])) for i in near]
+    least = base.result.cost
+    if is_gusty(base.result):
+        # Gusts far above those that are there are a hill of their own.
+        without = (base.model, base.coefficients, base.effects)
+        best = min((one for _, one in found), key=lambda one: one.cost)
+        least = min(least, _levelled(problem, without, base.result, best, None).cost)
+    return [Finalist(candidate, one, 2.0 * (least - one.cost)) for candidate, one in found]
+
+
+def _finished_from_both(
+    problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult
+) -> FilterErrorResult:
+    """The fit brought to its end; where a size ends on a bound, from the model as given too, and with the other sign.
+
+    The base's own parameters stand for what is missing as well as they can, and can be on the far side of a hill.
+    """
+    best = finished(problem, base, candidate, rough)
+    if not base.given or not _is_bound(candidate, best):
+        return best
+    values = rough.values()
+    starts = [
+        {
+            name: values[candidate.parameter(name)] * (sign if candidate.is_size(name) else 1.0)
+            for name in candidate.free
+        }
+        for sign in (1.0, -1.0)
+    ]
+    other: FilterErrorResult | None = None
+    for start in starts:
+        other = _likelier(other, _trial(problem, base, candidate, start, _TRIAL_STEPS, base.given))
+    if other is None or other.cost > base.result.cost:
+        return best
+    return min(best, finished(problem, base, candidate, other), key=lambda one: one.cost)
+
+
+def _is_bound(candidate: Candidate, result: FilterErrorResult) -> bool:
+    """Whether a size of the candidate, but for nothing at all, lies on one of its bounds."""
+    parameters = {p.name: p for p in candidate.effect.parameters}
+    for name in candidate.sizes:
+        value, p = result.value(candidate.parameter(name)), parameters[name]
+        if value >= p.high or (value <= p.low and p.low < 0.0):
+            return True
+    return False
 
 
 def _by_own_gusts(
@@ -201,13 +260,14 @@ def _extended(base: Setting, candidate: Candidate, result: FilterErrorResult) ->
 
 
 def _levelled(
-    problem: Problem, built: _Built, result: FilterErrorResult, start: FilterErrorResult | None = None
-) -> FilterErrorResult:
+    problem: Problem, built: _Built, result: FilterErrorResult, start: FilterErrorResult | None = None,
+    search_s: float | None = SEARCH_S,
+) -> FilterErrorResult:  # fmt: skip
     """A model's fit with noise and turbulence of all flights, from those of `start`; as it was where that is lost."""
     near = start or result
     with suppress(EstimationError):
         return build_filter(problem, *built).solve(
-            result.values(), near.turbulence, near=near, brief=True, search_s=SEARCH_S
+            result.values(), near.turbulence, near=near, brief=True, search_s=search_s
         )
     return result
 

@@ -9,54 +9,28 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model import Model
-from sysid.candidates import Candidate, candidates, happens_in_flight, stepping_of
-from sysid.engines import Setting, finalists, tried
+from sysid.candidates import Candidate, candidates, happens_in_flight
+from sysid.engines import Setting, finalists, tried, walds
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, Progress, build_filter, model_of
 from sysid.evidence import Weight, is_significant, smallest_set, weigh
 from sysid.filter_error import FilterErrorResult
-from sysid.filter_path import LAGGING
 from sysid.filter_screen import filter_gains
-from sysid.steps import inverse
+from sysid.named import Named, imprecise
 
 # None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
 # most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
-# Play of servos and of the thrust sensor, whose state between samples nobody records.
-_PLAY = ("thrust_sensor_hysteresis", "servo_deadband", "actuator_backlash", "sensor_time_skew")
 # Steps of a fit without what was named before.
 _STEPS_BACK = 12
-# A memory that is known only nearly leaves this share of what it gains for others to pick up.
-_IMPRECISE = 0.03
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect that was added: its candidate, its weight, the alternatives, and the estimates."""
-
-    candidate: Candidate
-    weight: Weight
-    alternatives: tuple[tuple[str, float], ...]
-    values: Mapping[str, tuple[float, float]]
-
-    @property
-    def effect(self) -> str:
-        """Name of its effect."""
-        return self.candidate.effect.name
-
-    @property
-    def lags(self) -> bool:
-        """Whether it has a memory that the filter knows only nearly."""
-        return self.candidate.effect.name in (*LAGGING, *_PLAY)
-
-
-def _imprecise(named: Sequence[Named]) -> float:
-    return _IMPRECISE * max((one.weight.gain for one in named if one.lags), default=0.0)
 
 
 @dataclass
 class Search:
-    """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named."""
+    """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
+
+    given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
+    """
 
     problem: Problem
     model: Model
@@ -64,21 +38,24 @@ class Search:
     effects: list[tuple[str, str]]
     result: FilterErrorResult
     named: list[Named] = field(default_factory=list)
-    tried: int = 0
+    given: Mapping[str, float] = field(default_factory=dict)
+    dropped: list[str] = field(default_factory=list)
 
     @property
     def setting(self) -> Setting:
         """The model so far with its estimate."""
-        return Setting(self.model, list(self.coefficients), list(self.effects), self.result)
+        # Beside an effect that is there the fitted parameters are the better ones.
+        given = {} if self.named else self.given
+        return Setting(self.model, list(self.coefficients), list(self.effects), self.result, given)
 
     @property
     def imprecise(self) -> float:
         """Gain (twice the log likelihood) that lags named so far may leave to others."""
-        return _imprecise(self.named)
+        return imprecise(self.named)
 
     def imprecise_without(self, left_out: Named) -> float:
         """The same of all the others."""
-        return _imprecise([one for one in self.named if one is not left_out])
+        return imprecise([one for one in self.named if one is not left_out])
 
 
 def extend(search: Search, progress: Progress) -> bool:
@@ -94,7 +71,6 @@ def extend(search: Search, progress: Progress) -> bool:
         begun = tried(problem, base, candidate, start)
         if begun is not None and _is_possible(problem, candidate, begun):
             fits.append((candidate, begun))
-    search.tried = len(choices)
     if not fits:
         return False
     progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
@@ -106,12 +82,12 @@ def extend(search: Search, progress: Progress) -> bool:
     weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
-    if not is_significant(weights[top], search.tried) or weights[top].gain < search.imprecise:
+    if not is_significant(weights[top], len(choices)) or weights[top].gain < search.imprecise:
         return False
     probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, weights, strict=True)]
     own = candidate.effect.name
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
-    search.named.append(Named(candidate, weights[top], alternatives, values_of(candidate, result)))
+    search.named.append(Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices)))
     _add(search, candidate, result)
     return True
 
@@ -121,20 +97,48 @@ def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResu
     return happens_in_flight(candidate, values, problem)
 
 
+@dataclass(frozen=True)
+class _Without:
+    """The model and its estimate with one named effect left out, and twice the log likelihood that this costs."""
+
+    coefficients: list[str]
+    effects: list[tuple[str, str]]
+    model: Model
+    result: FilterErrorResult
+    gain: float
+
+
 def drop_replaced(search: Search) -> None:
-    """Take out what was named first and is not needed beside what was named after it.
+    """Take out, one by one, the effect that costs least where it is not needed beside the others.
 
     One effect alone can stand for two others together until both are there: lag and misplacement of a vane look like a
-    late vane. Each is judged as it was when it came in, by what the likelihood gains with it.
+    late vane. What stays is judged by what the likelihood gains with it beside all that stays.
     """
-    for one in tuple(search.named):
-        if len(search.named) < 2:
-            break
-        _drop(search, one)
+    while len(search.named) > 1:
+        asked = [(one, _without(search, one)) for one in search.named]
+        told = {one.effect: without.gain for one, without in asked if without is not None}
+        search.named = [
+            replace(one, weight=_weighed(one, told[one.effect])) if one.effect in told else one for one in search.named
+        ]
+        needless = [
+            (without, one)
+            for one, (_, without) in zip(search.named, asked, strict=True)
+            if without is not None
+            and not (is_significant(one.weight, one.tried) and without.gain > search.imprecise_without(one))
+        ]
+        if not needless:
+            return
+        without, one = min(needless, key=lambda item: item[0].gain)
+        _leave_out(search, one, without, "not needed beside the others")
 
 
-def _drop(search: Search, one: Named) -> None:
-    """Leave an effect out if the others explain the flights as well without it."""
+def _weighed(one: Named, gain: float) -> Weight:
+    """The weight of an effect with another gain, its probability among its alternatives as it was."""
+    return replace(weigh([gain], [len(one.candidate.free)], 1.0)[0], probability=one.weight.probability)
+
+
+def _without(search: Search, one: Named) -> _Without | None:
+    """What is left where an effect is left out; None where the filter then loses the flights."""
     own = {one.candidate.parameter(name) for name in one.candidate.free}
     coefficients = [name for name in search.coefficients if name not in own]
     effects = [pair for pair in search.effects if pair not in one.candidate.names]
@@ -152,14 +156,20 @@ def _drop(search: Search, one: Named) -> None:
         if 2.0 * (result.cost - known.cost) < MIN_PROMISE:
             result = min(result, flight.solve(result.values(), known.turbulence, near=result, brief=True), key=_cost)
     except EstimationError:
-        return
-    gain = 2.0 * (result.cost - known.cost)
-    weight = weigh([gain], [len(own)], 1.0)[0]
-    if is_significant(weight, search.tried) and gain > search.imprecise_without(one):
-        return
-    search.named = [other for other in search.named if other is not one]
-    search.coefficients, search.effects, search.model = coefficients, effects, model
-    settle(search, result)
+        return None
+    return _Without(coefficients, effects, model, result, 2.0 * (result.cost - known.cost))
+
+
+def _leave_out(search: Search, one: Named, without: _Without, why: str) -> None:
+    """Take an effect out of the model, and out of what others might be instead."""
+    search.named = [
+        replace(other, alternatives=tuple(item for item in other.alternatives if item[0] != one.effect))
+        for other in search.named
+        if other is not one
+    ]
+    search.coefficients, search.effects, search.model = without.coefficients, without.effects, without.model
+    search.dropped.append(f"{one.effect}: named for a while, {why}")
+    settle(search, without.result)
 
 
 def _cost(result: FilterErrorResult) -> float:
@@ -177,26 +187,28 @@ def sharpen(search: Search) -> None:
         settle(search, flight.solve(search.result.values(), search.result.turbulence))
 
 
-def is_borne_out(search: Search) -> bool:
-    """Whether some named effect's sizes are, by the standard errors of `sharpen`, more than chance gives (Wald's test).
+def drop_unborne(search: Search) -> None:
+    """Take out, one by one, the effect whose sizes are least beyond what chance gives, by the standard errors of
+    `sharpen` (Wald's test).
 
     With the gusts held fixed the likelihood gains where it only trades one noise for another; coefficients and gusts
-    then explain the flight.
+    then explain the flight. Where nothing was sharpened, or a parameter is no size, the likelihood must be enough.
     """
-    sharpened = search.result.together
-    return not sharpened or any(is_significant(_borne(search, one), search.tried) for one in search.named)
-
-
-def _borne(search: Search, one: Named) -> Weight:
-    """Weight of an effect by Wald's statistic; as it was where none of its parameters is a size with a slope."""
-    stepping = stepping_of(one.candidate.effect)
-    sizes = [name for name in one.candidate.sizes if one.candidate.is_size(name) and name not in stepping]
-    if len(sizes) < len(one.candidate.sizes):
-        return one.weight
-    every = [parameter.name for parameter in search.result.parameters]
-    places = [every.index(one.candidate.parameter(name)) for name in sizes]
-    values, spread = search.result.theta[places], search.result.covariance[np.ix_(places, places)]
-    return weigh([float(values @ inverse(spread) @ values)], [len(sizes)], 1.0)[0]
+    while search.named and search.result.together:
+        borne = [(one, walds(one.candidate, search.result)) for one in search.named]
+        doubtful = [
+            (statistic, one)
+            for one, statistic in borne
+            if statistic is not None and not is_significant(_weighed(one, statistic), one.tried)
+        ]
+        if not doubtful:
+            return
+        _, one = min(doubtful, key=lambda item: item[0])
+        without = _without(search, one)
+        if without is None:
+            return
+        _leave_out(search, one, without, "but its size is within its standard error")
+        sharpen(search)
 
 
 def settle(search: Search, result: FilterErrorResult) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 import threading
 import time
+import warnings
 
+import numpy as np
 import pytest
 
 from sysid.parallel import begun, side_by_side
@@ -50,3 +52,43 @@ def test_what_was_begun_goes_on_beside_the_block_and_gives_its_result_or_its_err
     assert sys.getswitchinterval() == before
     with begun(lambda: 1 // 0) as ahead, pytest.raises(ZeroDivisionError):
         ahead.result()
+
+
+def test_an_interrupt_ends_all_work_and_no_other_error_hides_it() -> None:
+    begun_pieces: list[int] = []
+    both = threading.Barrier(2, timeout=10.0)
+
+    def piece(a: int) -> None:
+        begun_pieces.append(a)
+        if a < 2:
+            both.wait()
+            raise ValueError("an error") if a == 0 else KeyboardInterrupt
+        time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(piece, range(50))
+    assert len(begun_pieces) < 10
+
+
+def test_both_threads_handle_overflows_as_the_caller_does() -> None:
+    both = threading.Barrier(2, timeout=10.0)
+
+    def overflow(a: int) -> float:
+        if a < 2:
+            both.wait()
+        return float(np.float64(1e300) * np.float64(1e300))
+
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("error")
+        assert side_by_side(overflow, range(4)) == [np.inf] * 4
+
+
+def test_of_two_that_overlap_the_last_sets_the_interval_back() -> None:
+    before = sys.getswitchinterval()
+    first, second = begun(int), begun(int)
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert sys.getswitchinterval() < before
+    second.__exit__(None, None, None)
+    assert sys.getswitchinterval() == pytest.approx(before)
