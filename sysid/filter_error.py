@@ -145,7 +145,7 @@ class FilterError(FilteredFlight):
             trial = np.clip(theta + step, self.low, self.high)
             kept = [path.copy() for path in self.paths]
             self.move(found, trial - theta)
-            trial_linear = [self.linearised(k, trial) for k in range(len(self.records))]
+            trial_linear = self.all_linearised(trial)
             trial_found = self.filtered(trial_linear, noise, turbulence)
             trial_cost = self._cost(trial_found, trial) if trial_found.is_finite else np.inf
             # The step solves the estimating equations, not quite the cost's gradient: only a real loss counts.
@@ -271,9 +271,9 @@ class FilterError(FilteredFlight):
         """The filter at parameters theta and surroundings eta, on the path that it takes itself."""
         noise, here = known.values(eta, turbulence)
         for _ in range(2):
-            linear = [self.linearised(k, theta, slopes=False) for k in range(len(self.records))]
+            linear = self.all_linearised(theta, slopes=False)
             self.move(self.filtered(linear, noise, here, wanted=False))
-        linear = [self.linearised(k, theta, slopes=False) for k in range(len(self.records))]
+        linear = self.all_linearised(theta, slopes=False)
         found = self.filtered(linear, noise, here, wanted=False)
         cost = self._cost(found, theta) + known.cost(eta)
         return Place(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
@@ -306,7 +306,7 @@ class FilterError(FilteredFlight):
         """(P,) Gauss-Newton step at an estimate, its noise and turbulence kept: what a changed problem would move."""
         noise = result.sigma[self.columns] ** 2
         for _ in range(3):
-            linear = [self.linearised(k, result.theta) for k in range(len(self.records))]
+            linear = self.all_linearised(result.theta)
             found = self.filtered(linear, noise, result.turbulence)
             self.move(found)
         return self._step(found, result.theta, 0.0)[0]
@@ -343,7 +343,7 @@ class FilterError(FilteredFlight):
         p = best.theta.size
         sigma = np.full(len(OUTPUTS), np.nan)
         sigma[self.columns] = np.sqrt(noise)
-        linear = [self.linearised(k, best.theta) for k in range(len(self.records))]
+        linear = self.all_linearised(best.theta)
         cost = self._cost(self.filtered(linear, noise, turbulence, wanted=False), best.theta)
         return FilterErrorResult(
             self.predictor.parameters, best.theta, best.coloured()[:p, :p], best.covariance[:p, :p], sigma, turbulence,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.filter_track import Path, apart
 from sysid.flight import Array, IntArray
+from sysid.parallel import side_by_side
 from sysid.parameterisation import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
 from sysid.records import (
     OUTPUT_PLACES,
@@ -115,6 +116,10 @@ class FilteredFlight:
             sigma = [noise_sigma(r.z[:, j], r.interval_s) for r in self.records if np.isfinite(r.z[:, j]).sum() > 20]
             found.append(max(float(np.median(sigma)) if sigma else 0.0, _FLOOR.get(name, _LOWEST_NOISE)) ** 2)
         return np.array(found)
+
+    def all_linearised(self, theta: Array, slopes: bool = True) -> list[Linear]:
+        """All records about their paths at parameters theta (P,), side by side; without slopes if not `slopes`."""
+        return side_by_side(lambda k: self.linearised(k, theta, slopes), range(len(self.records)))
 
     def linearised(self, k: int, theta: Array, slopes: bool = True) -> Linear:
         """A record about its path at parameters theta (P,); without their slopes if not `slopes`."""
@@ -310,14 +315,18 @@ class FilteredFlight:
         count = linear[0].step_theta.shape[2]
         total = Pass(0.0, np.zeros((count, count)), np.zeros(count), [], [], [], [], [], [])
         likelihood = 0.0
-        for k, one in enumerate(linear):
+
+        def of_record(k: int) -> tuple[Array, tuple[Any, ...]]:
+            one = linear[k]
             system, nf = self.system(k, one, turbulence), self.free[k].size
             slopes = np.zeros((*system.drift.shape, count))
             slopes[:, :nf] = one.step_theta
-            passed = kalman_pass(
+            return system.output, kalman_pass(
                 system.transition, system.drift, slopes, system.left, system.observe, one.read_theta, system.jump,
                 noise, system.process, system.p_start, wanted,
             )  # fmt: skip
+
+        for one, (output, passed) in zip(linear, side_by_side(of_record, range(len(linear))), strict=True):
             likelihood += passed[0] + missed(passed[3], passed[4], one.unread)
             total.information[:] += passed[1]
             total.gradient[:] += passed[2]
@@ -326,7 +335,7 @@ class FilteredFlight:
             total.slopes.append(passed[7])
             total.deviations.append((passed[5], passed[6]))
             total.deviation_slopes.append((passed[8], passed[9]))
-            total.outputs.append(system.output)
+            total.outputs.append(output)
         return replace(total, likelihood=likelihood if np.isfinite(likelihood) else -np.inf)
 
     def move(self, found: Pass, step: Array | None = None) -> None:

@@ -100,14 +100,14 @@ def joint_scores(
     flight: FilteredFlight, theta: Array, std: Array, noise: Array, turbulence: Turbulence, names: Sequence[str]
 ) -> tuple[Scores, Pass]:
     """Scores at parameters theta (P,) with standard errors std (P,), noise (m,) and the turbulence's `names`."""
-    linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+    linear = flight.all_linearised(theta)
     base = flight.filtered(linear, noise, turbulence)
 
     def settled(at: Array, loud: Array, air: Turbulence, paths: list[Path]) -> Pass:
         other = flight.along(paths)
         # A thread does not inherit what the caller ignores; what is not finite is refused where the scores are used.
         with np.errstate(all="ignore"):
-            there = [other.linearised(k, at, slopes=False) for k in range(len(other.records))]
+            there = other.all_linearised(at, slopes=False)
             return other.filtered(there, loud, air, wanted=False)
 
     def moved(place: int) -> tuple[Pass, float]:

@@ -28,9 +28,9 @@ def settled_path(
 ) -> tuple[list[Linear], Pass]:
     """Linearise where this model's own filter runs: a reconstruction is not there."""
     for _ in range(2):
-        linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+        linear = flight.all_linearised(theta)
         flight.move(flight.filtered(linear, noise, turbulence, wanted=False))
-    linear = [flight.linearised(k, theta) for k in range(len(flight.records))]
+    linear = flight.all_linearised(theta)
     return linear, flight.filtered(linear, noise, turbulence)
 
 
