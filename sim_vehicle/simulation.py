@@ -26,6 +26,12 @@ _HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresi
 HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 
+@jit
+def late_by(E: Array, dt: float) -> tuple[int, float]:
+    """Whole ticks of `dt` s that the sensors of the late group come late by the effects E, and the part beside them."""
+    return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
+
+
 @jit_arrays
 def effects_flown(E: Array, thrust: float) -> Array:
     """The effect vector less what measured thrust already holds: its own loss with speed."""
@@ -170,8 +176,8 @@ def simulate(
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     thrust = pull_of(thrust, commands, E)
     E = effects_flown(E, thrust[first])
-    late = E[_SKEW_S] / dt if E[_SKEW] != 0.0 else 0.0
-    _, part = split_delay(late)
+    whole, part = late_by(E, dt)
+    late = whole + part
     shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
     heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
     start_actuators(commands[first], actuators)

@@ -49,10 +49,8 @@ def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[st
     found: dict[str, str] = {}
     noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
     for j, variance in zip(noise.columns, noise.noise, strict=True):
-        spread = [float(np.nanstd(one[:, j])) for one in result.residuals]
-        colour = float(
-            np.sum(autocorrelation([one[:, j] / s for one, s in zip(result.residuals, spread, strict=True)]))
-        )
+        read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
+        colour = float(np.sum(autocorrelation([one / float(np.nanstd(one)) for one in read])))
         ratio = float(result.sigma[j] / np.sqrt(variance))
         if ratio > _NOISIER and colour > _COLOURED:
             found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"

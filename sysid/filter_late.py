@@ -10,19 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
+from sim_vehicle.effects.sensor_time_skew import is_late
+from sim_vehicle.simulation import late_by
 from sysid.flight import Array, IntArray
 from sysid.records import OUTPUT_PLACES, Record, angle_wrap
 from sysid.shifts import read_later
 
 BoolArray = NDArray[np.bool_]
 
-_SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
-
-
-def late_by(effects: Array, interval_s: float) -> tuple[int, float]:
-    """Whole samples that the sensors of the late group come late, and the part of one beside them."""
-    return split_delay(float(effects[_DELAY]) / interval_s) if effects[_SKEW] != 0.0 else (0, 0.0)
+_SKEW, _GROUP = slot("sensor_time_skew"), slot("sensor_time_skew", "group")
 
 
 def _is_late(effects: Array) -> BoolArray:
@@ -54,17 +50,20 @@ def come_late(record: Record, effects: Array, whole: int) -> Array:
 
 
 def unread(record: Record, effects: Array) -> BoolArray:
-    """(N, 15) samples whose readings come after the record's end."""
+    """(N, 15) whether a reading, of those that there are, comes so late that what should be read is past the end."""
     whole, _ = late_by(effects, record.interval_s)
-    return (np.arange(record.length) >= record.length - whole)[:, None] & _is_late(effects)
+    late = (np.arange(record.length) >= record.length - whole)[:, None] & _is_late(effects)
+    return np.asarray(late & np.isfinite(record.z))
 
 
 def missed(innovations: Array, variances: Array, unread: IntArray) -> float:
     """Log likelihood of readings that come after a record's end, as much as the others' mean.
 
-    Else a delay would gain or lose by how many readings there are.
+    Else a delay would gain or lose by how many readings there are. innovations, variances: (N, m), NaN where nothing is
+    read; unread: (m,) how many readings of each output come too late. Of an output without any other nothing is known.
     """
-    if not unread.any():
+    counted = (unread > 0) & np.isfinite(innovations).any(axis=0)
+    if not counted.any():
         return 0.0
-    each = -0.5 * (innovations**2 / variances + np.log(variances))
-    return float(np.nanmean(each[:, unread > 0], axis=0) @ unread[unread > 0])
+    each = -0.5 * (innovations[:, counted] ** 2 / variances[:, counted] + np.log(variances[:, counted]))
+    return float(np.nanmean(np.where(np.isfinite(innovations[:, counted]), each, np.nan), axis=0) @ unread[counted])

@@ -14,15 +14,16 @@ from math import exp
 import numpy as np
 
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
+from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.parameters import FlatModel
+from sim_vehicle.simulation import late_by
 from sysid.flight import Array, IntArray
 from sysid.records import OUTPUT_PLACES, OUTPUTS, Record
 
 # Effects that lag, and the outputs that they act on.
 _LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
-_SKEW, _DELAY, _GROUP = (slot("sensor_time_skew", *name) for name in ((), ("delay",), ("group",)))
+_GROUP = slot("sensor_time_skew", "group")
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
 _ALPHA = OUTPUTS.index("alpha")
 # Of a sensor's travel, one standard deviation of its memory at the start: from the middle to either end. Travel is
@@ -59,7 +60,7 @@ class Memory:
 def lags(effects: Array, interval_s: float) -> list[Lag]:
     """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
     found: dict[int, Lag] = {}
-    _, part = split_delay(float(effects[_DELAY]) / interval_s) if effects[_SKEW] != 0.0 else (0, 0.0)
+    _, part = late_by(effects, interval_s)
     for column, place in enumerate(OUTPUT_PLACES):
         if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
             found[column] = Lag(column, 0.0, part, 1.0 - part)
@@ -78,11 +79,13 @@ def remember(
 ) -> Memory | None:
     """The memory of the outputs in use; what prompt sensors would read is changed to what these do, in place.
 
+    None where none of them remembers; outputs that this record does not read at all have nothing to remember.
+
     columns: (m,) of OUTPUTS in use. z: (N, 15) measured. read_x: (N, 15, nf + na), read_theta: (N, 15, P) slopes of
     prompt readings by states and parameters. direct: parameters whose slopes are those of prompt readings; all others
     are those of what is read, memory included.
     """
-    used = [lag for lag in found if lag.column in columns]
+    used = [lag for lag in found if lag.column in columns and np.isfinite(z[:, lag.column]).any()]
     if not used:
         return None
     slopes = read_x[:, [lag.column for lag in used]]

@@ -14,10 +14,10 @@ import numpy as np
 
 from sim_vehicle.effects import slot
 from sim_vehicle.parameters import FlatModel
-from sim_vehicle.simulation import effects_flown, pull_of
+from sim_vehicle.simulation import effects_flown, late_by, pull_of
 from sysid.accelerometer import at_the_centre, misreads
 from sysid.dryden import Turbulence, gust_system
-from sysid.filter_late import come_late, come_later, late_by, missed, unread, with_late
+from sysid.filter_late import come_late, come_later, missed, unread, with_late
 from sysid.filter_memory import Memory, System, Unseen, lags, remember, unseen, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass, predict_path, run_actuators
 from sysid.filter_slopes import STATE_COLUMNS, THRUST_COLUMN, path_slopes

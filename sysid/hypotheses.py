@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.flight import Array
+from sysid.flight import Array, FlightData
 
 ACCEL, GYRO, ATTITUDE, VANES, GROUND = (
     ("ax", "ay", "az"), ("p", "q", "r"), ("phi", "theta", "psi"), ("alpha", "beta"), ("vn", "ve", "vd"),
@@ -55,9 +55,15 @@ class Hypothesis:
     penalty: float = 0.0
     unit: str = ""
 
+    def concerns(self, columns: Mapping[str, Array] | FlightData) -> bool:
+        """Whether all the signals are there."""
+        return all(name in columns for name in self.signals)
+
     def apply(self, columns: Mapping[str, Array]) -> dict[str, Array]:
-        """The signals as they would truly be."""
+        """The signals as they would truly be; as they are where not all of them are there."""
         found = dict(columns)
+        if not self.concerns(columns):
+            return found
         true = self.matrix @ np.stack([columns[name] for name in self.signals])
         if self.offset.size:
             true = true + self.offset[:, None]

@@ -1,8 +1,8 @@
 """Mistakes in signals: which of them make the sensors tell one motion, found by likelihood.
 
-Every hypothesis (sysid.hypotheses, a scale factor, a delay) reads the same data differently; the kinematic relations
-(sysid.relations) say how likely each reading is. The best one counts if it gains far more log likelihood than chance
-would give it among so many; then the search goes on in the data so corrected.
+Every hypothesis (sysid.hypotheses, a scale factor, a delay) reads the same data differently, in every window that has
+its signals; the kinematic relations (sysid.relations) say how likely each reading is. The best one counts if it gains
+far more log likelihood than chance would give it among so many; then the search goes on in the data so corrected.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def _rescaled(
 
 
 def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
-    present = set.intersection(*(set(c) for c in columns))
+    present = set.union(*(set(c) for c in columns))
     filters = base.filters()
     quick = quick_cost(windows, columns, filters)
     ranked = []
@@ -208,6 +208,7 @@ def _stretched(one: Hypothesis, windows: Sequence[Window]) -> float:
     return sum(
         one.shrinks(name) * window.rows[key].size
         for window in windows
+        if one.concerns(window.data)
         for name, relations in MEASURED_IN.items()
         for key in relations
         if key in window.relations
@@ -222,12 +223,13 @@ def _name(signals: tuple[str, ...]) -> str:
 
 
 def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) -> bool:
-    """Whether a signal moves by no more than its own noise, so that its scale cannot be told."""
+    """Whether a signal moves by no more than its own noise where it is read, so that its scale cannot be told."""
     if name in GROUND:
         return False
-    travel = np.sqrt(np.mean([np.var(c[name] - np.polyval(np.polyfit(w.data.time_s, c[name], 1), w.data.time_s))
-                              for w, c in zip(windows, columns, strict=True)]))  # fmt: skip
-    noise = np.mean([noise_sigma(c[name], w.interval_s) for w, c in zip(windows, columns, strict=True)])
+    read = [(w, c[name]) for w, c in zip(windows, columns, strict=True) if name in c]
+    travel = np.sqrt(np.mean([np.var(one - np.polyval(np.polyfit(w.data.time_s, one, 1), w.data.time_s))
+                              for w, one in read]))  # fmt: skip
+    noise = np.mean([noise_sigma(one, w.interval_s) for w, one in read])
     return bool(travel < 3.0 * noise)
 
 
@@ -237,7 +239,7 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Compar
     singles = {
         name: [scale_slope(w, c, name) for w, c in zip(windows, base.smooth, strict=True)]
         for name in dict.fromkeys(itertools.chain(*_SCALED))
-        if all(name in c for c in columns) and not _still(windows, columns, name)
+        if any(name in c for c in columns) and not _still(windows, columns, name)
     }
     for names in _SCALED:
         if not all(name in singles for name in names):
@@ -308,7 +310,7 @@ def _delays(windows: list[Window], columns: list[dict[str, Array]], base: Compar
     singles = [(name,) for name in dict.fromkeys(n for group in GROUPS.values() for n in group) if name not in GROUND]
     astray = not _calm(windows, columns, base.null(), DENSE)
     for names in dict.fromkeys([*GROUPS.values(), *singles]):
-        here = tuple(name for name in names if all(name in c for c in columns))
+        here = tuple(name for name in names if any(name in c for c in columns))
         if len(here) != len(names) and not (names == GROUPS["attitude"] and len(here) == 2):
             continue
         slopes = [delay_slope(w, c, here) for w, c in zip(windows, base.smooth, strict=True)]
@@ -372,10 +374,12 @@ def _delay(
 
 
 def advanced(columns: Columns, names: Sequence[str], delay: float, interval: float) -> dict[str, Array]:
-    """Signals taken earlier by any time; velocities over ground keep their samples, which then count as later."""
+    """Signals, as far as they are there, taken earlier by any time; velocities over ground keep their samples, which
+    then count as later.
+    """
     if set(names) <= set(GROUND):
         return dict(columns) | {GROUND_DELAY: columns.get(GROUND_DELAY, np.array(0.0)) + delay}
-    return dict(columns) | {name: read_later(columns[name], delay, interval) for name in names}
+    return dict(columns) | {name: read_later(columns[name], delay, interval) for name in names if name in columns}
 
 
 def _merged(found: list[Mistake]) -> list[Mistake]:

@@ -48,6 +48,7 @@ _LEVEL_STD = 1.0  # m/s^2: mean specific force that sensor errors may feign
 _STEP = 1e-3
 # Weights of four samples in the integral of the cubic through them, between the first two and between the middle ones.
 _END, _OUTER, _INNER = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0), -1.0 / 24.0, 13.0 / 24.0
+_FEWEST = 4
 _UNKNOWN = 1e3  # prior standard deviation of an extra parameter: none that matters
 # Sensor errors that are no mistake: name -> prior standard deviation, SI.
 BIASES = {
@@ -97,14 +98,17 @@ def integrate(rates: Array, interval_s: float, out: Array) -> None:
 class Window:
     """One stretch of a flight whose relations are examined.
 
-    data: uniform, without NaN in IMU, attitude and airspeed; alpha beta psi vn ve vd where present.
+    data: uniform, without NaN in IMU, attitude and airspeed; alpha beta psi vn ve vd where present. Raises ValueError
+    where there are fewer samples than `integrate` takes.
     """
 
     def __init__(self, data: FlightData, layout: SensorLayout) -> None:
         # A length whose Fourier transform is quick; at most a few per cent of the stretch are left out.
         size = data.time_s.size
-        while next_fast_len(size - 1, real=True) != size - 1:
+        while size > 1 and next_fast_len(size - 1, real=True) != size - 1:
             size -= 1
+        if size < _FEWEST:
+            raise ValueError(f"{data.name}: {data.time_s.size} samples are fewer than an integral takes")
         data = data.window(0, size)
         self.data, self.layout = data, layout
         self.interval_s, self.size = data.interval_s, data.time_s.size
@@ -233,7 +237,9 @@ class Window:
 
 
 def scale_slope(window: Window, columns: Columns, name: str) -> dict[str, Array]:
-    """Derivative of every gap by a scale error of one signal (true = reading / (1 + scale))."""
+    """Derivative of every gap by a scale error of one signal (true = reading / (1 + scale)); 0 where it is not read."""
+    if name not in columns:
+        return {key: np.zeros(window.rows[key].size) for key in window.relations}
     _, before = window.given(columns)
     _, after = window.predictions({**columns, name: columns[name] / (1.0 + _STEP)})
     slope = {key: (before[key] - after[key]) / _STEP for key in before}
@@ -244,7 +250,10 @@ def scale_slope(window: Window, columns: Columns, name: str) -> dict[str, Array]
 
 
 def delay_slope(window: Window, columns: Columns, names: Sequence[str]) -> dict[str, Array]:
-    """Derivative of every gap by a delay, s, of some signals (true(t) = reading(t + delay))."""
+    """Derivative of every gap by a delay, s, of some signals (true(t) = reading(t + delay)), of those that are read."""
+    names = [name for name in names if name in columns]
+    if not names:
+        return {key: np.zeros(window.rows[key].size) for key in window.relations}
     rates, before = window.given(columns)
     ahead = {n: columns[n] + _STEP * np.gradient(columns[n], window.interval_s) for n in names if n not in GROUND}
     _, after = window.predictions({**columns, **ahead})
@@ -274,7 +283,7 @@ class Comparison:
                 {k: (m[k] - b[k]) / _STEP for k in b} for m, b in zip(moved, base, strict=True)
             ])  # fmt: skip
         stds = list(BIASES.values())
-        self._scaled = [name for name in SCALES if all(name in c for c in columns)]
+        self._scaled = [name for name in SCALES if any(name in c for c in columns)]
         for name, std in SCALES.items():
             if name in self._scaled:
                 self.slopes.append([scale_slope(w, c, name) for w, c in zip(windows, self.smooth, strict=True)])

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.effects import slot
-from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late, split_delay
+from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
 from sim_vehicle.jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.reading_jacobian import READINGS
+from sim_vehicle.simulation import late_by
 from sim_vehicle.tangent import simulate_tangents
 from sysid.flight import Array
 
@@ -52,8 +53,7 @@ def has_tangents(flat: FlatModel, interval_s: float) -> bool:
     """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
     come late by a part of a sample.
     """
-    late = flat.E[slot("sensor_time_skew")] != 0.0
-    _, part = split_delay(float(flat.E[slot("sensor_time_skew", "delay")]) / interval_s) if late else (0, 0.0)
+    _, part = late_by(flat.E, interval_s)
     return bool(flat.E[slot("unsteady_lift")] == 0.0 and flat.E[slot("ground_effect")] == 0.0 and part == 0.0)
 
 

@@ -30,6 +30,7 @@ SENSOR_TIME_SKEW = Effect(
 # Places among CHANNELS and READINGS: airspeed, alpha beta, p q r, phi theta psi, ax ay az.
 _FIRST_OF_GROUP = ((1, 3), (0, 1), (3, 6), (6, 9))
 _ACCELEROMETERS = (9, 12)
+_ROUNDING = 1e-9  # ticks
 
 
 @jit
@@ -45,8 +46,9 @@ def is_late(channel: int, group: float) -> bool:
 @jit
 def split_delay(late: float) -> tuple[int, float]:
     """Whole ticks of a delay of `late` ticks, and the part of one beside them; a part within rounding is none."""
-    whole = math.floor(late + 1e-9)
-    return whole, max(late - whole, 0.0)
+    whole = math.floor(late + _ROUNDING)
+    part = late - whole
+    return whole, part if part > _ROUNDING else 0.0
 
 
 @jit

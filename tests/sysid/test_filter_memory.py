@@ -6,6 +6,8 @@ from scipy import stats
 
 from sim_vehicle.effects import SLOT_COUNT, slot
 from sim_vehicle.effects.sensor import ramp_lag
+from sim_vehicle.effects.sensor_time_skew import split_delay
+from sysid.filter_late import missed
 from sysid.filter_memory import Lag, Memory, System, Unseen, lags, remember, with_memory, with_unseen
 from sysid.filter_pass import kalman_pass
 from sysid.records import OUTPUTS
@@ -106,3 +108,33 @@ def test_one_wild_reading_leaves_the_memory_at_the_start_as_sure() -> None:
         found.append(float(memory.start[0]))
     assert found[0] == pytest.approx(0.1, rel=0.01)
     assert found[1] == pytest.approx(found[0], rel=0.01)
+
+
+def test_an_output_that_a_record_does_not_read_has_nothing_to_remember() -> None:
+    z = np.full((30, len(OUTPUTS)), np.nan)
+    columns = np.array([OUTPUTS.index("alpha")])
+    read = np.ones((30, len(OUTPUTS), 2))
+    assert remember([the_lag()], columns, z, read.copy(), read.copy(), [0]) is None
+    z[3:, columns] = 0.1
+    assert remember([the_lag()], columns, z, read.copy(), read.copy(), [0]) is not None
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 7, 14, 28, 57])
+@pytest.mark.parametrize("interval", [0.01, 0.02, 1.0 / 30.0])
+def test_a_delay_of_whole_ticks_has_no_part_of_one(ticks: int, interval: float) -> None:
+    """0.07 s of 0.01 s are 7.000000000000001 in binary fractions."""
+    assert split_delay((ticks * interval) / interval) == (ticks, 0.0)
+    assert split_delay((ticks * 0.01) / 0.01) == (ticks, 0.0)
+    whole, part = split_delay(ticks + 0.25)
+    assert (whole, part) == (ticks, pytest.approx(0.25))
+
+
+def test_readings_that_come_too_late_count_as_much_as_the_others() -> None:
+    """Six standard normal readings, two more too late; an output that is never read, and one read only too late."""
+    generator = np.random.default_rng(3)
+    innovations = np.full((8, 3), np.nan)
+    innovations[:6, 0] = generator.standard_normal(6)
+    told = missed(innovations, np.full((8, 3), 2.0), np.array([2, 0, 2]))
+    each = -0.5 * (innovations[:6, 0] ** 2 / 2.0 + np.log(2.0))
+    assert told == pytest.approx(2.0 * float(np.mean(each)))
+    assert missed(innovations, np.full((8, 3), 2.0), np.zeros(3, dtype=np.int64)) == 0.0

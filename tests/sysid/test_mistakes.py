@@ -157,6 +157,18 @@ def checked_again(flight: FlightSignals, check: SignalCheck) -> list[object]:
     return list(check_signals(prepared, VEHICLE).findings())
 
 
+def test_late_vanes_of_one_flight_are_late_where_another_has_none() -> None:
+    """What only some flights have is judged by those: nothing else is to be blamed for it."""
+    late = ("sensor_time_skew:delay=0.045,group=vanes",)
+    both = [fly_mav("multisine", seed, duration=15.0, effects=late)[0] for seed in (5, 6)]
+    kept = {name: signal for name, signal in both[1].signals.items() if name not in ("alpha", "beta")}
+    check = check_signals([prepare(one, VEHICLE) for one in (both[0], replace(both[1], signals=kept))], VEHICLE)
+    assert not check.mistakes
+    (found,) = check.delays
+    assert found.signals == ("alpha", "beta")
+    assert found.value == pytest.approx(0.045, abs=4.0 * found.std)
+
+
 def test_an_integral_is_exact_for_cubics() -> None:
     time = np.linspace(0.0, 1.0, 21)
     rates, found = np.stack([4.0 * time**3 - time, 3.0 * time**2]), np.empty((2, 21))
