@@ -46,7 +46,7 @@ async def stream(service: Serving) -> StreamingResponse:
 
 def snapshot(service: Service) -> dict[str, Any]:
     """The answer of GET /api/live."""
-    feed, state = service.live, service.live.state
+    feed, state = service.live, service.live.told
     now_ns = time.time_ns()
     signals = {
         name: {"value": value, "unit": unit, "age_s": max(now_ns - received_ns, 0) / 1e9}
@@ -101,7 +101,7 @@ async def _events(service: Service) -> AsyncIterator[str]:
     signals = estimate = 0
     spoken = time.monotonic()
     while not feed.ending.is_set():
-        state, link = feed.state, feed.link_state
+        state, link = feed.told, feed.link_state
         text = ""
         name = feed.vehicle or vehicle_name(service.settings.vehicle)
         now = {"state": link, "flight": feed.flight, "vehicle": name}

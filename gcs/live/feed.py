@@ -43,7 +43,8 @@ class LiveState:
     """The newest of what the live process told. Replaced as a whole, so that readers need no lock.
 
     signals: name -> (value, UTC ns of reception, unit). numbers count reports, for those who wait for new ones.
-    heard_s: when the newest bytes with a message of the vehicle came, monotonic.
+    heard_s: when the newest bytes with a message of the vehicle came, monotonic. flight: the recorded one that all this
+    is of, None for none.
     """
 
     time_s: float | None = None
@@ -53,6 +54,7 @@ class LiveState:
     heard_s: float | None = None
     signals_number: int = 0
     estimate_number: int = 0
+    flight: str | None = None
 
 
 class LiveFeed:
@@ -114,6 +116,18 @@ class LiveFeed:
             self._number += 1
             self._given.append((self._number, time.monotonic()))
             self._put(record)
+
+    @property
+    def told(self) -> LiveState:
+        """The state of the flight that is recorded: nothing yet while only the one before it has been told of; of the
+        last one where none is recorded.
+        """
+        state, flight = self.state, self.flight
+        if flight is None or state.flight is None or state.flight == flight:
+            return state
+        return LiveState(
+            heard_s=state.heard_s, signals_number=state.signals_number, estimate_number=state.estimate_number
+        )
 
     @property
     def problem(self) -> str:
@@ -249,6 +263,7 @@ class LiveFeed:
                 self._taken(report["taken"]),
                 old.signals_number + 1,
                 old.estimate_number,
+                report["flight"],
             )
         elif kind == "estimate":
             self.state = LiveState(
@@ -259,6 +274,7 @@ class LiveFeed:
                 old.heard_s,
                 old.signals_number,
                 old.estimate_number + 1,
+                old.flight,
             )
             if old.time_s is not None and self.on_estimate is not None:
                 self.on_estimate(report["identification"], old.time_s)

@@ -135,7 +135,8 @@ class LiveProcess:
                 name: [value, received_ns, self._signals.unit(name)]
                 for name, (value, received_ns) in self._newest.items()
             }
-            told = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known}
+            told = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known,
+                    "flight": self._flight or None}  # fmt: skip
             tell("signals", taken=self._taken, **told)
             self._told, self._told_s = self._taken, now_s
         elif self._taken != self._told and now_s - self._told_s > _SILENT_S:

@@ -112,7 +112,7 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
     data = Vehicle().second()
 
     def told(taken: int) -> None:
-        signals = {"kind": "signals", "time_s": 1.0, "system": 1, "signals": {}, "taken": taken}
+        signals = {"kind": "signals", "time_s": 1.0, "system": 1, "signals": {}, "taken": taken, "flight": None}
         behind._take(signals)
 
     for _ in range(8):
@@ -139,3 +139,19 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
     assert behind.link_state == "live"
     now[0] += 15.0
     assert behind.link_state == "lost"  # a process that stands still says nothing of the vehicle
+
+
+def test_of_a_flight_that_has_just_begun_nothing_of_the_last_one_is_told(tmp_path: Path) -> None:
+    feed = LiveFeed(Settings(data=tmp_path), list)  # never started: this test tells what its process would
+    signals = {"kind": "signals", "time_s": 8.0, "system": 1, "signals": {}, "taken": 0}
+    feed.flight = "first"
+    feed._take({**signals, "flight": "first"})
+    feed._take({"kind": "estimate", "identification": {"time_s": 8.0}})
+    assert feed.told.identification == {"time_s": 8.0}
+    feed.flight = None  # it has ended, and what was known of it stands
+    assert feed.told.time_s == 8.0
+    feed.flight = "second"
+    assert (feed.told.time_s, feed.told.identification) == (None, None)
+    feed._take({"kind": "begin"})
+    feed._take({**signals, "time_s": 0.1, "flight": "second"})
+    assert (feed.told.time_s, feed.told.identification) == (0.1, None)
