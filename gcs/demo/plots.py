@@ -9,6 +9,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from gcs.text.chance import percent_text
+
 _STAGES = ("given", "before", "after", "noise_floor")
 _LABELS = ("model as given", "coefficients fitted again", "effect added", "noise floor")
 _COLOURS = ("#9aa0a6", "#4c78a8", "#e4572e", "#222222")
@@ -52,7 +54,7 @@ def _gap(axes: Any, found: dict[str, Any]) -> None:
     axes.set_xticks(range(len(names)), names)
     axes.set_yscale("log")
     axes.set_ylabel("RMS gap over 5 s windows, in units of the noise floor")
-    effects = ", ".join(f"{e['title']} ({100 * e['probability']:.0f} %)" for e in found["effects"]) or "no effect"
+    effects = ", ".join(f"{e['title']} ({percent_text(e['probability'])})" for e in found["effects"]) or "no effect"
     title = "\n".join(textwrap.wrap(f"Missing effect found: {effects}", 70))
     axes.set_title(f"{title}\n(gap on a flight that nothing was fitted to)", fontsize=11)
     axes.legend(fontsize=8)

@@ -19,3 +19,8 @@ def probability_text(probability: float | None) -> str:
     if probability is None:
         return "-"
     return "> 0.999" if probability > _CERTAIN else f"{probability:.3g}"
+
+
+def percent_text(probability: float) -> str:
+    """A posterior probability for a picture: "> 99.9 %" rather than a certainty."""
+    return "> 99.9 %" if probability > _CERTAIN else f"{100.0 * probability:.3g} %"

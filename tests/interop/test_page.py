@@ -141,7 +141,8 @@ def test_a_silent_vehicle_is_told(visitor: Visitor, ground: Ground) -> None:
 
 
 def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_path: Path) -> None:
-    log = tmp_path / "a <b>log.tlog"
+    # A name that would be markup, but not in the pictures of the docs.
+    log = tmp_path / ("morning.tlog" if os.environ.get("PAGE_PICTURES") else "a <b>log.tlog")
     done = run("sim-vehicle", "fly", "--manoeuvre", "elevator-3211", "--seed", 6, "--record", log)
     assert done.returncode == 0, done.stderr
     visitor.open("#/flights")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.text.chance import p_text, probability_text
+from gcs.text.chance import p_text, percent_text, probability_text
 
 
 @pytest.mark.parametrize(
@@ -20,3 +20,8 @@ def test_a_p_value_that_is_too_small_for_numbers_is_below_what_they_tell(p_value
 )
 def test_a_probability_is_never_a_certainty(probability: float | None, text: str) -> None:
     assert probability_text(probability) == text
+
+
+@pytest.mark.parametrize(("probability", "text"), [(0.972, "97.2 %"), (0.9999, "> 99.9 %"), (1.0, "> 99.9 %")])
+def test_a_picture_tells_no_certainty_either(probability: float, text: str) -> None:
+    assert percent_text(probability) == text
