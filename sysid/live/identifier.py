@@ -36,6 +36,9 @@ _NOISE_MEMORY = 300  # rows
 # Sum of the squares of the fourth difference's weights: the variance of white noise in it.
 _FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 _RATES = ("p", "q", "r")
+_ACCELERATIONS = ("ax", "ay", "az")
+# Least share of a variance that is left where the noise that two estimates share is taken off.
+_LEAST_OWN = 0.25
 # Of the square of a normal variate, the median over the mean.
 _MEDIAN_OF_SQUARES = 0.4549
 
@@ -116,7 +119,8 @@ class LiveIdentifier:
         self._decimator: Decimator | None = None
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
-        self._noise = {name: _Noise(name in _RATES) for name in (*VANES, *_RATES)}
+        bending = (*_RATES, *_ACCELERATIONS)
+        self._noise = {name: _Noise(name in bending) for name in (*VANES, "airspeed", *bending)}
         self._changes: list[Change] = []
         self._settled: dict[str, float] = {}
         self._sparse: dict[str, list[tuple[float, float]]] = {name: [] for name in _SPARSE}
@@ -332,12 +336,23 @@ class LiveIdentifier:
         for vane in VANES:
             error = errors.get(f"{vane}_scale")
             if factors == (vane,) and error is not None and error.told:
-                variance = variance * (1.0 + error.value) ** 2 + (value * error.std) ** 2
+                shared = self._shared_noise(vane)
+                own = [max(one - shared, _LEAST_OWN * one) for one in (variance / value**2, error.std**2)]
                 value *= 1.0 + error.value
+                variance = sum(own) * value**2
         if not factors and errors:
             shift, doubt = self._bias_in_constant(axis, one, errors)
             value, variance = value + shift, variance + doubt
         return value, float(np.sqrt(max(variance, 0.0)))
+
+    def _shared_noise(self, vane: str) -> float:
+        """Variance of what the noise of a vane's samples adds to its scale and takes off its derivatives, relative.
+
+        Noise e of an angle x adds sum(e x) / sum(x^2) to the scale by which the vane seems to read x, and takes as much
+        off any coefficient of x, whatever else is fitted: in the product of both it is not there.
+        """
+        moved = self._air.moved(vane)
+        return self._noise[vane].variance / moved if moved > 0.0 else 0.0
 
     def _bias_in_constant(self, axis: str, one: _Axis, errors: Mapping[str, SensorError]) -> tuple[float, float]:
         """What takes the vanes' biases off a constant, and the variance that their errors leave."""

@@ -2,7 +2,8 @@
 
 Run: make campaign-live (SEEDS=10). One line per seed is kept in campaign-output/live/FINGERPRINT.jsonl, so that a run
 that was stopped goes on where it was. Each seed is a flight of 46 s of multisines with the sensors of Table II,
-identified live; told once more with an elevator that answers at half from 40 s on; and one whose elevator is stuck.
+identified live; told once more with an elevator that answers at half from 40 s on; one whose elevator is stuck; and one
+in turbulence of an intensity and a length of its own.
 With POST=1 the flight is identified afterwards as well, and the live estimates are compared with those.
 """
 
@@ -42,6 +43,7 @@ AT_S = (6.0, 11.0, 21.0, 45.6)  # the excitation begins at 1 s
 BREAKS_S = 40.0
 STUCK_S = 26.0  # the first multisine and the recovery from it are over
 EVERY_S = 0.4
+GUSTS_M_S, GUSTS_M = (0.1, 0.8), (20.0, 200.0)
 MODEL = json.loads((BUILT_IN / "iitb-mav.model.json").read_text(encoding="utf-8"))["coefficients"]
 
 
@@ -71,17 +73,32 @@ def first_change(reports: Sequence[LiveReport], after_s: float) -> dict[str, Any
     return None
 
 
+def gusts(seed: int) -> str:
+    """Turbulence of this seed: intensity and length evenly spread in their logarithms."""
+    generator = np.random.default_rng(seed)
+    sigma, length = (math.exp(generator.uniform(*np.log(bounds))) for bounds in (GUSTS_M_S, GUSTS_M))
+    return f"turbulence:sigma={sigma:.4g},length={length:.4g}"
+
+
+def by_time(reports: Sequence[LiveReport]) -> dict[str, dict[str, list[float]]]:
+    """Value and standard error of what is estimated, by the times of the tables."""
+    found = {}
+    for at in AT_S:
+        report = min(reports, key=lambda one: abs(one.time_s - at))
+        found[str(at)] = {
+            name: [one.value, one.std] for name, one in report.coefficients.items() if math.isfinite(one.std)
+        }
+    return found
+
+
 def trial(seed: int, post: bool) -> dict[str, Any]:
     """One seed: estimates by time, alarms, when breaks were told, and the estimates after the flight."""
     signals, _ = fly_mav("multisine", seed, duration=DURATION_S)
     reports, cpu = flown_live(signals)
-    line: dict[str, Any] = {"seed": seed, "cpu": cpu, "alarms": reports[-1].sentences(), "warnings": [], "at": {}}
+    line: dict[str, Any] = {"seed": seed, "cpu": cpu, "alarms": reports[-1].sentences(), "at": by_time(reports)}
     line["warnings"] = list(reports[-1].warnings)
-    for at in AT_S:
-        report = min(reports, key=lambda one: abs(one.time_s - at))
-        line["at"][str(at)] = {
-            name: [one.value, one.std] for name, one in report.coefficients.items() if math.isfinite(one.std)
-        }
+    blown = flown_live(fly_mav("multisine", seed, duration=DURATION_S, effects=(gusts(seed),))[0])[0]
+    line["gusts"] = {"at": by_time(blown), "alarms": blown[-1].sentences(), "warnings": list(blown[-1].warnings)}
     line["half"] = first_change(flown_live(half_elevator(signals, BREAKS_S))[0], BREAKS_S)
     resting, _ = fly_mav("multisine,aileron-multisine", seed, duration=40.0)
     line["stuck"] = first_change(flown_live(stuck_elevator(resting, signals, STUCK_S))[0], STUCK_S)
@@ -131,11 +148,15 @@ def break_table(lines: Sequence[dict[str, Any]]) -> None:
             text += f", {np.median(late):.1f} s late (at most {late.max():.1f} s)"
             text += f"; its time is off by {np.median(np.abs(since)):.1f} s (at most {np.abs(since).max():.1f} s)"
         print(text)
+    print(f"share of one core, estimator alone: {np.median([line['cpu'] for line in lines]):.1%}")
+
+
+def alarm_table(lines: Sequence[dict[str, Any]]) -> None:
+    """What was told that was not so."""
     alarms = [text for line in lines for text in line["alarms"]]
     print(f"false alarms in {len(lines)} flights of {DURATION_S:.0f} s: {len(alarms)}", *alarms[:5], sep="\n  ")
-    warned = sorted({text for line in lines for text in line["warnings"]})
+    warned = [text for line in lines for text in line["warnings"]]
     print(f"warnings: {len(warned)}", *warned[:5], sep="\n  ")
-    print(f"share of one core, estimator alone: {np.median([line['cpu'] for line in lines]):.1%}")
 
 
 def post_table(lines: Sequence[dict[str, Any]]) -> None:
@@ -164,9 +185,14 @@ def main() -> int:
     mark = fingerprint(("sysid", "sim_vehicle", "live_flights", "simulated")) + ("-post" if given.post else "")
     seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
     lines = fly_missing(trial, seeds, given.workers, OUTPUT / f"{mark}.jsonl", given.post)
+    blown = [line["gusts"] for line in lines]
     estimate_table(lines)
+    alarm_table(lines)
     break_table(lines)
     post_table(lines)
+    print("\nin turbulence of {:g} to {:g} m/s and {:g} to {:g} m:".format(*GUSTS_M_S, *GUSTS_M))
+    estimate_table(blown)
+    alarm_table(blown)
     return 0
 
 
