@@ -32,6 +32,8 @@ _SPARSE = ("vn", "ve", "vd")
 _GATHER_S = 1.5
 # Rows are worked on when a report is asked for, at the latest after this time: many cost hardly more than one does.
 _PIECE_S = 0.5
+# Equations want the control derivatives that are known, whether or not anybody asks for a report.
+_REFRESH_S = 1.0
 _NOISE_MEMORY = 300  # rows
 # Sum of the squares of the fourth difference's weights: the variance of white noise in it.
 _FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
@@ -124,7 +126,7 @@ class LiveIdentifier:
         self._changes: list[Change] = []
         self._settled: dict[str, float] = {}
         self._sparse: dict[str, list[tuple[float, float]]] = {name: [] for name in _SPARSE}
-        self._worked = -np.inf
+        self._worked = self._refreshed = -np.inf
         self.time_s = -np.inf
 
     def take(self, samples: Mapping[str, tuple[Array, Array]]) -> None:
@@ -162,11 +164,7 @@ class LiveIdentifier:
         """What is known now, by all samples that have come."""
         if self._base is not None:
             self._work()
-        errors = self._air.errors() if self._air.rows else {}
-        for axis, one in self._axes.items():
-            self._update(axis, one, errors)
-        if self._equations is not None:
-            self._equations.learn_jumps(self._settled)
+        errors = self._refresh()
         coefficients = dict(self._unknown())
         squares = {}
         for axis, one in self._axes.items():
@@ -181,6 +179,16 @@ class LiveIdentifier:
         told = {name: error for name, error in errors.items() if error.told}
         warnings = (*sensor_warnings(told), *self._lost())
         return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings)
+
+    def _refresh(self) -> dict[str, SensorError]:
+        """Estimates by all samples so far, and what the equations need of them; the sensors' errors."""
+        self._refreshed = self.time_s
+        errors = self._air.errors() if self._air.rows else {}
+        for axis, one in self._axes.items():
+            self._update(axis, one, errors)
+        if self._equations is not None:
+            self._equations.learn_jumps(self._settled)
+        return errors
 
     def _settle(self) -> None:
         """Decide by the first seconds which signals this aircraft has, and so which axes can be estimated."""
@@ -252,6 +260,8 @@ class LiveIdentifier:
                 self._decimator.restart()
             if sides:
                 self._add(time_s, sides)
+            if self.time_s > self._refreshed + _REFRESH_S:
+                self._refresh()
 
     def _add(self, time_s: Array, sides: Mapping[str, Array]) -> None:
         """Take equations of all axes."""
