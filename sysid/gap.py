@@ -72,7 +72,7 @@ def gap(records: Sequence[Record], layout: SensorLayout, model: Fixed) -> dict[s
 
 
 def _by_windows(record: Record, layout: SensorLayout, model: Fixed, gusts: Array) -> Array:
-    """Outputs (N, 15) of a run flown anew in every window; those of a window that diverges too are the measured ones."""
+    """Outputs (N, 15) of a run flown anew in every window; the measured ones where that diverges too."""
     states = smoothed_states(record, layout, dict(model.errors))
     path = np.stack([states[name] for name in STATES], axis=1)
     y, begin = record.z.copy(), 0

@@ -56,9 +56,10 @@ def stage_gaps(
         runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
         starts += [path[0] for path in paths]
     last = list(stages.values())[-1]
-    found["noise_floor"] = noise_floor(
+    floor = noise_floor(
         runs, starts, layout, last, _output_noise(records), thrust_sigma, compatible.gust_sigma, generator
     )
+    found["noise_floor"] = {name: value for name, value in floor.items() if math.isfinite(value)}
     return found
 
 

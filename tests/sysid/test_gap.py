@@ -133,3 +133,16 @@ def test_gusts_raise_the_floor() -> None:
         for gust in (0.0, 0.5)
     )
     assert rough["q"] > 3.0 * calm["q"]
+
+
+def test_a_model_that_cannot_fly_the_whole_run_has_a_floor_of_its_windows() -> None:
+    record = flown(mav.NOISE)
+    states = np.zeros(9)
+    states[[0, 2, 4, 7]] = mav.trim()[0]
+    sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
+    unstable = fixed(CD_0=-1.0)
+    assert not np.isfinite(free_run(record, states, unstable)).all()
+    floor = noise_floor([record], [states], LAYOUT, unstable, sigma, 0.0, 0.3, np.random.default_rng(1), repeats=3)
+    assert set(floor) == set(gap([record], LAYOUT, fixed()))
+    assert all(np.isfinite(value) for value in floor.values())
+    assert min(floor[name] for name in ("V", "alpha", "q", "az")) > 0.0
