@@ -71,18 +71,21 @@ def gap(records: Sequence[Record], layout: SensorLayout, model: Fixed) -> dict[s
     return result
 
 
-def _by_windows(record: Record, layout: SensorLayout, model: Fixed, gusts: Array) -> Array:
-    """Outputs (N, 15) of a run flown anew in every window; the measured ones where that diverges too."""
+def _flown_by(
+    model: Fixed, record: Record, start: Array, layout: SensorLayout, gusts: Array
+) -> list[tuple[Record, Array]]:
+    """What a model makes of a run's commands, (N, 15): of the whole run or, where it diverges, of each window."""
+    y = free_run(record, start, model, gusts)
+    if np.isfinite(y).all():
+        return [(record, y)]
     states = smoothed_states(record, layout, dict(model.errors))
     path = np.stack([states[name] for name in STATES], axis=1)
-    y, begin = record.z.copy(), 0
+    found, begin = [], 0
     for part in windows(record):
-        rows = slice(begin, begin + part.length)
-        flown = free_run(part, path[begin], model, gusts[rows] if gusts.shape[0] > 1 else gusts)
-        if np.isfinite(flown).all():
-            y[rows] = flown
+        moving = gusts[begin : begin + part.rho.size] if gusts.size else gusts
+        found.append((part, np.nan_to_num(free_run(part, path[begin], model, moving))))
         begin += part.length
-    return np.nan_to_num(y)
+    return found
 
 
 def noise_floor(
@@ -118,12 +121,10 @@ def noise_floor(
                         generator=generator,
                     )
                 )
-            y = free_run(record, start, model, gusts)
-            if not np.isfinite(y).all():
-                y = _by_windows(record, layout, model, gusts)
-            noise = generator.standard_normal(y.shape) * np.nan_to_num(sigma)
-            z = np.where(np.isfinite(record.z), y + noise, np.nan)
-            thrust = record.thrust + thrust_sigma * generator.standard_normal(record.thrust.size)
-            made.append(Record(**{**record.__dict__, "z": z, "thrust": thrust}))
+            for part, y in _flown_by(model, record, start, layout, gusts):
+                noise = generator.standard_normal(y.shape) * np.nan_to_num(sigma)
+                z = np.where(np.isfinite(part.z), y + noise, np.nan)
+                thrust = part.thrust + thrust_sigma * generator.standard_normal(part.thrust.size)
+                made.append(Record(**{**part.__dict__, "z": z, "thrust": thrust}))
         found.append(gap(made, layout, model))
     return {name: float(np.median([one[name] for one in found])) for name in found[0]}

@@ -140,7 +140,7 @@ def test_a_model_that_cannot_fly_the_whole_run_has_a_floor_of_its_windows() -> N
     states = np.zeros(9)
     states[[0, 2, 4, 7]] = mav.trim()[0]
     sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
-    unstable = fixed(CD_0=-1.0)
+    unstable = fixed(CD_k=-1.0)  # climbs without drag until it is too fast for any number
     assert not np.isfinite(free_run(record, states, unstable)).all()
     floor = noise_floor([record], [states], LAYOUT, unstable, sigma, 0.0, 0.3, np.random.default_rng(1), repeats=3)
     assert set(floor) == set(gap([record], LAYOUT, fixed()))
