@@ -11,10 +11,10 @@ from sysid.flight import Array
 # Neighbours on both sides that a reading is compared with: a step or a pulse of more samples than these passes.
 _REACH = 2
 # A reading is an outlier if it is this many robust deviations off its neighbours' median, ...
-_SIGMAS = 20.0
+SIGMAS = 20.0
 # ... and by this share of the range that the signal otherwise covers, so that a quiet flight's one pulse is none.
-_SHARE = 0.5
-_MAD_TO_SIGMA = 1.4826
+SHARE = 0.5
+MAD_TO_SIGMA = 1.4826
 
 
 def outliers(values: Array) -> NDArray[np.bool_]:
@@ -28,7 +28,7 @@ def outliers(values: Array) -> NDArray[np.bool_]:
         return none
     off = np.abs(values - ndimage.median_filter(values, size=2 * _REACH + 1, mode="mirror"))
     low, high = np.percentile(values, (5.0, 95.0))
-    limit = max(_SIGMAS * _MAD_TO_SIGMA * float(np.median(off)), _SHARE * float(high - low), 0.0)
+    limit = max(SIGMAS * MAD_TO_SIGMA * float(np.median(off)), SHARE * float(high - low), 0.0)
     found = _alone(values, np.asarray(off > limit), limit)
     return found if found.any() and found.mean() <= 0.01 else none
 

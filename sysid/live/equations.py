@@ -47,6 +47,7 @@ class LiveEquations:
         self.terms = {axis: tuple(chosen) for axis, chosen in terms.items()}
         self._tail: dict[str, Array] | None = None
         self._tail_time: Array = np.empty(0)
+        self._tail_told = np.empty(0, np.bool_)
         self._pressure: float | None = None
         # Angular accelerations' jumps for each unit of a command's, by rate and command, rad/s^2; from the estimates.
         self.jumps: dict[str, dict[str, float]] = {}
@@ -62,14 +63,18 @@ class LiveEquations:
         if rows.continues and self._tail is not None:
             columns = {name: np.concatenate([self._tail[name], rows.columns[name]]) for name in self._tail}
             time_s = np.concatenate([self._tail_time, rows.time_s])
+            told = np.concatenate([self._tail_told, rows.told])
         else:
-            columns, time_s = rows.columns, rows.time_s
+            columns, time_s, told = rows.columns, rows.time_s, rows.told
         self._tail = {name: values[-_TAIL:] for name, values in columns.items()}
-        self._tail_time = time_s[-_TAIL:]
+        self._tail_time, self._tail_told = time_s[-_TAIL:], told[-_TAIL:]
         if time_s.size <= _TAIL:
             return np.empty(0), {}
         data = FlightData("live", rows.interval_s, time_s, self.corrected(columns))
-        return time_s[1:-2], self._sides(data)
+        # A command that is not known bends the rates in the intervals beside it. Each equation holds by itself: those
+        # that need it count as 0 = 0, which keeps the others in their places.
+        known = told[:-3] & told[1:-2] & told[2:-1]
+        return time_s[1:-2], {axis: columns * known[:, np.newaxis] for axis, columns in self._sides(data).items()}
 
     def corrected(self, columns: Mapping[str, Array]) -> dict[str, Array]:
         """True airspeed, and the vanes' angles at the centre of gravity."""

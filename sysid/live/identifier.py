@@ -14,6 +14,7 @@ from sysid.coefficients import AXES
 from sysid.equations import MOMENTS
 from sysid.flight import Array
 from sysid.live.air import AirFilter, SensorError
+from sysid.live.airborne import Airborne
 from sysid.live.airsteps import ROW
 from sysid.live.changes import Change, ChangeDetector
 from sysid.live.equations import BIASES, LiveEquations
@@ -27,6 +28,7 @@ from sysid.structure import LONGITUDINAL_AXES, default_structure, helpful_manoeu
 
 _CORE = ("ax", "ay", "az", "p", "q", "r", "alpha", "airspeed", "air_density")
 _OPTIONAL = ("beta", "phi", "theta", "psi")
+_HEIGHT = ("altitude",)  # tells the ground from the air, where there is one
 _SPARSE = ("vn", "ve", "vd")
 # How long signals gather before it is settled which of them this aircraft has.
 _GATHER_S = 1.5
@@ -121,6 +123,7 @@ class LiveIdentifier:
         self._decimator: Decimator | None = None
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
+        self._airborne = Airborne(vehicle)
         bending = (*_RATES, *_ACCELERATIONS)
         self._noise = {name: _Noise(name in bending) for name in (*VANES, "airspeed", *bending)}
         self._changes: list[Change] = []
@@ -216,7 +219,7 @@ class LiveIdentifier:
         thrust = self._thrust.source(there)
         needed = [*_CORE, *(name for name in _OPTIONAL if name in there)]
         needed += [name for name in (*self._surfaces, thrust or "") if name in there]
-        self._base = TimeBase(list(dict.fromkeys(needed)))
+        self._base = TimeBase(list(dict.fromkeys(needed)), _HEIGHT)
         grouped = {axis: [parse_term(name) for name in names if name.startswith(f"{axis}_")] for axis in AXES}
         terms = {axis: chosen for axis, chosen in grouped.items() if chosen}
         self._equations = LiveEquations(self._vehicle, terms, self._thrust.moving_mass)
@@ -245,7 +248,7 @@ class LiveIdentifier:
         assert self._base is not None
         assert self._equations is not None
         self._worked = self._seen["az"]
-        for rows in self._base.rows():
+        for rows in self._airborne.flown(self._base.rows()):
             rows = self._thrust.added(rows)
             if not self._axes:
                 self._make_axes(rows.interval_s)
@@ -379,7 +382,8 @@ class LiveIdentifier:
         """Every coefficient before anything is known of it."""
         found = {}
         for name in self._names:
-            why, fly = self._refused.get(name, ("the flight has only begun", helpful_manoeuvre(name)))
+            begun = "the flight has only begun" if self._airborne.flying else "the aircraft is not in the air"
+            why, fly = self._refused.get(name, (begun, helpful_manoeuvre(name)))
             found[name] = Coefficient(name, np.nan, np.inf, False, why, fly)
         return found
 
@@ -387,4 +391,6 @@ class LiveIdentifier:
         if self._base is None:
             return []
         missing = self._base.missing()
-        return [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
+        told = [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
+        alone = ", ".join(f"{name} ({count})" for name, count in self._base.left_out().items())
+        return [*told, f"readings left out that no motion makes: {alone}"] if alone else told

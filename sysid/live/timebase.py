@@ -10,25 +10,38 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.flight import Array
+from sysid.outliers import MAD_TO_SIGMA, SHARE, SIGMAS
 from sysid.timebase import ANGLES, GAP_S, is_held
 
 BASE = "az"
 # How far the accelerometer may run ahead of a signal before the row is made without it.
 _PATIENCE_S = 0.08
 _FIRST_SAMPLES = 12
+# A message that is later than so many of its periods after the one before is the next but one.
+_LOST = 1.6
 _KEPT_S = 1.0
 
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows without gaps. time_s: (N,). columns: name -> (N,). continues: whether the first one follows the last."""
+    """N rows without gaps. time_s: (N,). columns: name -> (N,). continues: whether the first one follows the last.
+
+    told: (N,) whether all commands are known; the one before is held where a message is lost.
+    """
 
     interval_s: float
     time_s: Array
     columns: dict[str, Array]
     continues: bool
+    told: NDArray[np.bool_]
+
+    def part(self, start: int, stop: int, *, continues: bool) -> Rows:
+        """Some of the rows."""
+        columns = {name: values[start:stop] for name, values in self.columns.items()}
+        return Rows(self.interval_s, self.time_s[start:stop], columns, continues, self.told[start:stop])
 
 
 @dataclass
@@ -38,18 +51,33 @@ class _Track:
     time_s: Array = field(default_factory=lambda: np.empty(0))
     values: Array = field(default_factory=lambda: np.empty(0))
     gap_s: float = GAP_S
+    period_s: float = GAP_S
 
-    def add(self, time_s: Array, values: Array, *, angle: bool) -> None:
-        fresh = time_s > self.newest
+    waiting: tuple[Array, Array] = field(default_factory=lambda: (np.empty(0), np.empty(0)))
+    left_out: int = 0
+
+    def add(self, time_s: Array, values: Array, *, angle: bool, held: bool) -> None:
+        """Take samples (N,); a reading that no motion makes is left out, which the next one tells."""
+        time_s, values = np.concatenate([self.waiting[0], time_s]), np.concatenate([self.waiting[1], values])
+        fresh = np.diff(np.maximum.accumulate(np.concatenate([[self.newest], time_s]))) > 0.0
         if not fresh.all():
             time_s, values = time_s[fresh], values[fresh]
         if angle and values.size:
             before = self.values[-1:] if self.values.size else values[:1]
             values = np.unwrap(np.concatenate([before, values]))[1:]
+        if not held and values.size:
+            alone, doubted = _stand_alone(self.values, values)
+            self.left_out += int(alone.sum())
+            self.waiting = (time_s[-1:], values[-1:]) if doubted else (np.empty(0), np.empty(0))
+            if doubted or alone.any():
+                keep = ~alone
+                keep[-1] &= not doubted
+                time_s, values = time_s[keep], values[keep]
         self.time_s = np.concatenate([self.time_s, time_s])
         self.values = np.concatenate([self.values, values])
         if self.gap_s == GAP_S and self.time_s.size > _FIRST_SAMPLES:
-            self.gap_s = max(GAP_S * 1.001, 2.5 * float(np.median(np.diff(self.time_s))))
+            self.period_s = float(np.median(np.diff(self.time_s)))
+            self.gap_s = max(GAP_S * 1.001, 2.5 * self.period_s)
 
     @property
     def newest(self) -> float:
@@ -59,6 +87,14 @@ class _Track:
         first = max(int(np.searchsorted(self.time_s, before_s)) - 1, 0)
         if first:
             self.time_s, self.values = self.time_s[first:], self.values[first:]
+
+    def told(self, stamps: Array) -> NDArray[np.bool_]:
+        """(N,) whether a held value is known at the stamps: not where the next one should have come and did not."""
+        after = np.searchsorted(self.time_s, stamps + 1e-6, side="right")
+        lower = self.time_s[np.maximum(after - 1, 0)]
+        upper = np.append(self.time_s, np.inf)[after]
+        late = _LOST * self.period_s
+        return np.asarray((after > 0) & ((upper - lower < late) | (stamps - lower < late - self.period_s)))
 
     def at(self, stamps: Array, *, held: bool) -> Array:
         """(N,) values at the stamps, NaN where no sample is near."""
@@ -74,6 +110,26 @@ class _Track:
         return np.where(inside & (after < self.time_s.size) | near, values, np.nan)
 
 
+def _stand_alone(before: Array, values: Array) -> tuple[NDArray[np.bool_], bool]:
+    """Which of the new readings (N,) stand alone, and whether the last one may.
+
+    They differ from the readings on both sides, which agree: by 20 robust deviations of the steps, and by half of what
+    the signal covered lately, as in `sysid.outliers`.
+    """
+    alone = np.zeros(values.size, np.bool_)
+    if before.size < _FIRST_SAMPLES:
+        return alone, False
+    low, high = np.percentile(before, (5.0, 95.0))
+    limit = max(SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(np.diff(before)))), SHARE * float(high - low))
+    joined = np.concatenate([before[-1:], values])
+    steps = np.abs(np.diff(joined))
+    if not (steps > limit).any():
+        return alone, False
+    across = np.abs(joined[2:] - joined[:-2])
+    alone[:-1] = (np.minimum(steps[:-1], steps[1:]) > limit) & (across < 0.5 * np.minimum(steps[:-1], steps[1:]))
+    return alone, bool(steps[-1] > limit and not alone[-2:-1].any())
+
+
 class TimeBase:
     """Makes rows of the `needed` signals, which must all be there, and of `others`, which may be NaN."""
 
@@ -87,7 +143,11 @@ class TimeBase:
         """Take samples: name -> stamps (s, ascending) and values. Signals nobody asked for are left out."""
         for name, (time_s, values) in samples.items():
             if name in self._tracks:
-                self._tracks[name].add(time_s, values, angle=name in ANGLES)
+                self._tracks[name].add(time_s, values, angle=name in ANGLES, held=is_held(name))
+
+    def left_out(self) -> dict[str, int]:
+        """How many readings of each signal stood alone, where there were any."""
+        return {name: track.left_out for name, track in self._tracks.items() if track.left_out}
 
     def missing(self) -> list[str]:
         """Needed signals of which nothing has come, or nothing lately."""
@@ -108,7 +168,7 @@ class TimeBase:
             return []
         stamps = self._filled(stamps)
         columns = {name: track.at(stamps, held=is_held(name)) for name, track in self._tracks.items()}
-        pieces = self._cut(stamps, columns)
+        pieces = self._cut(stamps, columns, self._told(stamps))
         self._last = float(stamps[-1])
         for track in self._tracks.values():
             track.trim(self._last - _KEPT_S)
@@ -128,8 +188,16 @@ class TimeBase:
         ]
         return np.sort(np.concatenate([stamps, *extra]))
 
-    def _cut(self, stamps: Array, columns: dict[str, Array]) -> list[Rows]:
+    def _told(self, stamps: Array) -> NDArray[np.bool_]:
+        tracks = [self._tracks[name] for name in self._needed if is_held(name) and self._tracks[name].time_s.size]
+        told: NDArray[np.bool_] = np.logical_and.reduce(
+            [np.ones(stamps.size, np.bool_), *(track.told(stamps) for track in tracks)]
+        )
+        return told
+
+    def _cut(self, stamps: Array, columns: dict[str, Array], told: NDArray[np.bool_]) -> list[Rows]:
         assert self.interval_s is not None
+        whole = Rows(self.interval_s, stamps, columns, False, told)
         good = np.logical_and.reduce([np.isfinite(columns[name]) for name in self._needed])
         follows = np.diff(stamps, prepend=self._last) <= 1.5 * self.interval_s
         pieces: list[Rows] = []
@@ -142,8 +210,7 @@ class TimeBase:
             while stop < stamps.size and good[stop] and follows[stop]:
                 stop += 1
             continues = bool(follows[start]) and start == 0 and self._unbroken
-            part = {name: values[start:stop] for name, values in columns.items()}
-            pieces.append(Rows(self.interval_s, stamps[start:stop], part, continues))
+            pieces.append(whole.part(start, stop, continues=continues))
             start = stop
         self._unbroken = bool(good[-1])
         return pieces
