@@ -22,6 +22,7 @@ from sysid.live.excitation import Coefficient, judged
 from sysid.live.recursive import Decimator, RecursiveLeastSquares
 from sysid.live.sentences import change_sentence, sensor_warnings
 from sysid.live.spectral import VANES, AxisEstimator, Estimate
+from sysid.live.stuck import StuckVanes
 from sysid.live.thrust import LiveThrust
 from sysid.live.timebase import Rows, TimeBase
 from sysid.structure import LONGITUDINAL_AXES, default_structure, helpful_manoeuvre, usual_size
@@ -124,6 +125,7 @@ class LiveIdentifier:
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
         self._airborne = Airborne(vehicle)
+        self._stuck = StuckVanes()
         bending = (*_RATES, *_ACCELERATIONS)
         self._noise = {name: _Noise(name in bending) for name in (*VANES, "airspeed", *bending)}
         self._changes: list[Change] = []
@@ -180,7 +182,8 @@ class LiveIdentifier:
                     squares[name] = (float(value), float(std))
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
         told = {name: error for name, error in errors.items() if error.told}
-        warnings = (*sensor_warnings(told), *self._lost())
+        moving = {name: error for name, error in told.items() if not name.startswith(self._stuck.names or ("?",))}
+        warnings = (*sensor_warnings(moving), *self._lost())
         return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings)
 
     def _refresh(self) -> dict[str, SensorError]:
@@ -248,7 +251,7 @@ class LiveIdentifier:
         assert self._base is not None
         assert self._equations is not None
         self._worked = self._seen["az"]
-        for rows in self._airborne.flown(self._base.rows()):
+        for rows in self._stuck.moving(self._airborne.flown(self._base.rows())):
             rows = self._thrust.added(rows)
             if not self._axes:
                 self._make_axes(rows.interval_s)
@@ -392,5 +395,6 @@ class LiveIdentifier:
             return []
         missing = self._base.missing()
         told = [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
+        told += [f"the {name} vane does not move: nothing is identified meanwhile" for name in self._stuck.names]
         alone = ", ".join(f"{name} ({count})" for name, count in self._base.left_out().items())
         return [*told, f"readings left out that no motion makes: {alone}"] if alone else told

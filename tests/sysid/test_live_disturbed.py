@@ -127,3 +127,15 @@ def test_one_reading_of_no_sense_is_left_out_and_told(flight: FlightSignals, nam
 
 def test_no_reading_of_a_sound_flight_is_left_out(flight: FlightSignals) -> None:
     assert identified(flight).warnings == ()
+
+
+@pytest.mark.parametrize("name", ["alpha", "beta"])
+def test_a_vane_that_sticks_is_told_and_spoils_little(flight: FlightSignals, name: str) -> None:
+    signal = flight.signals[name]
+    stuck = signal.time_s > 12.0
+    values = np.where(stuck, signal.values[np.argmax(stuck)], signal.values)
+    report = identified(FlightSignals("stuck", {**flight.signals, name: replace(signal, values=values)}))
+    assert report.warnings == (f"the {name} vane does not move: nothing is identified meanwhile",)
+    # Of the second and a half that it takes to tell.
+    assert np.abs(report.coefficients["CL_alpha"].value / TRUTH["CL_alpha"] - 1.0) < 0.1
+    assert np.abs(report.coefficients["Cn_beta"].value / TRUTH["Cn_beta"] - 1.0) < 0.3
