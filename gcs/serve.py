@@ -133,7 +133,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         )
         with _links(settings.connect) as links, _links(settings.forward) as forward:
             voice = StationVoice(settings.link.own_key)
-            live = LiveFeed(settings, recorder.live_flights)
+            live = LiveFeed(settings, recorder.live_vehicles)
             station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
             live.on_estimate = EstimateTelemetry(station.tell_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)

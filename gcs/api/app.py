@@ -38,7 +38,7 @@ def create_app(
     others: further parts whose trouble /api/health tells. live: what flies now; None makes one that nobody feeds.
     """
 
-    feed = live or LiveFeed(settings, recorder.live_flights)
+    feed = live or LiveFeed(settings, recorder.live_vehicles)
     service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others, feed)
 
     @asynccontextmanager

@@ -55,7 +55,7 @@ def live_feed(args: argparse.Namespace) -> "Iterator[LiveFeed | None]":
         yield None
         return
     settings = Settings(data=args.output.parent, link=link_options(args), vehicle=args.vehicle)
-    feed = LiveFeed(settings, lambda: [args.output.stem])
+    feed = LiveFeed(settings, lambda: {args.output.stem: None})
     feed.start()
     try:
         yield feed

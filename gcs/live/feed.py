@@ -14,13 +14,13 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Any
 
 from gcs.errors import in_words
 from gcs.links.datagrams import Batch
-from gcs.live.protocol import pack_batch, pack_flight
+from gcs.live.protocol import Flight, pack_batch, pack_flight
 from gcs.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -58,7 +58,8 @@ class LiveState:
 
 
 class LiveFeed:
-    """Runs the live process. flights: gives the ids of the flights being recorded. worker: the command that runs it.
+    """Runs the live process. flights: gives the id of each flight being recorded, in the order in which they began, and
+    the system that flies it, None while that is not known. worker: the command that runs the process.
 
     on_estimate: called with each identification report and the flight's time, s, from a thread of this feed.
     """
@@ -66,7 +67,7 @@ class LiveFeed:
     def __init__(
         self,
         settings: Settings,
-        flights: Callable[[], Sequence[str]],
+        flights: Callable[[], Mapping[str, int | None]],
         worker: Sequence[str] = (sys.executable, "-m", "gcs.live.worker"),
     ) -> None:
         self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
@@ -82,7 +83,9 @@ class LiveFeed:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
         self._failure = ""
         self.state = LiveState()
+        # The flight that is followed, None for none, and with the vehicle that was told to the process with it.
         self.flight: str | None = None
+        self._followed = Flight()
         # The name in the vehicle file that estimates go by.
         self.vehicle: str | None = None
         # Why the vehicle file that was given does not count, while none does.
@@ -185,7 +188,7 @@ class LiveFeed:
                 self._queue.clear()
                 self._given.clear()
                 self._queued_bytes = self._number = 0
-            self.flight = None
+            self.flight, self._followed = None, Flight()
             reader = threading.Thread(target=self._read, args=(process.stdout,), daemon=True)
             reader.start()
             try:
@@ -213,12 +216,14 @@ class LiveFeed:
                 pipe.flush()
 
     def _follow_flight(self) -> None:
+        """The flight that is followed stays so while it lasts, whoever else takes off; then the oldest one is."""
         live = self._flights()
-        flight = live[-1] if live else None
-        if flight != self.flight:
-            self.flight = flight
+        flight = self.flight if self.flight in live else next(iter(live), None)
+        followed = Flight() if flight is None else Flight(flight, live[flight])
+        if followed != self._followed:
+            self.flight, self._followed = flight, followed
             with self._changed:
-                self._put(pack_flight(flight))
+                self._put(pack_flight(followed))
 
     def _read(self, pipe: IO[bytes]) -> None:
         for line in pipe:

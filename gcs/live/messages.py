@@ -81,19 +81,28 @@ class _Clock:
 class VehicleMessages:
     """Takes batches of all links and gives one vehicle's messages with their times.
 
-    The vehicle is the first whose autopilot's HEARTBEAT is heard. A message that a second link brings once more has
-    the stamp of the first and is left out by whoever takes the signals.
+    The vehicle is the first whose autopilot's HEARTBEAT is heard, of one system alone where it is bound. A message that
+    a second link brings once more has the stamp of the first and is left out by whoever takes the signals.
     """
 
     def __init__(self, dialect: Dialect, wanted: Sequence[str]) -> None:
         self._dialect = dialect
         self._framers: dict[str, Framer] = {}
+        self._bound: int | None = None
         self.want(wanted)
         self.restart()
 
     def want(self, wanted: Sequence[str]) -> None:
         """Give these messages from here on; vehicle and clock stay."""
         self._wanted = frozenset((*wanted, "SYSTEM_TIME"))
+
+    def bind(self, system: int | None) -> bool:
+        """Take only this system for the vehicle, None for any; whether the one that is followed may stay.
+
+        One that may not is to be forgotten by `restart`.
+        """
+        self._bound = system
+        return self.system is None or system is None or self.system == system
 
     def restart(self) -> None:
         """Forget the vehicle and its clock; unfinished frames stay."""
@@ -145,6 +154,8 @@ class VehicleMessages:
             return
         for index, beat in zip(beats.index.tolist(), beats.fields, strict=True):
             system = int(frames.sysid[index])
+            if self._bound is not None and system != self._bound:
+                continue
             if beat["type"] != MAV_TYPE_GCS and beat["autopilot"] != MAV_AUTOPILOT_INVALID and system <= LAST_VEHICLE:
                 self.system, self.autopilot = system, int(beat["autopilot"])
                 return

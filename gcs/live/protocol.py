@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +11,14 @@ from gcs.links.datagrams import Batch
 
 _HEADER = struct.Struct("<HIIB")  # bytes of the name, bytes of data, datagrams, kind
 _BYTES, _FLIGHT = 0, 1
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A recorded flight, "" for none, and the MAVLink system that flies it, None while that is not known."""
+
+    id: str = ""
+    system: int | None = None
 
 
 def pack_batch(source: str, batch: Batch) -> bytes:
@@ -20,10 +29,10 @@ def pack_batch(source: str, batch: Batch) -> bytes:
     return _HEADER.pack(len(name), len(batch.data), batch.ends.size, _BYTES) + name + batch.data + ends + times
 
 
-def pack_flight(flight: str | None) -> bytes:
-    """Which flight is recorded from here on; None for none."""
-    name = (flight or "").encode()
-    return _HEADER.pack(len(name), 0, 0, _FLIGHT) + name
+def pack_flight(flight: Flight) -> bytes:
+    """Which flight is followed from here on."""
+    name = flight.id.encode()
+    return _HEADER.pack(len(name), 1, 0, _FLIGHT) + name + bytes([flight.system or 0])
 
 
 class Unpacker:
@@ -32,10 +41,10 @@ class Unpacker:
     def __init__(self) -> None:
         self._held = b""
 
-    def feed(self, data: bytes) -> list[Batch | str]:
-        """The records that are complete now: batches, whose `source` is set, and ids of flights ("" for none)."""
+    def feed(self, data: bytes) -> list[Batch | Flight]:
+        """The records that are complete now: batches, whose `source` is set, and flights."""
         self._held += data
-        found: list[Batch | str] = []
+        found: list[Batch | Flight] = []
         at = 0
         while at + _HEADER.size <= len(self._held):
             name_size, size, count, kind = _HEADER.unpack_from(self._held, at)
@@ -45,7 +54,7 @@ class Unpacker:
                 break
             name = self._held[start : start + name_size].decode()
             if kind == _FLIGHT:
-                found.append(name)
+                found.append(Flight(name, self._held[stop - 1] or None))
             else:
                 at_data = start + name_size
                 at_ends = at_data + size

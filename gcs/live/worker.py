@@ -17,7 +17,7 @@ from gcs.errors import GcsError
 from gcs.links.datagrams import Batch
 from gcs.live.estimates import EstimateReports
 from gcs.live.messages import VehicleMessages
-from gcs.live.protocol import Unpacker
+from gcs.live.protocol import Flight, Unpacker
 from gcs.live.signals import Samples, SignalStream
 from gcs.live.vehiclefile import WatchedVehicle
 from gcs.mavlink.dialect import Dialect
@@ -53,7 +53,7 @@ class LiveProcess:
         vehicle = None if file is None else file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages = VehicleMessages(dialect, self._signals.messages)
-        self._flight = ""
+        self._flight = Flight()
         self._newest: dict[str, tuple[float, int]] = {}
         self._fresh, self._anew = False, True
         self._taken = self._told = 0
@@ -61,21 +61,27 @@ class LiveProcess:
         self._heard_ns = self._looked_ns = 0
         self._estimates = None if vehicle is None else EstimateReports(vehicle)
 
-    def take(self, records: Sequence[Batch | str]) -> None:
-        """Batches of links, and the id of the flight that is recorded from there on."""
+    def take(self, records: Sequence[Batch | Flight]) -> None:
+        """Batches of links, and the flight that is followed from there on."""
         waiting: list[Batch] = []
         for record in records:
-            if not isinstance(record, str):
+            if isinstance(record, Batch):
                 waiting.append(record)
                 continue
             self._take(waiting)
             waiting = []
-            if self._flight and record != self._flight:
-                self._restart()
-            if record and record != self._flight:
-                self._look()
-            self._flight = record
+            self._follow(record)
         self._take(waiting)
+
+    def _follow(self, flight: Flight) -> None:
+        """Go by this flight and its vehicle alone."""
+        begun = bool(flight.id) and flight.id != self._flight.id
+        ended = bool(self._flight.id) and flight.id != self._flight.id
+        if not self._messages.bind(flight.system) or ended:
+            self._restart()
+        if begun:
+            self._look()
+        self._flight = flight
 
     def _take(self, batches: Sequence[Batch]) -> None:
         self._taken += len(batches)
@@ -136,7 +142,7 @@ class LiveProcess:
                 for name, (value, received_ns) in self._newest.items()
             }
             told = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known,
-                    "flight": self._flight or None}  # fmt: skip
+                    "flight": self._flight.id or None}  # fmt: skip
             tell("signals", taken=self._taken, **told)
             self._told, self._told_s = self._taken, now_s
         elif self._taken != self._told and now_s - self._told_s > _SILENT_S:
@@ -168,10 +174,10 @@ def run(live: LiveProcess) -> None:
         time.sleep(turn_s - now_s)
 
 
-def _read(unpacker: Unpacker) -> list[Batch | str] | None:
+def _read(unpacker: Unpacker) -> list[Batch | Flight] | None:
     """Everything that waits on standard input once there is something, nothing after a turn; None at its end."""
     select.select([0], [], [], _TURN_S)
-    records: list[Batch | str] = []
+    records: list[Batch | Flight] = []
     taken = 0
     while taken < _MOST_BYTES and select.select([0], [], [], 0.0)[0]:
         data = os.read(0, _READ_BYTES)

@@ -379,6 +379,11 @@ class FlightRecorder:
         with self._lock:
             return [live.id for live in self._live]
 
+    def live_vehicles(self) -> dict[str, int | None]:
+        """The flights being recorded now, oldest first, and the system that flies each, None while it is not known."""
+        with self._lock:
+            return {live.id: live.segmenter.system for live in self._live}
+
     def statistics(self, link: str, now_ns: int) -> dict[str, object]:
         """Statistics of a link as JSON."""
         return self._source(link).statistics.to_json(now_ns)

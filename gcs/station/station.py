@@ -210,6 +210,10 @@ class RecordingStation(Station):
         """Ids of the flights being recorded now."""
         return self._recorder.live_flights()
 
+    def live_vehicles(self) -> dict[str, int | None]:
+        """The flights being recorded now, oldest first, and the system that flies each, None while it is not known."""
+        return self._recorder.live_vehicles()
+
     def link_status(self) -> list[dict[str, object]]:
         """State, counters and statistics of every link, those to other ground stations behind the others, as JSON."""
         now = self._clock()

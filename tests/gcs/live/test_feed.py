@@ -20,7 +20,7 @@ SLEEPER = (sys.executable, "-c", "import time; time.sleep(600)")
 
 @pytest.fixture
 def feed(tmp_path: Path) -> Iterator[LiveFeed]:
-    made = LiveFeed(Settings(data=tmp_path), lambda: ["flight-1"])
+    made = LiveFeed(Settings(data=tmp_path), lambda: {"flight-1": 1})
     made.start()
     yield made
     made.stop()
@@ -48,7 +48,7 @@ def test_signals_reach_the_service_and_a_process_that_is_killed_comes_back(
 
 
 def test_a_process_that_takes_nothing_holds_nobody(tmp_path: Path) -> None:
-    stuck = LiveFeed(Settings(data=tmp_path), list, SLEEPER)
+    stuck = LiveFeed(Settings(data=tmp_path), dict, SLEEPER)
     stuck.start()
     data = Vehicle().second()
     total = 0
@@ -62,7 +62,7 @@ def test_a_process_that_takes_nothing_holds_nobody(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_file_that_cannot_be_used_is_told_in_words(tmp_path: Path) -> None:
-    wrong = LiveFeed(Settings(data=tmp_path, vehicle="no-such-vehicle"), list)
+    wrong = LiveFeed(Settings(data=tmp_path, vehicle="no-such-vehicle"), dict)
     wrong.start()
     wait_until(lambda: wrong.problem)
     assert wrong.process_state == "running"
@@ -78,7 +78,7 @@ def test_a_process_that_starts_anew_beside_a_bad_vehicle_file_goes_on_and_takes_
     craft = tmp_path / "own.toml"
     good = (VEHICLES / "iitb-mav.toml").read_text(encoding="utf-8").split("[calibration", 1)[0]
     craft.write_text(good, encoding="utf-8")
-    feed = LiveFeed(Settings(data=tmp_path, vehicle=str(craft)), lambda: ["flight-1"])
+    feed = LiveFeed(Settings(data=tmp_path, vehicle=str(craft)), lambda: {"flight-1": 1})
     feed.start()
     vehicle = Vehicle()
 
@@ -108,7 +108,7 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
 ) -> None:
     now = [100.0]
     monkeypatch.setattr("gcs.live.feed.time.monotonic", lambda: now[0])
-    behind = LiveFeed(Settings(data=tmp_path), list)  # never started: this test tells what its process would
+    behind = LiveFeed(Settings(data=tmp_path), dict)  # never started: this test tells what its process would
     data = Vehicle().second()
 
     def told(taken: int) -> None:
@@ -142,7 +142,7 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
 
 
 def test_of_a_flight_that_has_just_begun_nothing_of_the_last_one_is_told(tmp_path: Path) -> None:
-    feed = LiveFeed(Settings(data=tmp_path), list)  # never started: this test tells what its process would
+    feed = LiveFeed(Settings(data=tmp_path), dict)  # never started: this test tells what its process would
     signals = {"kind": "signals", "time_s": 8.0, "system": 1, "signals": {}, "taken": 0}
     feed.flight = "first"
     feed._take({**signals, "flight": "first"})

@@ -11,6 +11,7 @@ from traffic import SECOND, Vehicle, batch
 
 from gcs.live.feed import LiveFeed
 from gcs.live.lines import LiveLines
+from gcs.live.protocol import Flight
 from gcs.live.vehiclefile import WatchedVehicle
 from gcs.live.worker import LiveProcess
 from gcs.mavlink.dialect import Dialect
@@ -36,7 +37,7 @@ def test_signals_and_estimates_begin_anew_with_the_vehicles_clock() -> None:
 def test_what_was_known_of_a_flight_stands_until_the_signals_of_another_come(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    feed, live, vehicle = LiveFeed(Settings(data=tmp_path), list), LiveProcess(Dialect.load(), None), Vehicle()
+    feed, live, vehicle = LiveFeed(Settings(data=tmp_path), dict), LiveProcess(Dialect.load(), None), Vehicle()
 
     def reported(now_s: float) -> list[str]:
         live.report(now_s)
@@ -45,13 +46,13 @@ def test_what_was_known_of_a_flight_stands_until_the_signals_of_another_come(
             feed._take(dict(line))
         return [line["kind"] for line in lines]
 
-    live.take(["first", batch(vehicle.second(), START)])
+    live.take([Flight("first", 1), batch(vehicle.second(), START)])
     assert reported(1.0) == ["begin", "signals"]
     feed._take({"kind": "estimate", "identification": estimates(1.0)})
-    live.take([""])
+    live.take([Flight()])
     assert reported(2.0) == []
     assert feed.state.identification is not None
-    live.take(["second", batch(Vehicle().second(), START + 20 * SECOND)])
+    live.take([Flight("second", 1), batch(Vehicle().second(), START + 20 * SECOND)])
     assert reported(21.0) == ["begin", "signals"]
     assert feed.state.identification is None
     assert feed.state.estimate_number == 1
@@ -62,7 +63,7 @@ def estimates(time_s: float, *warnings: str) -> dict[str, Any]:
 
 
 def test_a_warning_is_printed_again_for_a_vehicle_that_was_switched_on_again(tmp_path: Path) -> None:
-    feed = LiveFeed(Settings(data=tmp_path), list)
+    feed = LiveFeed(Settings(data=tmp_path), dict)
     lines = LiveLines(feed)
 
     def said(at_s: float, time_s: float) -> list[str]:

@@ -16,7 +16,7 @@ from gcs.flights.streams import Stream
 from gcs.formats.conversion import import_file
 from gcs.links.datagrams import Batch
 from gcs.live.messages import VehicleMessages
-from gcs.live.protocol import Unpacker, pack_batch, pack_flight
+from gcs.live.protocol import Flight, Unpacker, pack_batch, pack_flight
 from gcs.live.signals import SignalStream
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
@@ -104,13 +104,24 @@ def test_a_vehicle_that_starts_anew_begins_at_zero_and_a_ground_station_is_none(
     np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
 
 
+def test_a_vehicle_that_is_bound_is_the_only_one_whoever_is_heard_first() -> None:
+    messages, other, own = VehicleMessages(Dialect.load(), ["ATTITUDE"]), Vehicle(1), Vehicle(2)
+    assert messages.bind(2)
+    assert messages.take([batch(other.second(), SECOND)]) == []
+    assert messages.system is None
+    assert messages.take([batch(own.second(), 2 * SECOND)])
+    assert messages.system == 2
+    assert messages.bind(None)
+    assert not messages.bind(1)
+
+
 def test_records_come_out_of_the_pipe_as_they_went_in() -> None:
     sent = batch([b"one", b"", b"three"], 5 * SECOND)
-    data = pack_flight("f1") + pack_batch("udpin:1", sent) + pack_flight(None)
+    data = pack_flight(Flight("f1", 7)) + pack_batch("udpin:1", sent) + pack_flight(Flight())
     unpacker = Unpacker()
     found = [record for i in range(len(data)) for record in unpacker.feed(data[i : i + 1])]
-    assert found[0] == "f1"
-    assert found[2] == ""
+    assert found[0] == Flight("f1", 7)
+    assert found[2] == Flight()
     taken = found[1]
     assert isinstance(taken, Batch)
     assert (taken.source, taken.data, taken.ends.tolist()) == ("udpin:1", sent.data, sent.ends.tolist())

@@ -1,0 +1,66 @@
+"""Several aircraft on one port: whom the live view follows."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import httpx
+from processes import TIMEOUT_S, free_port, service, start
+from traffic import wait_until
+
+READY_S = 300.0  # the very first start of an installation compiles
+
+
+def told(url: str) -> dict[str, Any]:
+    answer: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=60).json()
+    return answer
+
+
+def recording(url: str, count: int) -> list[str] | None:
+    """The flights that are being recorded, once there are so many."""
+    found: list[str] = httpx.get(f"{url}/api/health", timeout=60).json()["recording"]
+    return found if len(found) == count else None
+
+
+def test_the_first_aircraft_is_followed_until_its_flight_ends_and_then_another(tmp_path: Path) -> None:
+    port = free_port()
+    to = f"udpout:127.0.0.1:{port}"
+    options = ("--connect", f"udpin:127.0.0.1:{port}", "--vehicle", "iitb-mav", "--no-identify", "--data", tmp_path)
+    with service(*options, "--silence", "2") as url, ExitStack() as flying:
+
+        def fly(system: int, seconds: int) -> Any:
+            aircraft = ("fly", "--manoeuvre", "multisine", "--duration", seconds, "--system", system, "--out", to)
+            return flying.enter_context(start("sim-vehicle", aircraft))
+
+        wait_until(lambda: told(url)["process"]["state"] == "running", READY_S)
+        first = fly(1, 14)
+        wait_until(lambda: (told(url)["time_s"] or 0.0) > 2.0 and told(url)["identification"])
+        followed = told(url)["flight"]
+        times = [told(url)["identification"]["time_s"]]
+
+        def stays() -> None:
+            now = told(url)
+            assert now["flight"] == followed
+            times.append(now["identification"]["time_s"])  # estimates go on, none begin anew
+
+        second = fly(2, 3)
+        wait_until(lambda: recording(url, 2))
+        stays()
+        second.communicate(timeout=TIMEOUT_S)
+        wait_until(lambda: recording(url, 1))  # the second one's flight has ended
+        stays()
+        third = fly(3, 14)
+        wait_until(lambda: recording(url, 2))
+        stays()
+        assert times == sorted(times)
+        first.communicate(timeout=TIMEOUT_S)
+        (left,) = wait_until(lambda: recording(url, 1))
+        assert left != followed
+        wait_until(lambda: told(url)["flight"] == left)
+        wait_until(lambda: told(url)["signals"] and told(url)["identification"])
+        assert told(url)["time_s"] < 14.0
+        begun = told(url)["time_s"]
+        wait_until(lambda: told(url)["time_s"] > begun + 1.0)
+        third.communicate(timeout=TIMEOUT_S)
