@@ -72,6 +72,8 @@ class ChangeDetector:
         columns = np.array([entry[1] for entry in self._samples])
         X, residuals = columns[:, :-2], columns[:, -1] - columns[:, :-2] @ theta
         recent = times > time_s - WINDOW_S
+        if 2 * np.count_nonzero(recent) < RATE_HZ * WINDOW_S:  # behind a gap
+            return None
         self._learn_noise(residuals[times < time_s - _BEFORE_S])
         if not np.isfinite(self._variance):
             return None

@@ -54,6 +54,11 @@ class LiveEquations:
         # Sensor errors as they are known now, for the lift in the polar.
         self.biases: dict[str, float] = {}
 
+    def follow(self, terms: Mapping[str, Sequence[Term]], moving_mass: float) -> None:
+        """Give these axes from the next rows on, which do not continue; what they are weighted by stays."""
+        self.terms = {axis: tuple(chosen) for axis, chosen in terms.items()}
+        self._moving_mass = moving_mass
+
     def take(self, rows: Rows) -> tuple[Array, dict[str, Array]]:
         """Times (K,) of the equations that these rows complete, and for each axis (K, P + B + 2): terms, what unit
         sensor errors add (`BIASES`), weight, left side.

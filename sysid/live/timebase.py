@@ -134,10 +134,16 @@ class TimeBase:
     """Makes rows of the `needed` signals, which must all be there, and of `others`, which may be NaN."""
 
     def __init__(self, needed: Sequence[str], others: Sequence[str] = ()) -> None:
-        self._needed = tuple(needed)
+        self._needed, self._others = tuple(needed), tuple(others)
         self._tracks = {name: _Track() for name in (*needed, *others, BASE)}
         self.interval_s: float | None = None
         self._last = -np.inf
+
+    def need(self, needed: Sequence[str]) -> None:
+        """Other signals are needed from here on; the rows begin a new run."""
+        self._needed = tuple(needed)
+        self._tracks = {name: self._tracks.get(name, _Track()) for name in (*needed, *self._others, BASE)}
+        self._unbroken = False
 
     def add(self, samples: Mapping[str, tuple[Array, Array]]) -> None:
         """Take samples: name -> stamps (s, ascending) and values. Signals nobody asked for are left out."""
