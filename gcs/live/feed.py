@@ -256,6 +256,8 @@ class LiveFeed:
             )
         elif kind == "error":
             self._failure = report["text"]
+        elif kind == "fault":
+            _log.error("live identification left something out: %s", report["text"])
         elif kind == "taken":
             self._taken(report["taken"])
         elif kind == "signals":

@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from gcs.errors import GcsError
+from gcs.errors import GcsError, in_words
 from gcs.links.datagrams import Batch
 from gcs.live.estimates import EstimateReports
 from gcs.live.messages import VehicleMessages
@@ -38,6 +38,9 @@ _SILENT_S = 0.5
 _AWAY_NS = 2_000_000_000
 # Bytes of one turn, beyond which it tells what it knows before it goes on.
 _MOST_BYTES = 4 << 20
+# Of what bytes can make of arithmetic: a turn is lost, not the process with all its estimates. Each is told once.
+_FAULTS = (ArithmeticError, ValueError)
+_MOST_FAULTS = 100
 
 
 def tell(kind: str, **fields: object) -> None:
@@ -166,9 +169,16 @@ def run(live: LiveProcess) -> None:
     """Work until standard input ends."""
     unpacker = Unpacker()
     turn_s = time.monotonic()
+    faults: set[str] = set()
     while (records := _read(unpacker)) is not None:
-        live.take(records)
-        live.report(time.monotonic())
+        try:
+            live.take(records)
+            live.report(time.monotonic())
+        except _FAULTS as error:
+            words = in_words(error)
+            if words not in faults and len(faults) < _MOST_FAULTS:
+                faults.add(words)
+                tell("fault", text=words)
         now_s = time.monotonic()
         turn_s = max(turn_s + _TURN_S, now_s)
         time.sleep(turn_s - now_s)
