@@ -4,8 +4,9 @@ Run: python benchmarks/live.py [--seconds 60] [--warm-up 12]
 
 `sim-vehicle` flies multisines in real time and sends its telemetry, every message at 50 Hz, over UDP to `gcs serve`
 with a vehicle file. CPU is what the kernel accounts to the live process between the end of the warm-up and that of the
-flight. Latency is told by the service with each estimate: from the kernel's time of arrival of the newest datagram in
-it to the finished estimate. The load average says how much else the machine did.
+flight. Latency is told by the service: of every datagram with a message that an estimate can hold, from the kernel's
+time of its arrival to the first finished estimate that holds it. Its median over the last ten seconds is asked for all
+along, and the median of these is printed. The load average says how much else the machine did.
 """
 
 from __future__ import annotations
@@ -84,24 +85,29 @@ def flown(seconds: float, warm_up: float) -> None:
         fly = [sys.executable, "-m", "sim_vehicle", "fly", "--manoeuvre", "multisine", "--seed", "3"]
         fly += ["--duration", str(seconds + warm_up), "--out", f"udpout:127.0.0.1:{port}"]
         vehicle = subprocess.Popen(fly, stdout=subprocess.DEVNULL)
-        latencies: list[float] = []
-        used = begun = time_s = 0.0
+        latencies: list[dict[str, float]] = []
+        rates: list[float] = []
+        used = used_all = begun = time_s = 0.0
         for kind, told in events(f"{url}/api/live/stream"):
             time_s = told.get("time_s") or time_s
             if kind == "state" and told["state"] == "lost":
                 break
             if kind == "estimate" and time_s > warm_up:
                 if not begun:
-                    used, begun = cpu_seconds(worker), time.monotonic()
-                latencies.append(told["latency_ms"]["newest"])
-                ended, share = time.monotonic(), cpu_seconds(worker)
+                    used, used_all, begun = cpu_seconds(worker), cpu_seconds(process), time.monotonic()
+                latencies.append(told["latency_ms"])
+                rates.append(told["updates_per_s"])
+                ended, share, ended_all = time.monotonic(), cpu_seconds(worker), cpu_seconds(process)
         vehicle.wait()
         load, end = os.getloadavg()[0], ask(f"{url}/api/live")
     span = ended - begun
-    tail = statistics.quantiles(latencies, n=20)[-1]
+    median, tail = (statistics.median(told[name] for told in latencies) for name in ("median", "p95"))
+    own = 100.0 * (ended_all - used_all) / span
     print(f"CPU of the live process        {100.0 * (share - used) / span:.1f} % of a core over {span:.0f} s")
-    print(f"latency, datagram to estimate  {statistics.median(latencies):.0f} ms median, 95 % below {tail:.0f} ms")
-    print(f"estimates told                 {len(latencies) / span:.1f}/s")
+    print(f"CPU of the service beside it   {own:.1f} % of a core")
+    print(f"latency, datagram to estimate  {median:.0f} ms median of all, 95 % below {tail:.0f} ms")
+    print(f"estimates made                 {statistics.median(rates):.1f}/s")
+    print(f"reports told                   {len(latencies) / span:.1f}/s")
     print(f"not taken by the live process  {end['process']['dropped_bytes']} bytes")
     print(f"load average of the machine    {load:.1f} on {os.cpu_count()} processors")
 

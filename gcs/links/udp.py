@@ -20,8 +20,9 @@ from gcs.links.url import LinkKind, LinkUrl
 RECEIVE_BUFFER_BYTES = 16 * 1024 * 1024
 _SO_RCVBUFFORCE = 33
 # Waking up is what costs. The kernel stamps the arrival of datagrams, so they may wait together: until there are many,
-# but no longer than a person would notice, and less where somebody waits for them to be passed on.
+# but no longer than a person would notice, and less where somebody watches them or waits for them to be passed on.
 _LONGEST_WAIT_S = 0.05
+_LONGEST_WATCHED_WAIT_S = 0.01
 _LONGEST_PROMPT_WAIT_S = 0.002
 _SHORTEST_WAIT_S = 0.0005
 _MANY_DATAGRAMS = 512  # a twentieth of what 4 MB of buffer hold
@@ -154,7 +155,8 @@ class UdpLink(Link):
             self._wait_s = 0.0
             return
         wait = max(self._wait_s, _SHORTEST_WAIT_S) * min(_MANY_DATAGRAMS / datagrams, 2.0)
-        longest = _LONGEST_PROMPT_WAIT_S if self.prompt else _LONGEST_WAIT_S
+        longest = _LONGEST_WATCHED_WAIT_S if self.watched else _LONGEST_WAIT_S
+        longest = _LONGEST_PROMPT_WAIT_S if self.prompt else longest
         self._wait_s = min(max(wait, _SHORTEST_WAIT_S), longest)
 
     def _reopen(self, timeout_s: float) -> bool:

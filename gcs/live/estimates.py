@@ -11,13 +11,17 @@ import numpy as np
 
 from gcs.live.signals import Samples
 from sim_vehicle.vehicle import Vehicle
+from sysid.flight import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.structure import usual_size
 
+# A report has words and is told to whoever listens; in between only values and standard errors are.
 _EVERY_S = 0.4
-_SLACK_S = 0.04  # a turn of the process that comes a little early still counts
-_LATENCIES = 500
+_SLACK_S = 0.02  # a turn of the process that comes a little early still counts
+# Effort is told over this time.
 _SHARE_S = 10.0
+# A message is in no estimate if rows are this much further than it, or so far behind it: its row was left out.
+_LEFT_OUT_S = 1.0
 
 
 class EstimateReports:
@@ -25,43 +29,67 @@ class EstimateReports:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._identifier = LiveIdentifier(vehicle)
-        self._received_ns = 0
         self._fresh = False
-        self._told: deque[tuple[float, float]] = deque()
-        self._latencies_ms: deque[float] = deque(maxlen=_LATENCIES)
+        self._reported_s = -np.inf
+        self._waiting: list[Array] = []
+        # Of each estimate: when, monotonic, the process' time, s, and the delay of each message that it is the first
+        # to hold, ms.
+        self._made: deque[tuple[float, float, Array]] = deque()
 
-    def take(self, samples: Mapping[str, Samples], received_ns: int) -> None:
-        """Samples of messages of which the newest was received at `received_ns`, UTC."""
+    def take(self, samples: Mapping[str, Samples], time_s: Array, received_ns: IntArray) -> None:
+        """Samples of messages. time_s, received_ns: (N,) of each message, on the vehicle's clock and UTC."""
         self._identifier.take({name: (found.time_s, found.values) for name, found in samples.items()})
-        self._received_ns = received_ns
+        self._waiting.append(np.array([time_s, received_ns]))
         self._fresh = True
+
+    def update(self, now_s: float) -> dict[str, Any] | None:
+        """Values and standard errors by all messages so far; None where nothing new is known."""
+        if not self._fresh:
+            return None
+        values = self._identifier.update()
+        self._note(now_s)
+        return {"time_s": _finite(self._identifier.time_s), "values": values} if values else None
 
     def due(self, now_s: float) -> dict[str, Any] | None:
         """The report by all messages so far, a little more than twice a second while they come; else None."""
-        if not self._fresh or (self._told and now_s - self._told[-1][0] < _EVERY_S - _SLACK_S):
+        if not self._fresh or now_s - self._reported_s < _EVERY_S - _SLACK_S:
             return None
-        self._fresh = False
+        self._reported_s = now_s
         report = self._identifier.report()
-        self._latencies_ms.append(max(time.time_ns() - self._received_ns, 0) / 1e6)
-        self._told.append((now_s, time.process_time()))
-        while len(self._told) > 2 and self._told[1][0] < now_s - _SHARE_S:
-            self._told.popleft()
+        self._note(now_s)
         return {**self._effort(), **report_json(report)}
 
+    def _note(self, now_s: float) -> None:
+        """An estimate has been made: how long ago the messages came that it is the first to hold."""
+        self._fresh = False
+        stamps, received = np.concatenate(self._waiting, axis=1)
+        row_s, newest_s = self._identifier.time_s, float(stamps.max())
+        held = (stamps <= row_s + 1e-6) & (stamps > newest_s - _LEFT_OUT_S)
+        delays = np.maximum(time.time_ns() - received[held], 0.0) / 1e6
+        later = (stamps > row_s + 1e-6) & (stamps > newest_s - _LEFT_OUT_S)
+        self._waiting = [np.array([stamps[later], received[later]])]
+        self._made.append((now_s, time.process_time(), delays))
+        while len(self._made) > 2 and self._made[1][0] < now_s - _SHARE_S:
+            self._made.popleft()
+
     def _effort(self) -> dict[str, Any]:
-        """Delay from the reception of the newest message to the estimate that holds it, and the share of one core."""
-        latencies = np.array(self._latencies_ms)
-        (first_s, first_cpu), (last_s, last_cpu) = self._told[0], self._told[-1]
+        """Delay from the reception of a message to the first estimate that holds it, and the share of one core."""
+        (first_s, first_cpu, _), (last_s, last_cpu, _) = self._made[0], self._made[-1]
         span = last_s - first_s
+        delays = np.concatenate([delays for _, _, delays in self._made])
+        latency = None
+        if delays.size:
+            median, p95 = np.percentile(delays, (50.0, 95.0))
+            latency = {"median": float(median), "p95": float(p95), "messages": delays.size}
         return {
-            "latency_ms": {
-                "newest": float(latencies[-1]),
-                "median": float(np.median(latencies)),
-                "p95": float(np.percentile(latencies, 95.0)),
-            },
-            "updates_per_s": (len(self._told) - 1) / span if span > 0.0 else None,
+            "latency_ms": latency,
+            "updates_per_s": (len(self._made) - 1) / span if span > 0.0 else None,
             "cpu_share": (last_cpu - first_cpu) / span if span > 0.0 else None,
         }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def report_json(report: LiveReport) -> dict[str, Any]:
@@ -75,7 +103,7 @@ def report_json(report: LiveReport) -> dict[str, Any]:
         if one.std < usual_size(name):  # a first idea, with its large error bar, to watch it converge
             coefficients[name] |= {"value": one.value, "std": one.std, "unit": one.unit}
     return {
-        "time_s": report.time_s if np.isfinite(report.time_s) else None,
+        "time_s": _finite(report.time_s),
         "coefficients": coefficients,
         "recursive_least_squares": {
             name: {"value": value, "std": std} for name, (value, std) in report.least_squares.items()

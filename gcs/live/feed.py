@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import IO, Any
 
 from gcs.errors import in_words
@@ -272,16 +272,19 @@ class LiveFeed:
                 old.estimate_number,
                 report["flight"],
             )
+        elif kind == "values" and old.identification is not None:
+            self.state = replace(old, identification=_renewed(old.identification, report))
         elif kind == "estimate":
-            self.state = LiveState(
-                old.time_s,
-                old.system,
-                old.signals,
-                report["identification"],
-                old.heard_s,
-                old.signals_number,
-                old.estimate_number + 1,
-                old.flight,
-            )
+            number = old.estimate_number + 1
+            self.state = replace(old, identification=report["identification"], estimate_number=number)
             if old.time_s is not None and self.on_estimate is not None:
                 self.on_estimate(report["identification"], old.time_s)
+
+
+def _renewed(identification: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:
+    """What is known with newer values; whether one counts as known, and all that has words, the next report tells."""
+    coefficients = dict(identification["coefficients"])
+    for name, (value, std) in report["values"].items():
+        if "value" in coefficients.get(name, ()) and value is not None and std is not None:
+            coefficients[name] = {**coefficients[name], "value": value, "std": std}
+    return {**identification, "time_s": report["time_s"], "coefficients": coefficients}

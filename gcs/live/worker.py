@@ -13,6 +13,8 @@ import sys
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from gcs.errors import GcsError, in_words
 from gcs.links.datagrams import Batch
 from gcs.live.estimates import EstimateReports
@@ -30,8 +32,16 @@ from sysid.live.identifier import LiveIdentifier
 # The recorder comes first where both want the processor.
 _NICENESS = 5
 _READ_BYTES = 1 << 20
-# Messages are taken together so often: taking one costs hardly less than taking all of a turn.
-_TURN_S = 0.1
+# Messages are taken together: taking one costs hardly less than taking all of a turn. A turn begins as soon as
+# something has come, but so long after the one before, or longer where that takes less than a share of one core: at
+# most half a second.
+_TURN_S = 0.04
+_CORE_SHARE = 0.09
+_LONGEST_TURN_S = 0.5
+_COST_MEMORY = 0.05  # of a turn in the mean of what turns cost
+# What nobody reads faster is told no faster.
+_SIGNALS_S = 0.1
+_SLACK_S = 0.02
 _SILENT_S = 0.5
 # A vehicle that was silent for longer may have been switched off, and its file edited meanwhile. One without a file
 # that can be used has nothing to lose by another look.
@@ -101,6 +111,9 @@ class LiveProcess:
             self._heard_ns = newest_ns
             samples = self._signals.take(streams, self._messages.autopilot)
             self._keep(samples, newest_ns)
+            if self._estimates is not None:
+                time_s = np.concatenate([stream.time_s for stream in streams])
+                self._estimates.take(samples, time_s, np.concatenate([stream.log_ns for stream in streams]))
 
     def _restart(self) -> None:
         self._messages.restart()
@@ -131,12 +144,10 @@ class LiveProcess:
         for name, found in samples.items():
             self._newest[name] = (float(found.values[-1]), received_ns)
         self._fresh = True
-        if self._estimates is not None:
-            self._estimates.take(samples, received_ns)
 
     def report(self, now_s: float) -> None:
         """Tell what is due."""
-        if self._fresh:
+        if self._fresh and (self._anew or now_s - self._told_s >= _SIGNALS_S - _SLACK_S):
             if self._anew:
                 tell("begin")  # with the first that is new: what is known of a flight stands until another begins
             self._fresh = self._anew = False
@@ -152,11 +163,15 @@ class LiveProcess:
             # What comes is not the vehicle's: that is how the service knows that the vehicle has fallen silent.
             tell("taken", taken=self._taken)
             self._told, self._told_s = self._taken, now_s
-        report = None if self._estimates is None else self._estimates.due(now_s)
+        if self._estimates is None:
+            return
+        report = self._estimates.due(now_s)
         if report is not None:
             notes = () if self._file is None else self._file.notes
             report["warnings"] = [*notes, *report["warnings"]]
             tell("estimate", identification=report)
+        elif (values := self._estimates.update(now_s)) is not None:
+            tell("values", **values)
 
 
 def _told_of(file: WatchedVehicle | None) -> dict[str, object]:
@@ -168,9 +183,10 @@ def _told_of(file: WatchedVehicle | None) -> dict[str, object]:
 def run(live: LiveProcess) -> None:
     """Work until standard input ends."""
     unpacker = Unpacker()
-    turn_s = time.monotonic()
+    cost_s = _CORE_SHARE * _TURN_S
     faults: set[str] = set()
     while (records := _read(unpacker)) is not None:
+        begun_s, begun_cpu = time.monotonic(), time.process_time()
         try:
             live.take(records)
             live.report(time.monotonic())
@@ -179,14 +195,14 @@ def run(live: LiveProcess) -> None:
             if words not in faults and len(faults) < _MOST_FAULTS:
                 faults.add(words)
                 tell("fault", text=words)
-        now_s = time.monotonic()
-        turn_s = max(turn_s + _TURN_S, now_s)
-        time.sleep(turn_s - now_s)
+        cost_s += _COST_MEMORY * (time.process_time() - begun_cpu - cost_s)
+        turn_s = min(max(_TURN_S, cost_s / _CORE_SHARE), _LONGEST_TURN_S)
+        time.sleep(max(begun_s + turn_s - time.monotonic(), 0.0))
 
 
 def _read(unpacker: Unpacker) -> list[Batch | Flight] | None:
     """Everything that waits on standard input once there is something, nothing after a turn; None at its end."""
-    select.select([0], [], [], _TURN_S)
+    select.select([0], [], [], _SIGNALS_S)
     records: list[Batch | Flight] = []
     taken = 0
     while taken < _MOST_BYTES and select.select([0], [], [], 0.0)[0]:

@@ -74,6 +74,7 @@ class Station:
         for link in (*links, *forward):
             # Else what gathers on one link would be recorded behind what came later on another.
             link.prompt = several
+            link.watched = listen is not None
         self.voice = voice or StationVoice()
         self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
         self._take = take

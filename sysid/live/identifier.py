@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 
@@ -200,7 +201,7 @@ class LiveIdentifier:
         """Estimates by all samples so far, and what the equations need of them; the sensors' errors."""
         self._refreshed = self.time_s
         errors = self._air.errors() if self._air.rows else {}
-        if not all(np.isfinite(error.value) for error in errors.values()):
+        if not all(isfinite(error.value) for error in errors.values()):
             self._air, errors = AirFilter(self._vehicle.environment.gravity), {}
             self._faults["air"] = "wind and sensor errors begin anew: a measurement was beyond all measure"
         checked = self.time_s > self._checked + _CHECK_S - _EARLY_S
@@ -352,7 +353,7 @@ class LiveIdentifier:
                 noise.take(values, continues=rows.continues)
 
     def _known_noise(self) -> dict[str, float]:
-        return {name: one.variance for name, one in self._noise.items() if np.isfinite(one.variance)}
+        return {name: one.variance for name, one in self._noise.items() if isfinite(one.variance)}
 
     def _update(self, axis: str, one: _Axis, errors: Mapping[str, SensorError], *, checked: bool) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.

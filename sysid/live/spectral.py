@@ -64,6 +64,14 @@ class AxisEstimator:
         self._width = len(names) + len(biases) + 2
         self._fourier = RecursiveFourier(self._frequencies, interval_s, self._width)
         self._moving = [i for i, name in enumerate(names) if not name.endswith("_0")]
+        # What does not change from one estimate to the next. The constant is a nuisance in the lines: it matters only
+        # in the open window.
+        self._chosen = [*self._moving, *range(len(names), self._width - 1)]
+        self._square = np.ix_(self._moving, self._moving)
+        rest = [0.0] * (len(biases) + 1)
+        self._vane = np.array([self._noisy[i] in VANES for i in self._moving] + [False] * len(rest))
+        self._sizes = np.array([usual_size(names[i]) for i in self._moving] + rest)
+        self._doubts = [PRIOR_SHARE * usual_size(names[i]) for i in self._moving]
         self.restart()
 
     def restart(self) -> None:
@@ -108,25 +116,18 @@ class AxisEstimator:
         if self.seconds < _LEAST_S:
             return None
         products = self._products + _products(self._fourier.values)
-        # The constant is a nuisance in the lines: it matters only in the open window.
-        moving, left = self._moving, self._width - 1
-        extra = range(len(self.names), len(self.names) + len(self.biases))
-        chosen = [*moving, *extra, self._width - 2]
-        lines = products[1:]
-        X = np.ascontiguousarray(lines[:, chosen][:, :, chosen])
-        y, power = np.ascontiguousarray(lines[:, chosen, left]), np.ascontiguousarray(lines[:, left, left])
-        power_of = [self._weights * noise.get(self._noisy[i], 0.0) for i in moving]
-        rest = [0.0] * (len(extra) + 1)
-        vane = np.array([self._noisy[i] in VANES for i in moving] + [False] * len(rest))
-        error = np.array(power_of + rest)
-        sizes = np.array([usual_size(self.names[i]) for i in moving] + rest)
-        windows = self._count / self._size
+        chosen, left = self._chosen, self._width - 1
+        used = products[1:, chosen]
+        X, y = used[:, :, chosen], np.ascontiguousarray(used[:, :, left])
+        power = np.ascontiguousarray(products[1:, left, left])
+        rest = [0.0] * (len(self.biases) + 1)
+        error = np.array([self._weights * noise.get(self._noisy[i], 0.0) for i in self._moving] + rest)
         known = [(biases or {}).get(name, (0.0, 1e-9)) for name in self.biases]
-        doubts = [PRIOR_SHARE * usual_size(self.names[i]) for i in moving] + [std for _, std in known] + [100.0]
-        mean = np.array([0.0] * len(moving) + [value for value, _ in known] + [0.0])
+        doubts = [*self._doubts, *(std for _, std in known), 100.0]
+        mean = np.array([0.0] * len(self._moving) + [value for value, _ in known] + [0.0])
         theta, covariance = weighted(
-            X, y, power, np.where(vane, error, 0.0), np.where(vane, 0.0, error), sizes,
-            self._frequencies[1:], windows, mean, np.array(doubts),
+            np.ascontiguousarray(X), y, power, np.where(self._vane, error, 0.0), np.where(self._vane, 0.0, error),
+            self._sizes, self._frequencies[1:], self._count / self._size, mean, np.array(doubts),
         )  # fmt: skip
         return self._with_constant(chosen[:-1], theta[:-1], covariance[:-1, :-1])
 
@@ -135,7 +136,7 @@ class AxisEstimator:
         moving, count, free = self._moving, len(self.names), len(self._moving)
         values, full = np.zeros(count), np.zeros((count, count))
         values[moving] = theta[:free]
-        full[np.ix_(moving, moving)] = covariance[:free, :free]
+        full[self._square] = covariance[:free, :free]
         ones = self._sums[-2]
         means = self._sums[chosen] / ones
         for i in set(range(count)) - set(moving):

@@ -38,9 +38,16 @@ class WhiteNoise:
         squares = np.convolve(joined, _FOURTH, mode="valid") ** 2 / float(_FOURTH @ _FOURTH)
         if self.jumps:
             self.recent = np.concatenate([self.recent, squares])[-_MEMORY:]
-            self.variance = float(np.median(self.recent)) / _MEDIAN_OF_SQUARES
+            self.variance = _median(self.recent) / _MEDIAN_OF_SQUARES
             return
         self.count += squares.size
         share = min(squares.size / min(self.count, _MEMORY), 1.0)
         mean = float(np.mean(squares))
         self.variance = mean if not np.isfinite(self.variance) else self.variance + share * (mean - self.variance)
+
+
+def _median(values: Array) -> float:
+    """As numpy's, which takes six times as long for so few."""
+    low, high = (values.size - 1) // 2, values.size // 2
+    ordered = np.partition(values, (low, high))
+    return 0.5 * float(ordered[low] + ordered[high])

@@ -94,10 +94,10 @@ async function following() {
 }
 
 function speed(found) {
-  const { newest, median, p95 } = found.latency_ms ?? {}
+  const { median, p95 } = found.latency_ms ?? {}
   if (!Number.isFinite(median)) return ''
   const share = Number.isFinite(found.cpu_share) ? `, ${percent(found.cpu_share)} of one core` : ''
-  return `From message to estimate ${number(newest, 2)} ms (median ${number(median, 2)}, 95 % below ${number(p95, 2)}), `
+  return `From a message to the first estimate that holds it ${number(median, 2)} ms (median of all; 95 % below ${number(p95, 2)}), `
     + `${number(found.updates_per_s, 2)} estimates/s${share}.`
 }
 

@@ -11,6 +11,7 @@ from traffic import wait_until
 
 from gcs.links.datagrams import Batch
 from gcs.links.opening import open_link
+from gcs.links.udp import UdpLink
 from gcs.station.station import Station
 
 
@@ -60,4 +61,16 @@ def test_where_there_are_several_links_none_lets_datagrams_gather_for_long(
     links = [open_link("udpin:127.0.0.1:0") for _ in range(urls + forward)]
     station = Station(links[:urls], lambda source, batch: None, lambda now_ns: None, links[urls:])
     assert [link.prompt for link in links] == [prompt] * len(links)
+    assert not any(link.watched for link in links)
+    station.stop()
+
+
+def test_where_what_comes_is_watched_it_gathers_for_a_short_time_only() -> None:
+    link = open_link("udpin:127.0.0.1:0")
+    station = Station([link], lambda source, batch: None, lambda now_ns: None, listen=lambda source, batch: None)
+    assert link.watched
+    assert isinstance(link, UdpLink)
+    for _ in range(20):
+        link._adapt_wait(1, 1024)
+    assert link._wait_s == 0.01
     station.stop()
