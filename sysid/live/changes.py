@@ -27,6 +27,9 @@ _SHARE = 0.25
 _EXPLAINED = 0.6
 _KNOWN = 0.15  # relative standard error of a coefficient whose change can be told
 _NOISE_MEMORY = 100.0
+# A term tells of its coefficient where its power is so many times that of its noise, and of this rms.
+_MOVED = 10.0
+_STILL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,11 @@ class ChangeDetector:
         self._begun = min(self._begun, time_s)
         self._samples.append((time_s, columns))
 
-    def check(self, time_s: float, values: Array, covariance: Array) -> Change | None:
-        """What has changed by now, if anything; values, covariance: the coefficients as known now."""
+    def check(self, time_s: float, values: Array, covariance: Array, noise: Array) -> Change | None:
+        """What has changed by now, if anything; values, covariance: the coefficients as known now.
+
+        noise: (P,) variance of the white noise in each term's samples.
+        """
         self._known.append((time_s, values, covariance))
         while len(self._known) > 1 and self._known[1][0] <= time_s - _BEFORE_S:
             self._known.popleft()
@@ -77,7 +83,7 @@ class ChangeDetector:
         self._learn_noise(residuals[times < time_s - _BEFORE_S])
         if not np.isfinite(self._variance):
             return None
-        found = self._likeliest(X[recent], residuals[recent], theta, P)
+        found = self._likeliest(X[recent], residuals[recent], theta, P, noise)
         if found is None:
             self._suspect = ""
             return None
@@ -94,7 +100,7 @@ class ChangeDetector:
         now = float(np.mean(residuals**2))
         self._variance = now if np.isnan(self._variance) else self._variance + (now - self._variance) / _NOISE_MEMORY
 
-    def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array) -> tuple[int, float] | None:
+    def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array) -> tuple[int, float] | None:
         total = float(residuals @ residuals)
         best: tuple[float, int, float] = (_RATIO, -1, 0.0)
         for j, name in enumerate(self._names):
@@ -104,7 +110,8 @@ class ChangeDetector:
             x = X[:, j] - np.mean(X[:, j])
             e = residuals - np.mean(residuals)
             power = float(x @ x)
-            if power <= 0.0:
+            # What hardly moves is noise, and the coefficient times it is the residual: a step to nothing.
+            if power < _MOVED * x.size * max(noise[j], _STILL**2):
                 continue
             step = float(x @ e) / power
             uncertain = X.T @ x / power

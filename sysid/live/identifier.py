@@ -358,7 +358,8 @@ class LiveIdentifier:
     def _update(self, axis: str, one: _Axis, errors: Mapping[str, SensorError], *, checked: bool) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
         biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
-        one.estimate = one.estimator.estimate(self._known_noise(), biases)
+        known = self._known_noise()
+        one.estimate = one.estimator.estimate(known, biases)
         if one.estimate is None:
             return
         if axis in MOMENTS:
@@ -366,7 +367,9 @@ class LiveIdentifier:
             self._settled |= {n: float(v) for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
         if not checked:
             return
-        change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance)
+        left = self._decimator.white_noise_left if self._decimator is not None else 1.0
+        noise = np.array([left * known.get(name, 0.0) for name in one.estimator.noisy])
+        change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance, noise)
         if change is not None:
             self._changes.append(change)
             one.estimator.restart()

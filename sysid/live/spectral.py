@@ -56,7 +56,7 @@ class AxisEstimator:
     ) -> None:
         self.biases = tuple(biases)
         self.names = tuple(names)
-        self._noisy = tuple(noisy)
+        self.noisy = tuple(noisy)
         self._size = round(WINDOW_S / interval_s)
         self._interval_s = interval_s
         lines = np.arange(0, round(HIGHEST_HZ * WINDOW_S) + 1)
@@ -69,7 +69,7 @@ class AxisEstimator:
         self._chosen = [*self._moving, *range(len(names), self._width - 1)]
         self._square = np.ix_(self._moving, self._moving)
         rest = [0.0] * (len(biases) + 1)
-        self._vane = np.array([self._noisy[i] in VANES for i in self._moving] + [False] * len(rest))
+        self._vane = np.array([self.noisy[i] in VANES for i in self._moving] + [False] * len(rest))
         self._sizes = np.array([usual_size(names[i]) for i in self._moving] + rest)
         self._doubts = [PRIOR_SHARE * usual_size(names[i]) for i in self._moving]
         self.restart()
@@ -121,7 +121,7 @@ class AxisEstimator:
         X, y = used[:, :, chosen], np.ascontiguousarray(used[:, :, left])
         power = np.ascontiguousarray(products[1:, left, left])
         rest = [0.0] * (len(self.biases) + 1)
-        error = np.array([self._weights * noise.get(self._noisy[i], 0.0) for i in self._moving] + rest)
+        error = np.array([self._weights * noise.get(self.noisy[i], 0.0) for i in self._moving] + rest)
         known = [(biases or {}).get(name, (0.0, 1e-9)) for name in self.biases]
         doubts = [*self._doubts, *(std for _, std in known), 100.0]
         mean = np.array([0.0] * len(self._moving) + [value for value, _ in known] + [0.0])

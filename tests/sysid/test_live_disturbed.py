@@ -139,3 +139,19 @@ def test_a_vane_that_sticks_is_told_and_spoils_little(flight: FlightSignals, nam
     # Of the second and a half that it takes to tell.
     assert np.abs(report.coefficients["CL_alpha"].value / TRUTH["CL_alpha"] - 1.0) < 0.1
     assert np.abs(report.coefficients["Cn_beta"].value / TRUTH["Cn_beta"] - 1.0) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("manoeuvres", "duration"),
+    [
+        ("elevator-3211,aileron-3211,rudder-3211,cruise", 90.0),
+        ("aileron-doublet,elevator-doublet,rudder-doublet", 40.0),
+    ],
+)
+def test_a_quiet_stretch_is_no_change_of_the_aircraft(manoeuvres: str, duration: float) -> None:
+    live = LiveIdentifier(load_vehicle("iitb-mav"))
+    for samples in pieces(fly_mav(manoeuvres, 501, duration=duration)[0], 0.1):
+        live.take(samples)
+        report = live.report()
+    assert report.changes == ()
+    assert report.warnings == ()
