@@ -23,13 +23,18 @@ _MEMORY_S = 8.0
 _BEFORE_S = 3.0  # what is known counts as it was this long ago
 _LEARNED_S = 6.0  # of flight, before which standard errors are too young to call anything known
 _RATIO = 60.0
-_SHARE = 0.25
+_SHARE = 0.1
 _EXPLAINED = 0.6
 _KNOWN = 0.15  # relative standard error of a coefficient whose change can be told
 _NOISE_MEMORY = 100.0
 # A term tells of its coefficient where its power is so many times that of its noise, and of this rms.
 _MOVED = 10.0
 _STILL = 1e-4
+
+
+# Of the constants only that of drag is one that ice changes and no bias of a sensor does.
+_DRAG, _DRAG_SHARE = "CD_0", 0.2
+_SETTLES_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,10 @@ class ChangeDetector:
         if suspect != self._names[j]:
             return None
         since = self._since(times, X[:, j], residuals, step)
+        # The window has begun before, and the filter holds what was before for a while.
+        x, e = _about_means(self._names[j], *(values[times > since + _SETTLES_S] for values in (X[:, j], residuals)))
+        if float(x @ x) > 0.2 * float(X[recent, j] @ X[recent, j]):
+            step = float(x @ e) / float(x @ x)
         return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step))
 
     def _learn_noise(self, residuals: Array) -> None:
@@ -102,13 +111,12 @@ class ChangeDetector:
 
     def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array) -> tuple[int, float] | None:
         total = float(residuals @ residuals)
-        best: tuple[float, int, float] = (_RATIO, -1, 0.0)
+        best: tuple[float, int, float, float] = (_RATIO, -1, 0.0, 0.0)
         for j, name in enumerate(self._names):
             known = np.sqrt(P[j, j]) < _KNOWN * abs(theta[j])
-            if name.endswith("_0") or not known:
+            if not known or (name.endswith("_0") and name != _DRAG):
                 continue
-            x = X[:, j] - np.mean(X[:, j])
-            e = residuals - np.mean(residuals)
+            x, e = _about_means(name, X[:, j], residuals)
             power = float(x @ x)
             # What hardly moves is noise, and the coefficient times it is the residual: a step to nothing.
             if power < _MOVED * x.size * max(noise[j], _STILL**2):
@@ -117,12 +125,21 @@ class ChangeDetector:
             uncertain = X.T @ x / power
             ratio = step**2 / (self._variance / power + float(uncertain @ P @ uncertain))
             explained = step**2 * power / max(float(e @ e), 1e-300)
-            if ratio > best[0] and abs(step) > _SHARE * abs(theta[j]) and explained > _EXPLAINED:
-                best = (ratio, j, step)
-        if best[1] < 0 or total < 4.0 * self._variance * residuals.size:
+            if ratio > best[0]:
+                best = (ratio, j, step, explained)
+        # The likeliest one is told or none: beside a small change of one coefficient a large one of another whose
+        # motion is alike explains nearly as much.
+        _, j, step, explained = best
+        if j < 0 or total < 4.0 * self._variance * residuals.size:
             return None
-        return best[1], best[2]
+        share = _DRAG_SHARE if self._names[j] == _DRAG else _SHARE
+        return (j, step) if abs(step) > share * abs(theta[j]) and explained > _EXPLAINED else None
 
     def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
         gain = residuals**2 - (residuals - step * x) ** 2 - self._variance
         return float(times[int(np.argmax(np.cumsum(gain[::-1])[::-1]))])
+
+
+def _about_means(name: str, x: Array, e: Array) -> tuple[Array, Array]:
+    """A term's samples and the residuals, each about its mean; those of a constant as they are."""
+    return (x, e) if name == _DRAG or not x.size else (x - np.mean(x), e - np.mean(e))

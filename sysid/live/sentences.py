@@ -11,6 +11,17 @@ from sysid.live.air import SensorError
 from sysid.live.changes import Change
 
 _SURFACES = {"de": "elevator", "da": "ailerons", "dr": "rudder", "throttle": "throttle"}
+# What a coefficient is to a pilot, and what may have changed it.
+_MEANING = {
+    "CL_alpha": ("the lift slope", ", as with ice or damage of the wing,"),
+    "CD_0": ("the drag at no lift", ", as with ice, damage or something that hangs out,"),
+    "Cm_alpha": ("the stability in pitch", ", as with a moved centre of gravity or ice,"),
+    "Cm_q": ("the damping in pitch", ""),
+    "Cn_beta": ("the stability in yaw", ", as with damage of the fin or a moved centre of gravity,"),
+    "Cl_beta": ("the dihedral effect", ""),
+    "Cl_p": ("the damping in roll", ", as with damage of the wing,"),
+    "Cn_r": ("the damping in yaw", ", as with damage of the fin,"),
+}
 # An error that a pilot should know of, by its sensor.
 _WORTH_TELLING = {
     "airspeed_scale": 0.03,
@@ -38,7 +49,8 @@ def change_sentence(change: Change) -> str:
             if 0.4 <= share <= 0.6:
                 return f"{name} {verb} at half {numbers}"
             return f"{name} {verb} at {share:.0%} {numbers}"
-    return f"the aircraft has changed {numbers}"
+    meaning, why = _MEANING.get(change.coefficient, (f"{change.coefficient} of the aircraft", ""))
+    return f"{meaning} is at {share:.0%}{why} {numbers}"
 
 
 def sensor_warnings(errors: Mapping[str, SensorError]) -> list[str]:
