@@ -20,8 +20,10 @@ _EVERY_S = 0.4
 _SLACK_S = 0.02  # a turn of the process that comes a little early still counts
 # Effort is told over this time.
 _SHARE_S = 10.0
-# A message is in no estimate if rows are this much further than it, or so far behind it: its row was left out.
+# A message so far behind the newest of which no row has been made is in no estimate: its row was left out.
 _LEFT_OUT_S = 1.0
+# Most stamps are whole milliseconds.
+_SAME_S = 1.001e-3
 
 
 class EstimateReports:
@@ -64,9 +66,9 @@ class EstimateReports:
         self._fresh = False
         stamps, received = np.concatenate(self._waiting, axis=1)
         row_s, newest_s = self._identifier.time_s, float(stamps.max())
-        held = (stamps <= row_s + 1e-6) & (stamps > newest_s - _LEFT_OUT_S)
-        delays = np.maximum(time.time_ns() - received[held], 0.0) / 1e6
-        later = (stamps > row_s + 1e-6) & (stamps > newest_s - _LEFT_OUT_S)
+        held, counts = stamps <= row_s + _SAME_S, stamps > newest_s - _LEFT_OUT_S
+        delays = np.maximum(time.time_ns() - received[held & counts], 0.0) / 1e6
+        later = ~held & counts
         self._waiting = [np.array([stamps[later], received[later]])]
         self._made.append((now_s, time.process_time(), delays))
         while len(self._made) > 2 and self._made[1][0] < now_s - _SHARE_S:
