@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
 from browser import SIZES, Visitor, chromium
+from ground import Ground
 from node_reader import NodeReader
 from playwright.sync_api import Browser
 from processes import TIMEOUT_S, free_port, run, start
@@ -24,37 +21,6 @@ from gcs.catalogue.store import Catalogue, Flight
 
 FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
 DEMO_S = 900.0
-
-
-@dataclass
-class Ground:
-    """The service on a port that stays its own when it is stopped and started again."""
-
-    data: Path
-    http: int
-    udp: int
-    token: str = ""
-    process: subprocess.Popen[str] | None = field(default=None, repr=False)
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.http}"
-
-    def get(self, path: str) -> Any:
-        return httpx.get(self.url + path, timeout=60).raise_for_status().json()
-
-    def start(self) -> None:
-        command = ("serve", "--port", self.http, "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", "iitb-mav",
-                   "--data", self.data, "--silence", 3, "--no-identify")  # fmt: skip
-        self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
-        assert self.process.stdout is not None
-        assert self.process.stdout.readline().startswith("serving on ")
-
-    def stop(self) -> None:
-        assert self.process is not None
-        self.process.send_signal(signal.SIGTERM)
-        self.process.communicate(timeout=TIMEOUT_S)
-        assert self.process.returncode == 0
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import { h, remark } from './dom.js'
 import { duration } from './format.js'
 import { Identification } from './liveidentification.js'
 import { Instruments } from './instruments.js'
-import { links } from './livelinks.js'
+import { Links } from './livelinks.js'
 import { LivePlots } from './liveplots.js'
 import { follow } from './stream.js'
 
@@ -31,7 +31,7 @@ export async function live(page, parts, query, signal) {
     view.disconnected(error.message)
   }
   page.append(h('h1', {}, 'Live'), view.banner, view.warnings, ...view.instruments.elements, ...view.plots.elements,
-    ...view.identification.elements, h('h2', {}, 'Links'), view.links)
+    ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
 }
@@ -44,7 +44,7 @@ class LiveView {
     this.instruments = new Instruments()
     this.plots = new LivePlots(query, signal)
     this.identification = new Identification(signal)
-    this.links = h('div', {})
+    this.links = new Links()
     this.data = { state: 'waiting', time_s: null }
     this.stateEvents = 0
   }
@@ -153,10 +153,10 @@ class LiveView {
 
   async showLinks() {
     try {
-      this.links.replaceChildren(...links(await get('/api/links', this.signal)))
+      this.links.show(await get('/api/links', this.signal))
     } catch (error) {
       if (this.signal.aborted) return
-      this.links.replaceChildren(remark('bad', h('p', {}, error.message)))
+      this.links.fail(error.message)
     }
     const timer = setTimeout(() => this.showLinks(), LINKS_MS)
     this.signal.addEventListener('abort', () => clearTimeout(timer))

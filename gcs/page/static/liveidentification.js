@@ -1,7 +1,8 @@
 // Coefficients as the flight tells them: a table of all, and the bands of the main ones converging.
 
-import { h, remark, table } from './dom.js'
+import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
+import { LiveTable, write } from './livetable.js'
 import { band, bokeh, line, plot, shown, source } from './plots.js'
 
 const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
@@ -13,10 +14,17 @@ export class Identification {
     this.signal = signal
     this.history = new Map()
     this.panels = new Map()
-    this.state = h('div', {}, h('p', {}, 'Nothing is estimated yet.'))
+    this.count = h('p', {}, 'Nothing is estimated yet.')
+    this.speed = h('p', { class: 'hint' })
+    this.missing = h('p', {})
+    this.why = remark('note', this.missing)
+    this.why.hidden = true
     this.plots = h('div', { class: 'small plots' })
-    this.tables = h('div', {})
-    this.elements = [h('h2', {}, 'Coefficients'), this.state, this.plots, this.tables]
+    this.coefficients = new LiveTable('Coefficients in flight (frequency domain), with recursive least squares for comparison',
+      ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
+      ['', '', 'Recursive', 'Not known yet', 'Fly next'])
+    this.sensors = new LiveTable('Wind and sensor errors in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])
+    this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
   }
 
   clear() {
@@ -27,15 +35,16 @@ export class Identification {
 
   /** Take an object of identification, null (with why) where there is none; time: s of the flight. */
   show(found, why, time) {
+    this.why.hidden = Boolean(found)
+    const entries = Object.entries(found?.coefficients ?? {})
+    write(this.count, found ? `${entries.filter(([, entry]) => entry.known).length} of ${entries.length} coefficients known.` : '')
+    write(this.speed, found ? speed(found) : '', 'hint')
+    this.coefficients.show(found ? coefficients(found) : [])
+    this.sensors.show(found ? sensors(found) : [])
     if (!found) {
-      this.state.replaceChildren(remark('note', h('p', {}, why ?? 'Start the service with --vehicle FILE to identify in flight.')))
-      this.tables.replaceChildren()
+      write(this.missing, why ?? 'Start the service with --vehicle FILE to identify in flight.')
       return
     }
-    const names = Object.keys(found.coefficients)
-    const known = names.filter(name => found.coefficients[name].known)
-    this.state.replaceChildren(h('p', {}, `${known.length} of ${names.length} coefficients known. `, speed(found)))
-    this.tables.replaceChildren(...[coefficients(found), sensors(found)].filter(Boolean))
     for (const name of MAIN.filter(one => Number.isFinite(found.coefficients[one]?.value))) this.keep(name, found.coefficients[name], time)
   }
 
@@ -109,15 +118,12 @@ function value(entry) {
 
 function coefficients(found) {
   const other = found.recursive_least_squares ?? {}
-  return table('Coefficients in flight (frequency domain), with recursive least squares for comparison',
-    ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
-    Object.entries(found.coefficients).map(([name, entry]) => [h('code', {}, name),
-      value(entry), Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
-      entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? '']))
+  return Object.entries(found.coefficients).map(([name, entry]) => [name,
+    value(entry), Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
+    entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
 }
 
-const sensors = found => table('Wind and sensor errors in flight', ['Name', 'Value ± 1 σ', 'Unit'],
-  Object.entries(found.sensors ?? {}).map(([name, entry]) => {
-    const [unit, factor] = shownUnit(entry.unit)
-    return [h('code', {}, name), plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
-  }))
+const sensors = found => Object.entries(found.sensors ?? {}).map(([name, entry]) => {
+  const [unit, factor] = shownUnit(entry.unit)
+  return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
+})

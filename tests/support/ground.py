@@ -1,0 +1,43 @@
+"""The service that a page under test is served by."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from processes import TIMEOUT_S, start
+
+
+@dataclass
+class Ground:
+    """The service on a port that stays its own when it is stopped and started again."""
+
+    data: Path
+    http: int
+    udp: int
+    token: str = ""
+    process: subprocess.Popen[str] | None = field(default=None, repr=False)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.http}"
+
+    def get(self, path: str) -> Any:
+        return httpx.get(self.url + path, timeout=60).raise_for_status().json()
+
+    def start(self) -> None:
+        command = ("serve", "--port", self.http, "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", "iitb-mav",
+                   "--data", self.data, "--silence", 3, "--no-identify")  # fmt: skip
+        self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline().startswith("serving on ")
+
+    def stop(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=TIMEOUT_S)
+        assert self.process.returncode == 0
