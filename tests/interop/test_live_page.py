@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import signal
+import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,7 +15,8 @@ from ground import Ground
 from node_reader import NodeReader
 from playwright.sync_api import Browser
 from processes import TIMEOUT_S, free_port, start
-from traffic import wait_until
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from traffic import Vehicle, wait_until
 
 COEFFICIENTS = ".wide:has(caption:text-matches('^Coefficients in flight'))"
 LINKS = ".wide:has(th:text-is('Stray bytes'))"
@@ -97,3 +102,131 @@ def stay_where_they_are(phone: Visitor, ground: Ground) -> None:
         assert after[0] == before[0]
         if table == COEFFICIENTS:  # the links are the end of the page, which cannot be brought to the top
             assert after[1] == pytest.approx(before[1], abs=2.0)
+
+
+def tile(phone: Visitor, title: str) -> str:
+    """What the tile shows, and what it tells a screen reader instead of a figure."""
+    return " ".join(phone.text(f".tile:has(dt:text-matches('^{title},')) dd").split())
+
+
+def shows_old_figures(phone: Visitor) -> bool:
+    """Whether every figure is struck out and called old, and the attitude crossed and told as an old one."""
+    tiles, attitude = phone.page.locator(".tile"), phone.page.locator(".horizon")
+    struck = tiles.first.locator("dd").evaluate("one => getComputedStyle(one).textDecorationLine")
+    return (
+        tiles.count() == tiles.locator(".mark >> visible=true").count()
+        and struck == "line-through"
+        and attitude.locator(".cross").is_visible()
+        and (attitude.get_attribute("aria-label") or "").startswith("Old attitude")
+    )
+
+
+def shows_new_figures(phone: Visitor) -> bool:
+    return not any(phone.page.locator(f"{one} >> visible=true").count() for one in (".mark", ".stale", ".cross"))
+
+
+def figures_come(phone: Visitor) -> bool:
+    return phone.page.locator(".tile", has_text=re.compile(r"\d\s*$")).count() == phone.page.locator(".tile").count()
+
+
+def test_figures_of_a_silent_vehicle_are_called_old(phone: Visitor, ground: Ground) -> None:
+    with flying(ground, "--manoeuvre", "cruise"):
+        phone.open("#/live")
+        phone.wait_for_text(".banner", "Live: flight")
+        wait_until(lambda: figures_come(phone))
+        assert shows_new_figures(phone)
+    phone.wait_for_text(".banner", "No message from the vehicle")
+    wait_until(lambda: shows_old_figures(phone))
+    phone.check()
+    phone.page.reload()
+    wait_until(lambda: shows_old_figures(phone))
+
+
+def test_figures_of_a_service_that_stands_still_are_called_old(phone: Visitor, ground: Ground) -> None:
+    assert ground.process is not None
+    with flying(ground, "--manoeuvre", "cruise"):
+        phone.open("#/live")
+        phone.wait_for_text(".banner", "Live: flight")
+        wait_until(lambda: figures_come(phone))
+        ground.process.send_signal(signal.SIGSTOP)
+        try:
+            phone.wait_for_text(".banner", "Nothing new has come", timeout_ms=10_000)
+            assert shows_old_figures(phone)
+        finally:
+            ground.process.send_signal(signal.SIGCONT)
+        phone.wait_for_text(".banner", "Live: flight")
+        wait_until(lambda: shows_new_figures(phone))
+
+
+class Telemetry(threading.Thread):
+    """Attitude and airspeed from a vehicle, twenty times a second, of which the airspeed can be taken away."""
+
+    def __init__(self, ground: Ground) -> None:
+        super().__init__(daemon=True)
+        self._address = ("127.0.0.1", ground.udp)
+        self.airspeed, self.ending = True, threading.Event()
+
+    def run(self) -> None:
+        vehicle = Vehicle()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not self.ending.wait(0.05):
+                sent = [vehicle.heartbeat(), vehicle.system_time(), vehicle.attitude(0.3)]
+                if self.airspeed:
+                    sent.append(vehicle.frame(mavlink.MAVLink_vfr_hud_message(14.0, 14.0, 0, 0, 90.0, 0.0)))
+                for frame in sent:
+                    out.sendto(frame, self._address)
+                vehicle.boot_ms += 50
+
+
+def test_a_sensor_that_falls_silent_has_no_figure(phone: Visitor, ground: Ground) -> None:
+    wait_until(lambda: ground.get("/api/live")["flight"] is None)  # the flight of another test is over
+    telemetry = Telemetry(ground)
+    telemetry.start()
+    try:
+        phone.open("#/live")
+        wait_until(lambda: (tile(phone, "Airspeed"), tile(phone, "Roll")) == ("14.0", "17"))
+        telemetry.airspeed = False
+        wait_until(lambda: tile(phone, "Airspeed") == "– not known", timeout_s=10.0)
+        assert (tile(phone, "Roll"), tile(phone, "α")) == ("17", "– not known")
+        assert shows_new_figures(phone)
+        phone.check()
+        phone.page.reload()
+        wait_until(lambda: tile(phone, "Roll") == "17")
+        assert tile(phone, "Airspeed") == "– not known"
+        telemetry.airspeed = True
+        wait_until(lambda: tile(phone, "Airspeed") == "14.0", timeout_s=10.0)
+    finally:
+        telemetry.ending.set()
+        telemetry.join()
+
+
+# Everything that a screen reader would say by itself, in the order in which it would.
+LISTEN = """window.said = []
+new MutationObserver(changes => {
+  for (const { target } of changes) {
+    const region = (target.closest ? target : target.parentElement)?.closest('[role=status], [role=alert], [aria-live]')
+    if (region && said.at(-1) !== region.textContent) said.push(region.textContent)
+  }
+}).observe(document, { childList: true, characterData: true, subtree: true })"""
+
+
+def test_a_screen_reader_is_told_once(phone: Visitor, ground: Ground) -> None:
+    wait_until(lambda: ground.get("/api/live")["flight"] is None)
+    with flying(ground, "--manoeuvre", "multisine", "--set", "sensors.alpha_bias=0.15"):
+        wait_until(lambda: ground.get("/api/live")["flight"])
+        phone.open("#/live")
+        phone.page.evaluate(LISTEN)
+        phone.wait_for_text(".remark", "the alpha vane reads")
+        figures, times = set(), set()
+
+        def moved() -> bool:
+            figures.add(phone.text(".remark:has-text('the alpha vane reads')"))
+            times.add(phone.text(".banner"))
+            return len(figures) > 2 and len(times) > 4
+
+        wait_until(moved)
+        said = phone.page.evaluate("said")
+        assert len([words for words in said if "the alpha vane reads" in words]) == 1
+        assert len(said) == len(set(said)) <= 4, said
+    phone.wait_for_text(".banner", "No message from the vehicle")
+    assert "No message from the vehicle" in phone.page.evaluate("said.at(-1)")

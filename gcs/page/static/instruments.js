@@ -1,9 +1,12 @@
-// The attitude and the figures that a pilot's helper reads at arm's length.
+// The attitude and the figures that a pilot's helper reads at arm's length. Nothing old stands there as if it were new.
 
 import { h, svg } from './dom.js'
 import { NONE, number } from './format.js'
+import { write } from './livetable.js'
 
 const DEGREES = 180 / Math.PI
+// A signal that has not come for so long, while others did, is missing.
+const MISSING_MS = 2000
 const TILES = [
   [['airspeed', 'V'], 'Airspeed', 'm/s', 1, 1], [['alpha'], 'α', '°', DEGREES, 1], [['beta'], 'β', '°', DEGREES, 1],
   [['phi'], 'Roll', '°', DEGREES, 0], [['theta'], 'Pitch', '°', DEGREES, 0], [['psi'], 'Heading', '°', DEGREES, 0],
@@ -11,41 +14,85 @@ const TILES = [
 ]
 const PER_DEGREE = 2
 
+class Tile {
+  constructor([names, title, unit, factor, decimals]) {
+    Object.assign(this, { names, factor, decimals })
+    this.figure = h('span', {}, NONE)
+    this.words = h('span', { class: 'unseen' })
+    this.old = h('span', { class: 'mark', hidden: true }, 'old')
+    this.element = h('div', { class: 'tile' }, h('dt', {}, `${title}, ${unit} `, this.old), h('dd', {}, this.figure, ' ', this.words))
+  }
+
+  /** known(name): its value, NaN where it is missing, undefined where it never came. */
+  show(known, stale) {
+    // The first that ever came: another quantity does not take the place of one that is missing.
+    const value = this.names.map(known).find(one => one !== undefined)
+    const there = Number.isFinite(value)
+    write(this.figure, there ? (value * this.factor).toFixed(this.decimals).replace(/^-(?=[0.]*$)/, '').replace('-', '−') : NONE)
+    write(this.words, there ? '' : 'not known', 'unseen')
+    this.old.hidden = !(stale && there)
+  }
+}
+
 /** A horizon and tiles with the newest values. */
 export class Instruments {
   constructor() {
-    this.values = {}
-    this.tiles = TILES.map(([names, title, unit, factor, decimals]) => {
-      const value = h('dd', {}, NONE)
-      return { names, factor, decimals, value, element: h('div', { class: 'tile' }, h('dt', {}, `${title}, ${unit}`), value) }
-    })
+    this.tiles = TILES.map(entry => new Tile(entry))
     this.ground = svg('g', {}, svg('rect', { x: -300, y: 0, width: 600, height: 400, class: 'earth' }),
       svg('path', { d: 'M-300 0H300', class: 'skyline' }),
       [-30, -20, -10, 10, 20, 30].map(angle => svg('path', { d: `M-18 ${-PER_DEGREE * angle}h36`, class: 'ladder' })))
-    this.picture = svg('svg', { viewBox: '-100 -75 200 150', preserveAspectRatio: 'xMidYMid slice', role: 'img', class: 'horizon', 'aria-label': 'Attitude: not known' },
+    this.picture = svg('svg', { viewBox: '-100 -75 200 150', preserveAspectRatio: 'xMidYMid slice', role: 'img', class: 'horizon' },
       svg('rect', { x: -300, y: -400, width: 600, height: 800, class: 'sky' }), this.ground,
-      svg('path', { d: 'M-60 0h35l10 12M60 0h-35l-10 12M-3 0h6', class: 'aircraft' }))
+      svg('path', { d: 'M-60 0h35l10 12M60 0h-35l-10 12M-3 0h6', class: 'aircraft' }),
+      svg('path', { d: 'M-300 -225L300 225M-300 225L300 -225', class: 'cross' }))
     this.element = h('div', { class: 'instruments' }, this.picture,
       h('dl', { class: 'tiles' }, this.tiles.map(tile => tile.element)))
     this.elements = [h('h2', { class: 'unseen' }, 'Instruments'), this.element]
+    this.old = true
+    this.clear()
   }
 
-  /** Grey them while no connection tells new values. */
+  /** Another flight: nothing is known of it. */
+  clear() {
+    this.known = new Map()
+    this.draw(0)
+  }
+
+  /** Mark all figures as old ones, while nothing new comes, or as new ones. */
   stale(is) {
-    this.element.classList.toggle('stale', is)
+    if (is === this.old) return
+    this.old = is
+    this.draw(this.shown)
   }
 
-  /** Take the newest values by signal name, in SI. */
-  show(signals) {
-    Object.assign(this.values, signals)
-    for (const { names, factor, decimals, value } of this.tiles) {
-      const found = names.map(name => this.values[name]).find(Number.isFinite)
-      value.textContent = found === undefined ? NONE : (found * factor).toFixed(decimals).replace(/^-(?=[0.]*$)/, '').replace('-', '−')
+  /** Take the newest values by signal name, in SI. age: how old a signal's is, s. */
+  show(signals, age = () => 0) {
+    const now = Date.now()
+    for (const [name, value] of Object.entries(signals)) this.known.set(name, { value: value ?? NaN, at: now - 1000 * age(name) })
+    this.draw(now)
+  }
+
+  draw(now) {
+    this.shown = now
+    const known = name => {
+      const found = this.known.get(name)
+      return found && now - found.at > MISSING_MS ? NaN : found?.value
     }
-    const { phi, theta } = this.values
-    if (!Number.isFinite(phi) || !Number.isFinite(theta)) return
+    this.element.classList.toggle('stale', this.old)
+    for (const tile of this.tiles) tile.show(known, this.old)
+    this.horizon(known('phi'), known('theta'))
+  }
+
+  horizon(phi, theta) {
+    const there = Number.isFinite(phi) && Number.isFinite(theta)
+    this.picture.classList.toggle('crossed', this.old || !there)
+    if (!there) {
+      this.picture.setAttribute('aria-label', 'Attitude: not known')
+      return
+    }
     const pitch = Math.max(-40, Math.min(40, theta * DEGREES))
     this.ground.setAttribute('transform', `rotate(${(-phi * DEGREES).toFixed(2)}) translate(0 ${(PER_DEGREE * pitch).toFixed(2)})`)
-    this.picture.setAttribute('aria-label', `Attitude: roll ${number(Math.round(phi * DEGREES))}, pitch ${number(Math.round(theta * DEGREES))} degrees`)
+    const [roll, nose] = [phi, theta].map(angle => number(Math.round(angle * DEGREES), 1))
+    this.picture.setAttribute('aria-label', `${this.old ? 'Old attitude' : 'Attitude'}: roll ${roll}, pitch ${nose} degrees`)
   }
 }

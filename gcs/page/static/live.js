@@ -2,18 +2,25 @@
 
 import { announce } from './announce.js'
 import { get } from './api.js'
-import { h, remark } from './dom.js'
+import { h } from './dom.js'
 import { duration } from './format.js'
 import { Identification } from './liveidentification.js'
 import { Instruments } from './instruments.js'
 import { Links } from './livelinks.js'
 import { LivePlots } from './liveplots.js'
+import { write } from './livetable.js'
+import { Warnings } from './livewarnings.js'
 import { follow } from './stream.js'
 
 const LINKS_MS = 2000
+// The service tells of signals ten times a second while messages come.
+const SILENT_MS = 3000
+// A value older than this by the snapshot is not told in events any more.
+const FRESH_S = 2
 
 const STATES = {
-  live: ['good', data => `Live: flight ${data.flight ?? ''}${data.vehicle ? ` of ${data.vehicle}` : ''}, ${duration(data.time_s)}`],
+  live: ['good', data => `Live${data.flight ? `: flight ${data.flight}` : ''}${data.vehicle ? ` of ${data.vehicle}` : ''}`],
+  late: ['bad', () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The figures are old.'],
   lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
     + 'Check its power, the radio, and the links below.'],
   waiting: ['note', () => 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
@@ -30,7 +37,7 @@ export async function live(page, parts, query, signal) {
     newest = null
     view.disconnected(error.message)
   }
-  page.append(h('h1', {}, 'Live'), view.banner, view.warnings, ...view.instruments.elements, ...view.plots.elements,
+  page.append(h('h1', {}, 'Live'), view.banner, view.warnings.element, ...view.instruments.elements, ...view.plots.elements,
     ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
@@ -39,41 +46,57 @@ export async function live(page, parts, query, signal) {
 class LiveView {
   constructor(query, signal) {
     this.signal = signal
-    this.banner = h('p', { class: 'remark note banner', role: 'status' }, 'Asking the ground station …')
-    this.warnings = h('div', { 'aria-live': 'polite' })
+    // Only what is a change of state is said aloud; the running time beside it is not.
+    this.words = h('p', { role: 'status' }, 'Asking the ground station …')
+    this.clock = h('p', { class: 'clock' })
+    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock)
+    this.warnings = new Warnings()
     this.instruments = new Instruments()
     this.plots = new LivePlots(query, signal)
     this.identification = new Identification(signal)
     this.links = new Links()
     this.data = { state: 'waiting', time_s: null }
     this.stateEvents = 0
+    this.heard = Date.now()
   }
 
   /** Take an object of GET /api/live. */
   take(newest) {
-    this.data = newest
-    const values = Object.fromEntries(Object.entries(newest.signals).map(([name, entry]) => [name, entry.value]))
+    this.data.time_s = newest.time_s
+    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle })
     this.plots.units(newest.signals)
-    this.signals({ time_s: newest.time_s, signals: values })
+    const entries = Object.entries(newest.signals)
+    // Of a vehicle that is silent all is old: how old then counts from what came last.
+    const last = newest.state === 'live' ? 0 : Math.min(...entries.map(([, entry]) => entry.age_s))
+    const age = name => newest.signals[name].age_s - last
+    this.instruments.show(Object.fromEntries(entries.map(([name, entry]) => [name, entry.value])), age)
+    const fresh = entries.filter(([name]) => age(name) < FRESH_S).map(([name, entry]) => [name, entry.value])
+    this.plots.add({ time_s: newest.time_s, signals: Object.fromEntries(fresh) })
     this.estimate(newest.identification, newest.why)
-    this.state(newest)
   }
 
   state(change) {
-    if (change.flight !== undefined && change.flight !== this.data.flight) {
-      this.plots.clear()
-      this.identification.clear()
+    if (change.flight && change.flight !== this.flight) {
+      this.flight = change.flight
+      for (const part of [this.plots, this.identification, this.instruments, this.warnings]) part.clear()
     }
     Object.assign(this.data, change)
-    const [kind, words] = STATES[this.data.state]
-    this.tell(kind, words(this.data))
+    this.look()
   }
 
-  tell(kind, text) {
-    if (this.told === text) return
-    this.told = text
+  /** Tell the state as it is now: old figures must not pass for new ones. */
+  look() {
+    if (this.broken) return
+    const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
+    const [kind, words] = STATES[late ? 'late' : this.data.state]
+    this.instruments.stale(late || this.data.state !== 'live')
+    this.tell(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
+  }
+
+  tell(kind, text, time = '') {
     this.banner.className = `remark ${kind} banner`
-    this.banner.textContent = text
+    write(this.words, text)
+    write(this.clock, time, 'clock')
   }
 
   disconnected(reason) {
@@ -84,6 +107,7 @@ class LiveView {
 
   signals(event) {
     this.data.time_s = event.time_s
+    this.heard = Date.now()
     this.instruments.show(event.signals)
     if (this.plots.knows(event.signals)) this.plots.add(event)
     else this.askUnits()
@@ -104,13 +128,7 @@ class LiveView {
 
   estimate(found, why) {
     this.identification.show(found, why, this.data.time_s)
-    const warnings = found?.warnings ?? []
-    const changes = (found?.changes ?? []).map(one => one.text)
-    const key = JSON.stringify([warnings, changes])
-    if (key === this.shownWarnings) return
-    this.shownWarnings = key
-    this.warnings.replaceChildren(...changes.map(text => remark('bad', h('p', {}, text))),
-      ...warnings.map(text => remark('note', h('p', {}, text))))
+    this.warnings.show((found?.changes ?? []).map(one => one.text), found?.warnings ?? [])
   }
 
   start() {
@@ -118,6 +136,7 @@ class LiveView {
     this.showLinks()
     follow('/api/live/stream', signal, {
       event: (name, data) => {
+        this.broken = false
         if (name === 'signals') this.signals(data)
         else if (name === 'estimate') this.estimate(data)
         else if (name === 'state') {
@@ -129,22 +148,19 @@ class LiveView {
     }).catch(error => {
       if (!signal.aborted) this.disconnected(error.message)
     })
-    const clock = setInterval(() => {
-      if (!this.broken && this.data.state === 'live') this.state({})
-    }, 1000)
+    const clock = setInterval(() => this.look(), 1000)
     signal.addEventListener('abort', () => clearInterval(clock))
   }
 
   /** The stream is there: what happened meanwhile is asked for. */
   async connected() {
-    if (this.broken) announce('Connected to the ground station again')
-    this.broken = false
-    this.instruments.stale(false)
     const before = this.stateEvents
     try {
       const newest = await get('/api/live', this.signal)
       // An event that came while this answer was under way is newer than the answer.
       if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight })
+      this.broken = false
+      this.heard = Date.now()
       this.take(newest)
     } catch (error) {
       if (!this.signal.aborted) this.disconnected(error.message)
