@@ -55,12 +55,12 @@ export function duration(seconds) {
   if (!Number.isFinite(seconds)) return NONE
   const whole = Math.round(seconds)
   const [hours, minutes, rest] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60]
-  if (hours) return `${hours} h ${minutes} min`
-  return minutes ? `${minutes} min ${rest} s` : `${number(seconds, 3)} s`
+  if (hours) return `${hours}\u00a0h ${minutes}\u00a0min`
+  return minutes ? `${minutes}\u00a0min ${rest}\u00a0s` : `${number(seconds, 3)}\u00a0s`
 }
 
-/** Bytes as kB or MB. */
-export const size = bytes => bytes >= 1e6 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e3)} kB`
+/** Bytes as kB, MB or GB. */
+export const size = bytes => bytes >= 1e9 ? `${number(bytes / 1e9)} GB` : bytes >= 1e6 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e3)} kB`
 
 /** 2026-11-22T09:09:50.942Z as 2026-11-22 09:09:50. */
 export const utc = text => text ? text.slice(0, 19).replace('T', ' ') : NONE
