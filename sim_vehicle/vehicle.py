@@ -364,7 +364,8 @@ def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
     density = vehicle.environment.air_density
     if density is not None and not 0.1 < density < 1.7:
         lines.append(f"environment.air_density: {density:g} kg/m^3 is not the lower atmosphere's")
-    CL = lift / (0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S)
+    # Divided by nothing, a speed as good as 0 needs a coefficient beyond all bounds.
+    CL = lift / max(0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S, 1e-300)
     if rest_on_mass and not 0.01 < CL < 4.0:
         lines.append(f"flight.airspeed: {vehicle.flight.airspeed:g} m/s needs a lift coefficient of {CL:.3g}: km/h?")
     return lines

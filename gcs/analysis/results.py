@@ -9,6 +9,7 @@ from typing import Any
 
 from gcs.errors import SettingsError
 from gcs.text.chance import p_text, probability_text
+from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
 from sim_vehicle.targets import unwritable
 
@@ -223,12 +224,12 @@ def write_results(
     as_json: bool,
     text: Callable[[dict[str, Any]], str],
 ) -> None:
-    """Write a result and its model to files where asked for, and print the result."""
+    """Print a result, and write it and its model to files where asked for: a full disk does not cost what was found."""
+    print(dumps(result, indent=2) if as_json else text(result), flush=True)
     if output is not None:
-        output.write_text(dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_whole(output, dumps(result, indent=2) + "\n")
     if model is not None:
-        model.write_text(dumps(result["model"], indent=2) + "\n", encoding="utf-8")
-    print(dumps(result, indent=2) if as_json else text(result))
+        write_whole(model, dumps(result["model"], indent=2) + "\n")
 
 
 def calibration_text(result: dict[str, Any]) -> str:

@@ -18,8 +18,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.results import check_targets
     from gcs.report.page import report
     from gcs.report.source import read_result
+    from gcs.text.files import write_whole
 
     check_targets(args.output, inputs=[args.result])
-    args.output.write_text(report(read_result(args.result)), encoding="utf-8")
+    write_whole(args.output, report(read_result(args.result)))
     print(f"{args.output} written")
     return 0

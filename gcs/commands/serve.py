@@ -27,10 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle")
     parser.add_argument("--no-identify", action="store_true", help="identify flights only when asked to")
     parser.add_argument(
-        "--data", metavar="DIR", type=Path, default=Path("data"), help="folder of flights and catalogue"
+        "--data", metavar="DIR", type=Path, default=Path("data"), help="folder of flights and catalogue (default data)"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; other than loopback demands a token")
-    parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--port", type=int, default=8000, help="port of the page and REST (default 8000)")
     parser.add_argument("--token-file", metavar="FILE", type=Path, help="file with the token, else GCS_TOKEN")
     parser.add_argument("--silence", metavar="S", type=float, default=10.0, help="silence that ends a flight (10)")
     add_storage_arguments(parser)

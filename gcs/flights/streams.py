@@ -148,7 +148,8 @@ def vehicle_system(recording: ColumnSource, system: int | None) -> tuple[int, in
     if len(candidates) == 1:
         return next(iter(candidates.items()))
     if not candidates:
-        raise SignalMapError(f"{recording.path.stem}: no vehicle's HEARTBEAT in it; name the vehicle with --system N")
+        advice = "where it holds telemetry at all, name the vehicle (--system N)"
+        raise SignalMapError(f"{recording.path.stem}: no vehicle's HEARTBEAT in it: {advice}")
     raise SignalMapError(f"{recording.path.stem}: several vehicles, {_list(candidates)}; choose one with --system N")
 
 

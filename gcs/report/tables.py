@@ -65,15 +65,17 @@ def _told(model: Result) -> dict[str, Mapping[str, Any]]:
 def coefficients(model: Result) -> str:
     """Every coefficient told, with its error bars."""
     rows = []
+    known = False
     for name, entry in _told(model).items():
         moved = [part for part in entry.get("systematic", {}).values() if part is not None]
         total = shown(math.hypot(*moved), 2) if moved else NONE
+        known |= bool(moved)
         rows.append([_named(name), *_estimate_cells(entry), total])
     head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "systematic"]
-    caption = (
-        "Coefficients. σ is statistical, given the vehicle file; systematic: root sum of squares of the next table"
-    )
-    return table(caption, head, rows)
+    caption = "Coefficients. σ is statistical, given the vehicle file"
+    if not known:
+        return table(caption, head[:-1], [row[:-1] for row in rows])
+    return table(f"{caption}; systematic: root sum of squares of the next table", head, rows)
 
 
 def systematic(model: Result) -> str:

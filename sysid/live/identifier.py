@@ -172,7 +172,7 @@ class LiveIdentifier:
                 if one.estimate is not None and name in values:
                     coefficients[name] = judged(one.estimate, i, *values[name])
             for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True):
-                if std < usual_size(name):
+                if std < usual_size(name) and not name.endswith("_0"):  # constants hold the sensors' biases
                     squares[name] = (float(value), float(std))
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
         told = {name: error for name, error in errors.items() if error.told}

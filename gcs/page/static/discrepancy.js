@@ -21,6 +21,8 @@ const UNITS = {
   V: 'm/s', alpha: 'rad', beta: 'rad', p: 'rad/s', q: 'rad/s', r: 'rad/s', phi: 'rad', theta: 'rad',
   ax: 'm/s^2', ay: 'm/s^2', az: 'm/s^2',
 }
+// Units of the variables over which a residual is drawn, which have those of the outputs or none.
+const VARIABLES = { ...UNITS, de: 'rad', da: 'rad', dr: 'rad', thrust: 'N', time: 's', height: 'm' }
 
 /** The tab of a flight's discrepancy. result: null where no analysis has ended. */
 export function discrepancy(page, result, summary, signal) {
@@ -155,7 +157,7 @@ function where(result, signal) {
 
 async function curvePlots(place, list, signal) {
   for (const one of list.filter(entry => entry.curve?.length)) {
-    const figure = await plot({ x: `${one.variable} (SI, rad)`, y: `residual of ${one.axis}`, height: 200 })
+    const figure = await plot({ x: [signalName(one.variable), VARIABLES[one.variable]].filter(Boolean).join(', '), y: `residual of ${one.axis}`, height: 200 })
     const data = await source({
       x: one.curve.map(point => point.value), y: one.curve.map(point => point.residual),
       low: one.curve.map(point => point.residual - 1.96 * point.std), high: one.curve.map(point => point.residual + 1.96 * point.std),

@@ -21,7 +21,7 @@ export function number(value, digits = 3) {
   const size = Math.abs(value)
   const text = size < 1e-4 || size >= 1e6 ? value.toExponential(digits - 1)
     : value.toFixed(Math.min(8, Math.max(0, digits - 1 - Math.floor(Math.log10(size)))))
-  return text.replace('-', '−')
+  return text.replaceAll('-', '−')
 }
 
 /** A value with the decimals that two digits of its standard error take. */

@@ -17,7 +17,11 @@ export async function jobs(page, summary, signal) {
     get('/api/models', signal), findFlights('', signal),
   ])
   const list = h('ul', { class: 'jobs' })
-  const add = job => list.prepend(item(job, signal))
+  const none = h('p', {}, 'No job was started for this flight.')
+  const add = job => {
+    none.remove()
+    list.prepend(item(job, signal))
+  }
   ;[...summary.jobs].sort((a, b) => a.created_ns - b.created_ns).forEach(add)
   page.append(h('h2', {}, 'Model and discrepancy'))
   if (summary.state === 'recording') {
@@ -32,7 +36,7 @@ export async function jobs(page, summary, signal) {
       discrepancyForm(judges(summary, others, signal), models, start)))
   }
   page.append(h('h3', {}, 'Jobs'), list)
-  if (!summary.jobs.length) list.before(h('p', {}, 'No job was started for this flight.'))
+  if (!summary.jobs.length) list.before(none)
 }
 
 /** A choice of flights that the result is judged on: of the newest, and of those that are looked for. */

@@ -1,0 +1,30 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from uuid import uuid4
+
+from gcs.errors import SettingsError
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file beside its place and put it there; what stood there before stays until then.
+
+    Raises SettingsError in one line that names the file where it cannot be written, as on a full disk.
+    """
+    beside = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
+    try:
+        if path.exists() and not path.is_file():  # a device or a pipe
+            path.write_text(text, encoding="utf-8")
+            return
+        try:
+            beside.write_text(text, encoding="utf-8")
+            os.replace(beside, path)
+        finally:
+            with suppress(FileNotFoundError):
+                beside.unlink()
+    except OSError as error:
+        raise SettingsError(f"{path} could not be written: {error.strerror}; give another place for it") from None
