@@ -21,8 +21,8 @@ _IMPRECISE = 0.03
 
 @dataclass(frozen=True)
 class Named:
-    """An effect that was added: its candidate, its weight, the alternatives, the estimates, and among how many effects
-    it was the likeliest.
+    """An effect that was added: its candidate, its weight, the alternatives, the estimates, among how many effects
+    it was the likeliest, and what the likelihood gained (twice its logarithm) when it came in.
     """
 
     candidate: Candidate
@@ -30,6 +30,7 @@ class Named:
     alternatives: tuple[tuple[str, float], ...]
     values: Mapping[str, tuple[float, float]]
     tried: int
+    came_with: float
 
     @property
     def effect(self) -> str:
@@ -43,8 +44,12 @@ class Named:
 
 
 def imprecise(named: Sequence[Named]) -> float:
-    """Gain (twice the log likelihood) that memories known only nearly may leave to others."""
-    return _IMPRECISE * max((one.weight.gain for one in named if one.lags), default=0.0)
+    """Gain (twice the log likelihood) that memories known only nearly may leave to others.
+
+    It is of what each came in with: beside others that explain the rest of the flight, noise is so small that a memory
+    gains hundreds of times as much, and a share of that would hide every other effect.
+    """
+    return _IMPRECISE * max((one.came_with for one in named if one.lags), default=0.0)
 
 
 def reason(named: Named) -> str:

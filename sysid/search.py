@@ -87,7 +87,9 @@ def extend(search: Search, progress: Progress) -> bool:
     probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, weights, strict=True)]
     own = candidate.effect.name
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
-    search.named.append(Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices)))
+    search.named.append(
+        Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices), weights[top].gain)
+    )
     _add(search, candidate, result)
     return True
 

@@ -38,7 +38,7 @@ def searched(sizes: dict[str, tuple[float, float]], *, together: bool) -> Search
         effect, parameter = name.split(".")
         candidate = Candidate(EFFECTS[effect], (parameter,), ({parameter: 0.01},))
         others = tuple((other.split(".")[0], 0.3) for other in sizes if other != name)
-        named.append(Named(candidate, Weight(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44))
+        named.append(Named(candidate, Weight(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44, 80.0 + i))
     values, stds = ([pair[k] for pair in sizes.values()] for k in (0, 1))
     model = Model("plane", {})
     for one in named:
@@ -116,3 +116,12 @@ def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first(monk
     # What they gain is told beside each other, and nothing that was dropped is an alternative.
     assert [one.weight.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
     assert all(name != "density_error" for one in found.named for name, _ in one.alternatives)
+
+
+def test_what_a_memory_gains_beside_the_others_does_not_hide_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lag that came in with 80 gains a million once the noise is small: 3 % of that is no measure of the others."""
+    left = {frozenset({"thrust_scale"}): 499_000.0, frozenset({"unsteady_lift"}): -500.0}
+    Costs(monkeypatch, left)
+    found = searched({"unsteady_lift.tau": (0.05, 0.001), "thrust_scale.scale": (0.5, 0.01)}, together=True)
+    drop_replaced(found)
+    assert names_of(found) == ["unsteady_lift", "thrust_scale"]
