@@ -11,6 +11,7 @@ differences is (exp(j w T) - 1) / T times that of the momentum, plus the end ter
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,18 +20,30 @@ from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
 from sysid.coefficients import Body, coefficients, dynamic_pressure
 from sysid.equations import CONTROLS, FORCES, MOMENTS
 from sysid.flight import Array, FlightData
+from sysid.live.regressors import TAIL, Regressors, means
 from sysid.live.timebase import Rows
 from sysid.residuals import body_of
 
-# Mean over an interval by the cubic through the samples before, at both ends, and behind.
-_MEAN = (-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0)
-_TAIL = 3
+_RATES = ("p", "q", "r")
 # Sensor errors that go into the left side of the forces: those of the accelerometer, and the vane's that turns them.
 BIASES = {
     "CL": ("accel_bias_x", "accel_bias_z", "alpha_bias", "alpha_scale"),
     "CD": ("accel_bias_x", "accel_bias_z", "alpha_bias", "alpha_scale"),
     "CY": ("accel_bias_y",),
 }
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Both sides of K equations of every axis.
+
+    time_s: (K,). table: (K, W), at the `places` of each axis its terms, what unit sensor errors add (`BIASES`), the
+    weight, and the left side.
+    """
+
+    time_s: Array
+    table: Array
+    places: Mapping[str, slice]
 
 
 class LiveEquations:
@@ -43,25 +56,41 @@ class LiveEquations:
     def __init__(self, vehicle: Vehicle, terms: Mapping[str, Sequence[Term]], moving_mass: float = 0.0) -> None:
         self._vehicle = vehicle
         self.body: Body = body_of(vehicle)
+        Ixx, Iyy, Izz, Ixz = self.body.Ixx, self.body.Iyy, self.body.Izz, self.body.Ixz
+        self._inertia = np.array([[Ixx, 0.0, -Ixz], [0.0, Iyy, 0.0], [-Ixz, 0.0, Izz]])
+        self._lengths = np.array([[self.body.b], [self.body.c], [self.body.b]])
         self._moving_mass = moving_mass
-        self.terms = {axis: tuple(chosen) for axis, chosen in terms.items()}
+        self._place(terms)
         self._tail: dict[str, Array] | None = None
         self._tail_time: Array = np.empty(0)
         self._tail_told = np.empty(0, np.bool_)
         self._pressure: float | None = None
-        # Angular accelerations' jumps for each unit of a command's, by rate and command, rad/s^2; from the estimates.
-        self.jumps: dict[str, dict[str, float]] = {}
+        # Angular accelerations' jumps, of p q r, for each unit of a command's, rad/s^2; from the estimates.
+        self._jumps: Array | None = None
         # Sensor errors as they are known now, for the lift in the polar.
         self.biases: dict[str, float] = {}
 
     def follow(self, terms: Mapping[str, Sequence[Term]], moving_mass: float) -> None:
         """Give these axes from the next rows on, which do not continue; what they are weighted by stays."""
-        self.terms = {axis: tuple(chosen) for axis, chosen in terms.items()}
+        self._place(terms)
         self._moving_mass = moving_mass
 
-    def take(self, rows: Rows) -> tuple[Array, dict[str, Array]]:
-        """Times (K,) of the equations that these rows complete, and for each axis (K, P + B + 2): terms, what unit
-        sensor errors add (`BIASES`), weight, left side.
+    def _place(self, terms: Mapping[str, Sequence[Term]]) -> None:
+        self.terms = {axis: tuple(chosen) for axis, chosen in terms.items()}
+        self._regressors = Regressors(self.terms)
+        self._places: dict[str, slice] = {}
+        self._width = 0
+        for axis, chosen in self.terms.items():
+            size = len(chosen) + len(BIASES.get(axis, ())) + 2
+            self._places[axis] = slice(self._width, self._width + size)
+            self._width += size
+        # Where the terms' columns stand among all.
+        starts = [self._places[axis].start for axis, chosen in self.terms.items() for _ in chosen]
+        within = [i for chosen in self.terms.values() for i in range(len(chosen))]
+        self._of_terms = np.array(starts, np.int64) + np.array(within, np.int64)
+
+    def take(self, rows: Rows) -> Sides | None:
+        """The equations that these rows complete, None where there are none.
 
         Rows that do not continue begin anew, for which three rows are spent.
         """
@@ -71,15 +100,17 @@ class LiveEquations:
             told = np.concatenate([self._tail_told, rows.told])
         else:
             columns, time_s, told = rows.columns, rows.time_s, rows.told
-        self._tail = {name: values[-_TAIL:] for name, values in columns.items()}
-        self._tail_time, self._tail_told = time_s[-_TAIL:], told[-_TAIL:]
-        if time_s.size <= _TAIL:
-            return np.empty(0), {}
-        data = FlightData("live", rows.interval_s, time_s, self.corrected(columns))
+        self._tail = {name: values[-TAIL:] for name, values in columns.items()}
+        self._tail_time, self._tail_told = time_s[-TAIL:], told[-TAIL:]
+        if time_s.size <= TAIL:
+            return None
+        table = self._sides(FlightData("live", rows.interval_s, time_s, self.corrected(columns)))
         # A command that is not known bends the rates in the intervals beside it. Each equation holds by itself: those
         # that need it count as 0 = 0, which keeps the others in their places.
         known = told[:-3] & told[1:-2] & told[2:-1]
-        return time_s[1:-2], {axis: columns * known[:, np.newaxis] for axis, columns in self._sides(data).items()}
+        if not known.all():
+            table *= known[:, np.newaxis]
+        return Sides(time_s[1:-2], table, self._places)
 
     def corrected(self, columns: Mapping[str, Array]) -> dict[str, Array]:
         """True airspeed, and the vanes' angles at the centre of gravity."""
@@ -101,41 +132,45 @@ class LiveEquations:
             found["beta"] = beta - x * r + z * p
         return found
 
-    def _sides(self, data: FlightData) -> dict[str, Array]:
+    def _sides(self, data: FlightData) -> Array:
         body, dt = self.body, data.interval_s
         pressure = dynamic_pressure(data, body)
         if self._pressure is None:
             self._pressure = float(np.mean(pressure))
         weight = pressure / self._pressure
-        rates = np.column_stack([data[name] for name in ("p", "q", "r")])
-        forces = coefficients(data, body, np.gradient(rates, dt, axis=0))
-        still = coefficients(data, body, np.zeros_like(rates))
-        p, q, r = rates.T
-        momentum = {"Cl": body.Ixx * p - body.Ixz * r, "Cm": body.Iyy * q, "Cn": body.Izz * r - body.Ixz * p}
-        arms = {"Cl": body.b, "Cm": body.c, "Cn": body.b}
-        lengths = {"p": body.b, "q": body.c, "r": body.b}
-        factors = {name: data[name] * length / (2.0 * data["V"]) for name, length in lengths.items()}
+        rates = np.column_stack([data[name] for name in _RATES])
+        accelerations = np.gradient(rates, dt, axis=0)
+        made = coefficients(data, body, accelerations)
+        biases = {axis: self._bias_columns(axis, data, weight, made) for axis in BIASES}
+        factors = {name: data[name] for name in self._regressors.factors if name in CONTROLS}
+        half = 0.5 / data["V"]
+        factors |= {name: data[name] * length * half for name, length in (("p", body.b), ("q", body.c), ("r", body.b))}
         # A bias of lift would stand squared in the polar, where no column can take it off again.
-        known = zip(BIASES["CL"], self._bias_columns("CL", data, weight, forces), strict=True)
-        bias = sum((self.biases.get(name, 0.0) * column for name, column in known), np.zeros(weight.size))
-        factors |= {"alpha": data["alpha"], "CL": forces["CL"] - bias / weight}
+        known = zip(BIASES["CL"], biases["CL"], strict=True)
+        bias = sum((self.biases[name] * column for name, column in known if name in self.biases), np.zeros(weight.size))
+        factors |= {"alpha": data["alpha"], "CL": made["CL"] - bias / weight}
         if "beta" in data:
             factors["beta"] = data["beta"]
-        bends = self._bends(data, factors)
-        sides: dict[str, Array] = {}
-        for axis, terms in self.terms.items():
+        terms = np.empty((self._of_terms.size, weight.size - TAIL))
+        self._regressors.write(factors, weight, self._bends(data, half), terms)
+        table = np.empty((weight.size - TAIL, self._width))
+        table[:, self._of_terms] = terms.T
+        turning, mean_weight = self._turning(rates, accelerations, dt), means(weight)
+        for axis, place in self._places.items():
+            columns = table[:, place]
             if axis in FORCES:
-                left = (weight * forces[axis])[1:-2]
-                columns = [self._at_sample(term, data, factors, weight) for term in terms]
-                ones = weight[1:-2]
+                for i, column in enumerate(biases[axis], start=len(self.terms[axis])):
+                    columns[:, i] = column[1:-2]
+                columns[:, -2], columns[:, -1] = weight[1:-2], (weight * made[axis])[1:-2]
             else:
-                change = np.diff(momentum[axis])[1:-1] / (self._pressure * body.S * arms[axis] * dt)
-                left = change + _means(weight * still[axis])
-                columns = [self._over_interval(term, data, factors, weight, bends) for term in terms]
-                ones = _means(weight)
-            biased = [column[1:-2] for column in self._bias_columns(axis, data, weight, forces)]
-            sides[axis] = np.column_stack([*columns, *biased, ones, left])
-        return sides
+                columns[:, -2] = mean_weight
+                columns[:, -1] = means(weight * made[axis]) + turning[MOMENTS.index(axis)]
+        return table
+
+    def _turning(self, rates: Array, accelerations: Array, dt: float) -> Array:
+        """(3, N - 3) what the exact change of angular momentum over an interval adds to its mean by `accelerations`."""
+        change = np.diff(rates, axis=0)[1:-1] / dt - np.column_stack([means(column) for column in accelerations.T])
+        return np.asarray(self._inertia @ change.T / (self._lengths * self.force_scale))
 
     def _bias_columns(self, axis: str, data: FlightData, weight: Array, forces: Mapping[str, Array]) -> list[Array]:
         """What a unit of each error of `BIASES` adds to the left side."""
@@ -154,41 +189,18 @@ class LiveEquations:
             columns = [np.full(alpha.size, force)]
         return columns
 
-    def _at_sample(self, term: Term, data: FlightData, factors: dict[str, Array], weight: Array) -> Array:
-        product = weight[1:-2]
-        for factor in term.factors:
-            product = product * (data[factor][:-3] if factor in CONTROLS else factors[factor][1:-2])
-        return product
-
-    def _over_interval(
-        self, term: Term, data: FlightData, factors: dict[str, Array], weight: Array, bends: dict[str, Array]
-    ) -> Array:
-        smooth, held = weight, np.ones(weight.size - _TAIL)
-        for factor in term.factors:
-            if factor in CONTROLS:
-                held = held * data[factor][1:-2]
-            else:
-                smooth = smooth * factors[factor]
-        mean = _means(smooth)
-        if len(term.factors) == 1 and term.factors[0] in bends:
-            mean = mean + bends[term.factors[0]] * weight[1:-2]
-        return mean * held
-
-    def _bends(self, data: FlightData, factors: dict[str, Array]) -> dict[str, Array]:
+    def _bends(self, data: FlightData, half: Array) -> dict[str, Array]:
         """By how much a rate's mean over an interval differs from its samples', as commands jump at both ends.
 
-        T / 24 times the jumps of its slope (Euler-Maclaurin; see `sysid.equations`).
+        T / 24 times the jumps of its slope (Euler-Maclaurin; see `sysid.equations`). half: 1 / (2 V), s/m.
         """
-        found: dict[str, Array] = {}
-        for rate, by_command in self.jumps.items():
-            jumps = np.zeros(data.time_s.size)
-            for command, gain in by_command.items():
-                if command in data:
-                    jumps = jumps + gain * np.diff(data[command], prepend=data[command][0])
-            length = self.body.c if rate == "q" else self.body.b
-            scale = data.interval_s / 24.0 * length / (2.0 * data["V"])
-            found[rate] = (scale * jumps)[1:-2] + (scale * jumps)[2:-1]
-        return found
+        if self._jumps is None:
+            return {}
+        nothing = np.zeros(half.size)
+        commands = np.array([data.columns.get(name, nothing) for name in CONTROLS])
+        jumps = self._jumps @ np.diff(commands, axis=1, prepend=commands[:, :1])
+        jumps *= data.interval_s / 24.0 * half * self._lengths
+        return dict(zip(_RATES, jumps[:, 1:-2] + jumps[:, 2:-1], strict=True))
 
     @property
     def force_scale(self) -> float:
@@ -199,16 +211,5 @@ class LiveEquations:
         """Take the control derivatives of the moments as they are known now: coefficient -> value."""
         if self._pressure is None:
             return
-        body = self.body
-        inertia = np.array([[body.Ixx, 0.0, -body.Ixz], [0.0, body.Iyy, 0.0], [-body.Ixz, 0.0, body.Izz]])
-        lengths = np.array([body.b, body.c, body.b]) * self._pressure * body.S
-        for command in CONTROLS:
-            moment = np.array([values.get(f"{axis}_{command}", 0.0) for axis in MOMENTS]) * lengths
-            for rate, gain in zip(("p", "q", "r"), np.linalg.solve(inertia, moment), strict=True):
-                self.jumps.setdefault(rate, {})[command] = float(gain)
-
-
-def _means(values: Array) -> Array:
-    """(N - 3,) means over the intervals that have a sample on each side."""
-    size = values.size - _TAIL
-    return np.asarray(sum(w * values[i : i + size] for i, w in enumerate(_MEAN)), dtype=np.float64)
+        moments = np.array([[values.get(f"{axis}_{command}", 0.0) for command in CONTROLS] for axis in MOMENTS])
+        self._jumps = np.linalg.solve(self._inertia, moments * self._lengths * self.force_scale)

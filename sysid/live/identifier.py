@@ -16,15 +16,15 @@ from sysid.flight import Array
 from sysid.live.air import AirFilter, SensorError
 from sysid.live.airborne import Airborne
 from sysid.live.airsteps import ROW
-from sysid.live.changes import Change, ChangeDetector
+from sysid.live.axes import Axis, SlowSamples
+from sysid.live.changes import Change
 from sysid.live.corrections import corrected
-from sysid.live.equations import BIASES, LiveEquations
+from sysid.live.equations import LiveEquations
 from sysid.live.excitation import Coefficient, judged
 from sysid.live.needs import CORE, OPTIONAL, axes_of, refusals
-from sysid.live.recursive import Decimator, RecursiveLeastSquares
 from sysid.live.sentences import change_sentence, sensor_warnings
 from sysid.live.sparse import SparseSamples
-from sysid.live.spectral import VANES, AxisEstimator, Estimate
+from sysid.live.spectral import VANES
 from sysid.live.stuck import StuckVanes
 from sysid.live.thrust import LiveThrust
 from sysid.live.timebase import Rows, TimeBase
@@ -68,19 +68,6 @@ class LiveReport:
         return [change_sentence(change) for change in self.changes]
 
 
-@dataclass
-class _Axis:
-    """One axis of the model: its terms and everything that estimates them. failing: since when its arithmetic does."""
-
-    names: tuple[str, ...]
-    factors: tuple[tuple[str, ...], ...]
-    estimator: AxisEstimator
-    squares: RecursiveLeastSquares
-    detector: ChangeDetector
-    estimate: Estimate | None = None
-    failing: float = np.nan
-
-
 class LiveIdentifier:
     """Coefficients of all six axes while samples come. vehicle: what is known before the flight."""
 
@@ -100,8 +87,8 @@ class LiveIdentifier:
         self._standing: dict[str, str] = {}
         self._faults: dict[str, str] = {}
         self._broken = False
-        self._axes: dict[str, _Axis] = {}
-        self._decimator: Decimator | None = None
+        self._axes: dict[str, Axis] = {}
+        self._slow: SlowSamples | None = None
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
         self._airborne = Airborne(vehicle)
@@ -164,6 +151,8 @@ class LiveIdentifier:
         if self._base is not None:
             self._work()
         errors = self._refresh()
+        if self._slow is not None:
+            self._slow.hand_on(self._axes)
         values = self._values(errors)
         coefficients = dict(self._unknown())
         squares = {}
@@ -205,6 +194,8 @@ class LiveIdentifier:
             self._air, errors = AirFilter(self._vehicle.environment.gravity), {}
             self._faults["air"] = "wind and sensor errors begin anew: a measurement was beyond all measure"
         checked = self.time_s > self._checked + _CHECK_S - _EARLY_S
+        if checked and self._slow is not None:
+            self._slow.hand_on(self._axes)
         for axis, one in list(self._axes.items()):
             if axis in self._standing:
                 continue
@@ -219,7 +210,7 @@ class LiveIdentifier:
             self._equations.learn_jumps(self._settled)
         return errors
 
-    def _fault(self, axis: str, one: _Axis, error: Exception) -> None:
+    def _fault(self, axis: str, one: Axis, error: Exception) -> None:
         """An axis whose arithmetic fails is left out of one report; where it goes on failing it begins anew."""
         one.estimate = None
         self._faults[axis] = f"{axis} is left out once: {_in_words(error)}"
@@ -247,6 +238,8 @@ class LiveIdentifier:
         known = {axis: one.names for axis, one in self._axes.items()}
         terms, self._standing = axes_of(self._names, self._refused, known)
         if self._base is not None and self._equations is not None:
+            if self._slow is not None:
+                self._slow.restart(self._axes)
             self._base.need(needed)
             self._equations.follow(terms, self._thrust.moving_mass)
             for axis, names in known.items():
@@ -264,21 +257,12 @@ class LiveIdentifier:
 
     def _make_axes(self, interval_s: float) -> None:
         assert self._equations is not None
+        if self._slow is not None:
+            self._slow.hand_on(self._axes)
         for axis, terms in self._equations.terms.items():
-            if axis in self._axes:
-                continue
-            names = tuple(term.name for term in terms)
-            factors = tuple(term.factors for term in terms)
-            noisy = [chosen[0] if len(chosen) == 1 and chosen[0] in self._noise else "" for chosen in factors]
-            scales = np.array([usual_size(name) for name in names])
-            self._axes[axis] = _Axis(
-                names,
-                factors,
-                AxisEstimator(names, noisy, interval_s, BIASES.get(axis, ())),
-                RecursiveLeastSquares(scales),
-                ChangeDetector(axis, names),
-            )
-        self._decimator = Decimator(interval_s)
+            if axis not in self._axes:
+                self._axes[axis] = Axis.of(axis, terms, tuple(self._noise), interval_s)
+        self._slow = SlowSamples(interval_s)
 
     def _work(self) -> None:
         assert self._base is not None
@@ -307,28 +291,14 @@ class LiveIdentifier:
         if self._air.rows:
             told = {name: error.value for name, error in self._air.errors().items() if error.told}
             self._equations.biases = told
-        time_s, sides = self._equations.take(rows)
-        if not rows.continues and self._decimator is not None:
-            self._decimator.restart()
-        if sides:
-            self._add(time_s, sides)
-
-    def _add(self, time_s: Array, sides: Mapping[str, Array]) -> None:
-        """Take equations of all axes."""
-        assert self._decimator is not None
-        for name, columns in sides.items():
-            self._axes[name].estimator.add(columns)
-        filtered, places = self._decimator.take(np.concatenate(list(sides.values()), axis=1))
-        ends = np.cumsum([columns.shape[1] for columns in sides.values()])
-        for name, rows in zip(sides, np.split(filtered, ends[:-1], axis=1), strict=True):
-            axis = self._axes[name]
-            X = rows[:, : len(axis.names)].copy()
-            for i, factors in enumerate(axis.factors):
-                if not factors:  # the constant's column is the weight, which is filtered as the others are
-                    X[:, i] = rows[:, -2]
-            axis.squares.add(X, np.ascontiguousarray(rows[:, -1]))
-            for at, row in zip(time_s[places].tolist(), np.column_stack([X, rows[:, -2:]]), strict=True):
-                axis.detector.add(at, row)
+        sides = self._equations.take(rows)
+        if not rows.continues and self._slow is not None:
+            self._slow.restart(self._axes)
+        if sides is None or self._slow is None:
+            return
+        for name, place in sides.places.items():
+            self._axes[name].estimator.add(sides.table[:, place])
+        self._slow.add(sides)
 
     def _filter(self, rows: Rows) -> None:
         """Wind and sensor errors, where attitude is known."""
@@ -355,7 +325,7 @@ class LiveIdentifier:
     def _known_noise(self) -> dict[str, float]:
         return {name: one.variance for name, one in self._noise.items() if isfinite(one.variance)}
 
-    def _update(self, axis: str, one: _Axis, errors: Mapping[str, SensorError], *, checked: bool) -> None:
+    def _update(self, axis: str, one: Axis, errors: Mapping[str, SensorError], *, checked: bool) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
         biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
         known = self._known_noise()
@@ -367,7 +337,7 @@ class LiveIdentifier:
             self._settled |= {n: float(v) for n, v, s in zip(one.names, values, std, strict=True) if s < 0.2 * abs(v)}
         if not checked:
             return
-        left = self._decimator.white_noise_left if self._decimator is not None else 1.0
+        left = self._slow.white_noise_left if self._slow is not None else 1.0
         noise = np.array([left * known.get(name, 0.0) for name in one.estimator.noisy])
         change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance, noise)
         if change is not None:

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.flight import Array
-from sysid.live.fourier import RecursiveFourier
+from sim_vehicle.jit import jit, jit_inlined
+from sysid.flight import Array, IntArray
+from sysid.live.fourier import Complex, RecursiveFourier
 from sysid.live.lines import weighted
 from sysid.structure import PRIOR_SHARE, usual_size
 
@@ -63,11 +64,10 @@ class AxisEstimator:
         self._frequencies = lines / (self._size * interval_s)
         self._width = len(names) + len(biases) + 2
         self._fourier = RecursiveFourier(self._frequencies, interval_s, self._width)
-        self._moving = [i for i, name in enumerate(names) if not name.endswith("_0")]
+        self._moving = np.array([i for i, name in enumerate(names) if not name.endswith("_0")], np.int64)
         # What does not change from one estimate to the next. The constant is a nuisance in the lines: it matters only
         # in the open window.
-        self._chosen = [*self._moving, *range(len(names), self._width - 1)]
-        self._square = np.ix_(self._moving, self._moving)
+        self._chosen = np.array([*self._moving, *range(len(names), self._width - 1)], np.int64)
         rest = [0.0] * (len(biases) + 1)
         self._vane = np.array([self.noisy[i] in VANES for i in self._moving] + [False] * len(rest))
         self._sizes = np.array([usual_size(names[i]) for i in self._moving] + rest)
@@ -80,9 +80,7 @@ class AxisEstimator:
         self._products = np.zeros((self._frequencies.size, self._width, self._width))
         self._sums = np.zeros(self._width)
         self._squares = np.zeros(self._width)
-        self._windows = 0
         self._count = 0
-        self._weights = 0.0
 
     @property
     def seconds(self) -> float:
@@ -91,17 +89,15 @@ class AxisEstimator:
 
     def add(self, columns: Array) -> None:
         """Take (K, P + B + 2) columns: terms, biases, weight, left side."""
-        self._sums += columns.sum(axis=0)
-        self._squares += np.sum(columns**2, axis=0)
-        self._weights += float(np.sum(columns[:, -2] ** 2))
+        columns = np.ascontiguousarray(columns)
+        _add_sums(columns, self._sums, self._squares)
         self._count += columns.shape[0]
         while columns.shape[0]:
             room = self._size - self._fourier.count
             self._fourier.add(columns[:room])
             columns = columns[room:]
             if self._fourier.count == self._size:
-                self._products += _products(self._fourier.values)
-                self._windows += 1
+                _add_products(self._fourier.values, self._products)
                 self._fourier.restart()
 
     def estimate(
@@ -115,45 +111,101 @@ class AxisEstimator:
         """
         if self.seconds < _LEAST_S:
             return None
-        products = self._products + _products(self._fourier.values)
-        chosen, left = self._chosen, self._width - 1
-        used = products[1:, chosen]
-        X, y = used[:, :, chosen], np.ascontiguousarray(used[:, :, left])
-        power = np.ascontiguousarray(products[1:, left, left])
+        lines, size = self._frequencies.size - 1, self._chosen.size
+        X, y, power = np.empty((lines, size, size)), np.empty((lines, size)), np.empty(lines)
+        _gather(self._products, self._fourier.values, self._chosen, X, y, power)
         rest = [0.0] * (len(self.biases) + 1)
-        error = np.array([self._weights * noise.get(self.noisy[i], 0.0) for i in self._moving] + rest)
+        weights = self._squares[-2]
+        error = np.array([weights * noise.get(self.noisy[i], 0.0) for i in self._moving] + rest)
         known = [(biases or {}).get(name, (0.0, 1e-9)) for name in self.biases]
         doubts = [*self._doubts, *(std for _, std in known), 100.0]
         mean = np.array([0.0] * len(self._moving) + [value for value, _ in known] + [0.0])
         theta, covariance = weighted(
-            np.ascontiguousarray(X), y, power, np.where(self._vane, error, 0.0), np.where(self._vane, 0.0, error),
+            X, y, power, np.where(self._vane, error, 0.0), np.where(self._vane, 0.0, error),
             self._sizes, self._frequencies[1:], self._count / self._size, mean, np.array(doubts),
         )  # fmt: skip
-        return self._with_constant(chosen[:-1], theta[:-1], covariance[:-1, :-1])
+        return self._with_constant(theta, covariance)
 
-    def _with_constant(self, chosen: list[int], theta: Array, covariance: Array) -> Estimate:
-        """With the constant, from the means."""
-        moving, count, free = self._moving, len(self.names), len(self._moving)
-        values, full = np.zeros(count), np.zeros((count, count))
-        values[moving] = theta[:free]
-        full[self._square] = covariance[:free, :free]
-        ones = self._sums[-2]
-        means = self._sums[chosen] / ones
-        for i in set(range(count)) - set(moving):
-            values[i] = self._sums[-1] / ones - means @ theta
-            cross = -covariance @ means
-            full[i, moving] = full[moving, i] = cross[:free]
-            full[i, i] = means @ covariance @ means
-        scale = np.sqrt(np.maximum(np.diag(full), 1e-300))
-        spread = self._squares[:count] / self._count - (self._sums[:count] / self._count) ** 2
-        moved = np.sqrt(np.maximum(spread, 0.0))
-        return Estimate(self.names, values, full, full / np.outer(scale, scale), moved)
-
-    def mean(self) -> Array:
-        """(P + 2,) means of the columns over the mean weight."""
-        return np.asarray(self._sums / self._sums[-2])
+    def _with_constant(self, theta: Array, covariance: Array) -> Estimate:
+        """With the constant, from the means. theta, covariance: of the chosen columns, the weight's last."""
+        count = len(self.names)
+        values, full, correlation = np.zeros(count), np.zeros((count, count)), np.empty((count, count))
+        moved = np.empty(count)
+        _complete(
+            theta, covariance, self._chosen, self._moving.size, self._sums, self._squares, self._count,
+            values, full, correlation, moved,
+        )  # fmt: skip
+        return Estimate(self.names, values, full, correlation, moved)
 
 
-def _products(values: np.ndarray) -> Array:
-    """(M, n, n) real products of the transforms at each line."""
-    return np.asarray(np.einsum("mi,mj->mij", values.conj(), values).real)
+@jit_inlined
+def _product(values: Complex, m: int, i: int, j: int) -> float:
+    """Of two columns' transforms at a line, the real part of one times the other's conjugate."""
+    return float(values[m, i].real * values[m, j].real + values[m, i].imag * values[m, j].imag)
+
+
+@jit
+def _add_sums(columns: Array, sums: Array, squares: Array) -> None:
+    for k in range(columns.shape[0]):
+        for i in range(columns.shape[1]):
+            sums[i] += columns[k, i]
+            squares[i] += columns[k, i] ** 2
+
+
+@jit
+def _add_products(values: Complex, products: Array) -> None:
+    """Add the products (M, n, n) of the transforms (M, n) at each line."""
+    for m in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            for j in range(values.shape[1]):
+                products[m, i, j] += _product(values, m, i, j)
+
+
+@jit
+def _gather(products: Array, values: Complex, chosen: IntArray, X: Array, y: Array, power: Array) -> None:
+    """Products of all windows, the open one among them, of the chosen columns and the last, at all lines but one."""
+    last = values.shape[1] - 1
+    for m in range(1, values.shape[0]):
+        for a in range(chosen.size):
+            for b in range(chosen.size):
+                i, j = chosen[a], chosen[b]
+                X[m - 1, a, b] = products[m, i, j] + _product(values, m, i, j)
+            y[m - 1, a] = products[m, chosen[a], last] + _product(values, m, chosen[a], last)
+        power[m - 1] = products[m, last, last] + _product(values, m, last, last)
+
+
+@jit
+def _complete(
+    theta: Array, covariance: Array, chosen: IntArray, free: int, sums: Array, squares: Array, count: int,
+    values: Array, full: Array, correlation: Array, moved: Array,
+) -> None:  # fmt: skip
+    """Values and covariance of all coefficients from those of the chosen columns, whose first `free` are coefficients.
+
+    The others are constants: what is left of the left side's mean.
+    """
+    size, ones = values.size, sums[sums.size - 2]
+    constant = sums[sums.size - 1] / ones
+    for a in range(chosen.size - 1):
+        constant -= sums[chosen[a]] / ones * theta[a]
+    for i in range(size):
+        values[i] = constant
+    for a in range(free):
+        values[chosen[a]] = theta[a]
+        for b in range(free):
+            full[chosen[a], chosen[b]] = covariance[a, b]
+    place = 0
+    for i in range(size):
+        if place < free and chosen[place] == i:
+            place += 1
+            continue
+        for a in range(chosen.size - 1):
+            cross = 0.0
+            for b in range(chosen.size - 1):
+                cross -= covariance[a, b] * sums[chosen[b]] / ones
+            full[i, i] -= cross * sums[chosen[a]] / ones
+            if a < free:
+                full[i, chosen[a]] = full[chosen[a], i] = cross
+    for i in range(size):
+        moved[i] = np.sqrt(max(squares[i] / count - (sums[i] / count) ** 2, 0.0))
+        for j in range(size):
+            correlation[i, j] = full[i, j] / np.sqrt(max(full[i, i], 1e-300) * max(full[j, j], 1e-300))

@@ -42,4 +42,5 @@ class StuckVanes:
         self._value[vane] = float(angle[-1])
         seen = felt[moved[-1] :] if moved.size else np.concatenate([self._felt[vane], felt])
         self._felt[vane] = seen[-round(_REMEMBERED_S / rows.interval_s) :]
-        return seen.size * rows.interval_s if float(np.std(seen)) > _FELT_M_S2 else 0.0
+        seconds = seen.size * rows.interval_s
+        return seconds if seconds > _STILL_S and float(np.std(seen)) > _FELT_M_S2 else 0.0
