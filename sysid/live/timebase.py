@@ -66,6 +66,10 @@ class TimeBase:
         """Take samples: name -> stamps (s, ascending) and values. Signals nobody asked for are left out."""
         self._tracks.add(samples)
 
+    def __len__(self) -> int:
+        """Samples of the signal of which most are kept."""
+        return len(self._tracks)
+
     def left_out(self) -> dict[str, int]:
         """How many readings of each signal stood alone, where there were any."""
         counts = zip(self._tracks.names, self._tracks.left_out.tolist(), strict=True)

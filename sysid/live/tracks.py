@@ -37,6 +37,10 @@ class Tracks:
         self.newest = np.full(size, -np.inf)
         self.left_out = np.zeros(size, np.int64)
 
+    def __len__(self) -> int:
+        """Samples of the signal of which most are kept."""
+        return int(self._count.max(initial=0))
+
     def taken_from(self, others: Tracks) -> Tracks:
         """These with what others hold of the same signals."""
         self._make_room(others._time_s.shape[1])
@@ -59,7 +63,7 @@ class Tracks:
             return
         places, stamps, readings = zip(*chosen, strict=True)
         sizes = np.array([one.size for one in stamps])
-        self._make_room(int(self._count.max() + sizes.max()) + 1)
+        self._make_room(len(self) + int(sizes.max()) + 1)
         _add(
             np.array(places), np.cumsum(sizes), np.concatenate(stamps, dtype=np.float64),
             np.concatenate(readings, dtype=np.float64), self._angle, self.held, self._time_s, self._values, self._count,
