@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_vehicle.parameters import FlatModel
 from sim_vehicle.wind import dryden_gusts
 from sysid.compatibility import SensorLayout
+from sysid.dryden import Turbulence
 from sysid.flight import Array
 from sysid.parameterisation import STATES, STILL_AIR, Predictor
 from sysid.prepare import smoothed_states
@@ -19,7 +20,10 @@ WINDOW_S = 5.0
 GAP_OUTPUTS = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
 # Names of the outputs in results.
 GAP_NAMES = {name: ("V" if name == "airspeed" else name) for name in GAP_OUTPUTS}
-_GUST_LENGTH_M = 30.0
+# Readings that the motion alone makes, and the states that make rates and attitude.
+_FLOW, _TURNING = ("airspeed", "alpha", "beta"), ("p", "q", "r", "phi", "theta")
+_READ = [OUTPUTS.index(name) for name in (*_FLOW, *_TURNING)]
+_SAME, _TRIES = 1e-6, 20
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,41 @@ def free_run(record: Record, states: Array, model: Fixed, gusts: Array = STILL_A
     return predictor.outputs(0, model.flat, dict(model.errors), states, gusts)
 
 
+def start_read_alike(record: Record, start: Array, model: Fixed) -> Array:
+    """The nine states that the model's sensors read as sensors without its effects read `start`.
+
+    Motion is reconstructed without effects. What an effect makes of a reading (a pitot tube in air of another density,
+    a vane in upwash) would else count as a jump of the motion at the beginning of every run. Fixed-point iteration;
+    where it finds nothing (no effect, or one too large) the start stays.
+    """
+    first = record.window(0, min(2, record.length))
+    measured = np.isfinite(first.z[0, _READ])
+    plain = replace(model, flat=replace(model.flat, E=np.zeros_like(model.flat.E)))
+    wanted = free_run(first, start, plain)[0, _READ]
+    found = start
+    for _ in range(_TRIES):
+        off = np.where(measured, wanted - free_run(first, found, model)[0, _READ], 0.0)
+        if not np.isfinite(off).all():
+            return start
+        if np.abs(off).max() < _SAME:
+            return found
+        found = _moved(found, off, wanted[0])
+    return start
+
+
+def _moved(states: Array, off: Array, airspeed: float) -> Array:
+    """States moved by differences of readings `off`, (8,), at this reading of the airspeed."""
+    found = states.copy()
+    u, v, w = states[:3]
+    speed = float(np.sqrt(u * u + v * v + w * w))
+    alpha, beta = np.arctan2(w, u) + off[1], np.arcsin(v / speed) + off[2]
+    speed *= 1.0 + off[0] / max(airspeed, 1.0)
+    along = np.array([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
+    found[:3] = speed * along
+    found[[STATES.index(name) for name in _TURNING]] += off[3:]
+    return found
+
+
 def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list[tuple[Record, Array]]:
     """Measured minus free-running simulation, (N, 15), for every window of a record."""
     states = smoothed_states(record, layout, dict(model.errors))
@@ -52,7 +91,7 @@ def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list
     result = []
     begin = 0
     for part in windows(record):
-        start = path[begin]
+        start = start_read_alike(part, path[begin], model)
         result.append((part, angle_wrap(part.z - free_run(part, start, model))))
         begin += part.length
     return result
@@ -75,7 +114,7 @@ def _flown_by(
     model: Fixed, record: Record, start: Array, layout: SensorLayout, gusts: Array
 ) -> list[tuple[Record, Array]]:
     """What a model makes of a run's commands, (N, 15): of the whole run or, where it diverges, of each window."""
-    y = free_run(record, start, model, gusts)
+    y = free_run(record, start_read_alike(record, start, model), model, gusts)
     if np.isfinite(y).all():
         return [(record, y)]
     states = smoothed_states(record, layout, dict(model.errors))
@@ -83,9 +122,21 @@ def _flown_by(
     found, begin = [], 0
     for part in windows(record):
         moving = gusts[begin : begin + part.rho.size] if gusts.size else gusts
-        found.append((part, np.nan_to_num(free_run(part, path[begin], model, moving))))
+        start = start_read_alike(part, path[begin], model)
+        found.append((part, np.nan_to_num(free_run(part, start, model, moving))))
         begin += part.length
     return found
+
+
+def _gusts(record: Record, start: Array, air: Turbulence, generator: np.random.Generator) -> Array:
+    """(M, 3) gusts in body axes at every sample of the commands; (0, 3) for still air."""
+    if air.calm:
+        return STILL_AIR
+    speed = float(np.linalg.norm(start[:3]))
+    unit = dryden_gusts(
+        record.rho.size, record.interval_s, sigma=1.0, length=air.length, airspeed=speed, generator=generator
+    )
+    return np.ascontiguousarray(unit * [air.horizontal, air.horizontal, air.vertical])
 
 
 def noise_floor(
@@ -95,32 +146,20 @@ def noise_floor(
     model: Fixed,
     sigma: Array,
     thrust_sigma: float,
-    gust_sigma: float,
+    air: Turbulence,
     generator: np.random.Generator,
     repeats: int = 9,
 ) -> dict[str, float]:
     """Median gap of the model on data generated from itself with the estimated noise.
 
-    records: runs; starts: per run nine initial states. sigma: (15,) output noise; thrust_sigma: N; gust_sigma: m/s.
+    records: runs; starts: per run nine initial states. sigma: (15,) output noise; thrust_sigma: N; air: its turbulence.
     A model that diverges over the whole run flies it window by window, from the motion measured at their beginnings.
     """
     found: list[dict[str, float]] = []
     for _ in range(repeats):
         made = []
         for record, start in zip(records, starts, strict=True):
-            gusts = STILL_AIR
-            if gust_sigma > 0.0:
-                speed = float(np.hypot(start[0], start[2]))
-                gusts = np.ascontiguousarray(
-                    dryden_gusts(
-                        record.rho.size,
-                        record.interval_s,
-                        sigma=gust_sigma,
-                        length=_GUST_LENGTH_M,
-                        airspeed=speed,
-                        generator=generator,
-                    )
-                )
+            gusts = _gusts(record, start, air, generator)
             for part, y in _flown_by(model, record, start, layout, gusts):
                 noise = generator.standard_normal(y.shape) * np.nan_to_num(sigma)
                 z = np.where(np.isfinite(part.z), y + noise, np.nan)

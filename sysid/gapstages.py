@@ -12,6 +12,7 @@ import numpy as np
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sysid.compatibility import CompatibilityResult
+from sysid.dryden import Turbulence
 from sysid.estimate import Estimates, Motion, Problem, split_runs
 from sysid.flight import Array
 from sysid.gap import Fixed, gap, noise_floor
@@ -32,14 +33,23 @@ def fixed_model(problem: Problem, model: Model, result: Estimates, compatible: C
     return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
 
 
+def widening(prepared: Sequence[Prepared], before: Fixed, after: Fixed) -> float:
+    """How many times as wide as before the gap on these flights is after: the quadratic mean over the outputs."""
+    records = [stretch.record for flight in prepared for stretch in flight.stretches]
+    least, most = (gap(records, prepared[0].layout, model) for model in (before, after))
+    ratios = [most[name] / value for name, value in least.items() if value > 0.0 and math.isfinite(value)]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
+
+
 def stage_gaps(
     motion: Motion,
     prepared: Sequence[Prepared],
     stages: Mapping[str, Fixed],
     compatible: CompatibilityResult,
+    air: Turbulence,
     generator: np.random.Generator,
 ) -> dict[str, dict[str, float]]:
-    """Gap of every stage on these flights, and the noise floor of the last."""
+    """Gap of every stage on these flights, and the noise floor of the last in air of this turbulence."""
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
     records = [stretch.record for stretch in stretches]
     layout = prepared[0].layout
@@ -56,9 +66,7 @@ def stage_gaps(
         runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
         starts += [path[0] for path in paths]
     last = list(stages.values())[-1]
-    floor = noise_floor(
-        runs, starts, layout, last, _output_noise(records), thrust_sigma, compatible.gust_sigma, generator
-    )
+    floor = noise_floor(runs, starts, layout, last, _output_noise(records), thrust_sigma, air, generator)
     found["noise_floor"] = {name: value for name, value in floor.items() if math.isfinite(value)}
     return found
 

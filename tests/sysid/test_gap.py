@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import mav_longitudinal as mav
@@ -10,10 +11,12 @@ import pytest
 from mav_problem import longitudinal_record, vehicle
 from numpy.typing import NDArray
 
+from sim_vehicle.effects import parse_effect
 from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.parameters import flatten
 from sysid.compatibility import SensorLayout
-from sysid.gap import Fixed, free_run, gap, noise_floor, windows
+from sysid.dryden import Turbulence
+from sysid.gap import Fixed, free_run, gap, noise_floor, start_read_alike, windows
 from sysid.records import OUTPUTS, Record
 
 Array = NDArray[np.float64]
@@ -25,6 +28,11 @@ def fixed(errors: dict[str, float] | None = None, **changes: float) -> Fixed:
     values = {**mav.COEFFICIENTS, **changes}
     model = Model("mav", {name: Coefficient(value) for name, value in values.items()})
     return Fixed(flatten(vehicle(), model), errors or {}, command_first=True)
+
+
+def with_effect(text: str) -> Fixed:
+    model = Model("mav", {name: Coefficient(value) for name, value in mav.COEFFICIENTS.items()})
+    return Fixed(flatten(vehicle(), model.with_effect(*parse_effect(text))), {}, command_first=True)
 
 
 def flown(noise: dict[str, float], seed: int = 0, errors: dict[str, float] | None = None) -> Record:
@@ -95,6 +103,34 @@ def test_known_sensor_errors_are_no_gap() -> None:
         assert raw[name] > (1.1 if name == "q" else 2.0) * corrected[name]
 
 
+@pytest.mark.parametrize(
+    ("effect", "read"),
+    [
+        ("airspeed_error:scale=0.06,bias=0.8", {"airspeed": lambda v: 1.06 * v + 0.8}),
+        ("vane_upwash:scale=0.2,bias=0.03", {"alpha": lambda alpha: 1.2 * alpha + 0.03}),
+    ],
+)
+def test_what_sensors_make_of_the_start_is_no_gap(effect: str, read: dict[str, Callable[[Array], Array]]) -> None:
+    """Readings bent by hand: the model with the effect flies from the motion that there was, not from what is read."""
+    record = flown(mav.NOISE)
+    z = record.z.copy()
+    for name, bend in read.items():
+        z[:, OUTPUTS.index(name)] = bend(z[:, OUTPUTS.index(name)])
+    known = with_effect(effect)
+    clean, right, wrong = (gap([r], LAYOUT, m) for r, m in ((record, fixed()), (replace(record, z=z), known),
+                           (replace(record, z=z), fixed())))  # fmt: skip
+    for name in ("q", "theta", "ax", "az"):
+        assert right[name] < 1.02 * clean[name], name
+    assert wrong["az"] > 1.3 * clean["az"]
+
+
+def test_a_start_stays_where_no_sensor_has_an_effect() -> None:
+    record = flown({})
+    start = np.array([14.0, 0.1, 0.6, 0.0, 0.1, 0.0, 0.05, 0.04, 0.3])
+    moved = start_read_alike(record, start, with_effect("stall:alpha_stall=0.2"))
+    np.testing.assert_array_equal(moved, start)
+
+
 def test_a_wrong_model_has_a_larger_gap() -> None:
     record = flown(mav.NOISE)
     right, wrong = gap([record], LAYOUT, fixed()), gap([record], LAYOUT, fixed(Cm_alpha=-0.9))
@@ -117,7 +153,9 @@ def test_the_floor_is_what_the_truth_itself_leaves() -> None:
     states = np.zeros(9)
     states[[0, 2, 4, 7]] = mav.trim()[0]
     sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
-    floor = noise_floor(records[:1], [states], LAYOUT, fixed(), sigma, 0.0, 0.0, np.random.default_rng(1), repeats=5)
+    floor = noise_floor(
+        records[:1], [states], LAYOUT, fixed(), sigma, 0.0, Turbulence(), np.random.default_rng(1), repeats=5
+    )
     real = gap(records, LAYOUT, fixed())
     for name in ("V", "alpha", "q", "theta", "ax", "az"):
         assert floor[name] == pytest.approx(real[name], rel=0.4), name
@@ -129,8 +167,8 @@ def test_gusts_raise_the_floor() -> None:
     states[[0, 2, 4, 7]] = mav.trim()[0]
     sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
     calm, rough = (
-        noise_floor([record], [states], LAYOUT, fixed(), sigma, 0.0, gust, np.random.default_rng(1), repeats=3)
-        for gust in (0.0, 0.5)
+        noise_floor([record], [states], LAYOUT, fixed(), sigma, 0.0, air, np.random.default_rng(1), repeats=3)
+        for air in (Turbulence(), Turbulence(0.5, 0.5))
     )
     assert rough["q"] > 3.0 * calm["q"]
 
@@ -142,7 +180,9 @@ def test_a_model_that_cannot_fly_the_whole_run_has_a_floor_of_its_windows() -> N
     sigma = np.array([mav.NOISE.get(name, 0.0) for name in OUTPUTS])
     unstable = fixed(CD_k=-1.0)  # climbs without drag until it is too fast for any number
     assert not np.isfinite(free_run(record, states, unstable)).all()
-    floor = noise_floor([record], [states], LAYOUT, unstable, sigma, 0.0, 0.3, np.random.default_rng(1), repeats=3)
+    floor = noise_floor(
+        [record], [states], LAYOUT, unstable, sigma, 0.0, Turbulence(0.3, 0.3), np.random.default_rng(1), repeats=3
+    )
     assert set(floor) == set(gap([record], LAYOUT, fixed()))
     assert all(np.isfinite(value) for value in floor.values())
     assert min(floor[name] for name in ("V", "alpha", "q", "az")) > 0.0
