@@ -257,7 +257,7 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
     if bit is not None and np.any(stream.records["fields_updated"]):
         updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)
         stream = stream if updated.all() else stream.only(updated)
-    return stream, source.convert(*(stream.values(name) for name in source.fields))
+    return stream, source.convert(*[stream.values(name) for name in source.fields])
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:

@@ -81,9 +81,10 @@ class Stream:
     def values(self, name: str) -> Array:
         """(N,) float64 of a field, or of an element as "data[3]". KeyError where there is none."""
         base, _, rest = name.partition("[")
-        if base not in (self.records.dtype.names or ()):
-            raise KeyError(name)
-        column = self.records[base]
+        try:
+            column = self.records[base]
+        except (ValueError, IndexError):  # as numpy says it
+            raise KeyError(name) from None
         if (column.ndim == 2) != bool(rest):
             raise KeyError(name)
         if rest:

@@ -29,7 +29,17 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+def _made_plain(value: Any) -> Any:
+    """What JSON has no type for. TypeError for what `plain` makes nothing of either."""
+    if isinstance(value, np.ndarray | np.generic | Path):
+        return plain(value)
+    raise TypeError(f"{type(value).__name__} is no value of JSON")
+
+
 def dumps(value: Any, indent: int | None = None) -> str:
     """JSON text of `value` after `plain`; with an indent, lists of numbers stay on one line each."""
-    text = json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
+    try:  # most values need no more than a few plain types, and going through all of them takes longer than the text
+        text = json.dumps(value, default=_made_plain, indent=indent, allow_nan=False, ensure_ascii=False)
+    except ValueError:
+        text = json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
     return text if indent is None else _BROKEN.sub(lambda found: f"[{' '.join(found[1].split())}]", text)

@@ -132,7 +132,7 @@ class LiveIdentifier:
     @classmethod
     def warm_up(cls, vehicle: Vehicle) -> None:
         """Run all of it once on a made-up flight: the very first run of an installation compiles."""
-        time_s: Array = 0.02 * np.arange(300, dtype=np.float64)
+        time_s: Array = 0.02 * np.arange(600, dtype=np.float64)  # beyond a whole window of the transform
         level = {"az": -vehicle.environment.gravity, "airspeed": 15.0, "air_density": SEA_LEVEL_DENSITY, "thrust": 1.0}
         names = (*CORE, *OPTIONAL, *_SPARSE, "thrust", *DEFLECTION_SIGNALS.values())
         live = cls(vehicle)
