@@ -15,10 +15,9 @@ from sysid.gap import Fixed
 from sysid.largest import Stretch, largest_residual
 from sysid.prepare import Prepared, prepare
 from sysid.records import SURFACES
-from sysid.residuals import moment_noise
+from sysid.residuals import residual_noise
 from sysid.series import Comparison
 from sysid.signalcheck import SignalCheck, check_signals, in_time
-from sysid.smoothing import noise_sigma
 from sysid.validation import Validation, validate
 
 
@@ -49,10 +48,12 @@ def validation_of(compared: Comparison) -> Validation:
     paths = [path for flight in compared.paths for path in flight]
     z = {axis: np.concatenate([path.measured[axis] for path in paths]) for axis in compared.axes}
     y = {axis: np.concatenate([path.predicted[axis] for path in paths]) for axis in compared.axes}
-    noise = {a: noise_sigma(z[a], compared.flights[-1].data.interval_s) for a in z if a in ("CL", "CD", "CY")}
-    stretches = [stretch for flight in compared.flights for stretch in flight.stretches]
-    moments = [moment_noise(stretch.record, compared.vehicle) for stretch in stretches]
-    noise |= {a: float(np.median([m[a] for m in moments])) for a in ("Cl", "Cm", "Cn") if a in z}
+    every = [
+        residual_noise(stretch.record, flight.layout, compared.vehicle, compared.model)
+        for flight in compared.flights
+        for stretch in flight.stretches
+    ]
+    noise = {axis: float(np.median([one[axis] for one in every])) for axis in z}
     found = {axis: largest_residual(axis, noise[axis], _stretches(compared)) for axis in z if axis in noise}
     return replace(validate(z, y, noise), largest={axis: one for axis, one in found.items() if one is not None})
 

@@ -145,6 +145,28 @@ def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:
     }
 
 
+def residual_noise(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> dict[str, float]:
+    """Noise of measured minus predicted coefficients, axis -> sigma, by the sensors' own noise added once more.
+
+    Sensors are on both sides: a vane's noise is in what the model predicts as a gyro's is in what is measured.
+    """
+    generator = np.random.default_rng(0)
+    sigma = np.array([_white(values, record.interval_s) for values in record.z.T])
+    z = record.z + sigma * generator.standard_normal(record.z.shape)
+    thrust = record.thrust + _white(record.thrust, record.interval_s) * generator.standard_normal(record.thrust.size)
+    given = coefficient_path(record, layout, vehicle, model)
+    noisier = coefficient_path(replace(record, z=z, thrust=thrust), layout, vehicle, model)
+    return {
+        axis: float(np.std(noisier.measured[axis] - noisier.predicted[axis] - values + given.predicted[axis]))
+        for axis, values in given.measured.items()
+    }
+
+
+def _white(values: Array, interval_s: float) -> float:
+    """Sigma of the white noise in a signal, 0 where it is not there throughout."""
+    return noise_sigma(values, interval_s) if np.isfinite(values).all() else 0.0
+
+
 def _variables(
     states: Mapping[str, Array], alpha: Array, speed: Array, commands: Array, thrust: Array, dt: float, vehicle: Vehicle
 ) -> dict[str, Array]:
