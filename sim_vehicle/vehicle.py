@@ -13,6 +13,7 @@ import numpy as np
 from sim_vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.propulsion import Propulsion, read_propulsion
+from sim_vehicle.sizes import impossible
 from sim_vehicle.table import Table
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
@@ -205,6 +206,9 @@ def _read(top: Table, path: Path) -> Vehicle:
         table.optional_number("air_density", above=0.0), table.number("gravity", STANDARD_GRAVITY, above=0.0)
     )
     table.close()
+    sizes = {**vars(mass), **vars(geometry), "gravity": environment.gravity}
+    if problem := impossible(sizes, _WING_LOADING, _SMALL_SPAN):
+        raise top.error(*problem)
     flight = _read_flight(top.table("flight"), mass, geometry, environment)
     top.close()
     vehicle = Vehicle(

@@ -45,6 +45,8 @@ UNITS = {
 }
 MAX_DEGREE = 9
 _MODE_GRID, _MODE_STEP = 801, 1e-2
+# Of readings and references in any unit: the largest, and the smallest spread.
+_LARGEST, _SMALLEST = 1e12, 1e-12
 
 
 @dataclass(frozen=True)
@@ -209,11 +211,26 @@ def calibrate(points: BenchPoints, form: str, unit: str = "") -> Calibration:
         raise CalibrationError(f"{points.source}: unknown unit {unit!r}; known are {known}")
     if np.ptp(points.reading) == 0.0:
         raise CalibrationError(f"{points.source}: every reading is {points.reading[0]:g}; the sensor did not respond")
+    _check_sizes(points)
     if form == "pitot":
         return _pitot(points, unit)
     if form == "spline":
         return _monotone(points, unit)
     return _polynomial(points, form, unit)
+
+
+def _check_sizes(points: BenchPoints) -> None:
+    """Readings and references as instruments give them: of others squares and quotients leave the range of numbers."""
+    for name, values in (("reading", points.reading), ("reference", points.reference)):
+        largest = values[np.argmax(np.abs(values))]
+        if abs(largest) > _LARGEST:
+            raise CalibrationError(f"{points.source}: a {name} of {largest:g} is no instrument's; correct the point")
+        if 0.0 < np.ptp(values) < _SMALLEST:
+            low, high = values.min(), values.max()
+            raise CalibrationError(
+                f"{points.source}: the {name}s, {low:g} to {high:g}, hardly differ: no instrument tells them apart;"
+                " correct the points or give them in another unit"
+            )
 
 
 def _point(source: str, number: int, cells: dict[str, str]) -> tuple[float, float, str]:
@@ -263,6 +280,8 @@ def _polynomial(points: BenchPoints, form: str, unit: str) -> Calibration:
         raise CalibrationError(
             f"{points.source}: unknown form {form!r}; use linear, polynomial:N (N = 1 to {MAX_DEGREE}), spline or pitot"
         )
+    if points.reference.size > 1 and np.ptp(points.reference) == 0.0:
+        raise CalibrationError(f"{points.source}: every reference is {points.reference[0]:g}; add points at others")
     X = np.asarray(np.polynomial.polynomial.polyvander(points.reading, degree), dtype=np.float64)
     values, covariance, rms = _least_squares(X, points.reference, points.source, form)
     names = ["offset", "slope"] if form == "linear" else [f"c{i}" for i in range(degree + 1)]

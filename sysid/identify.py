@@ -9,6 +9,7 @@ from sim_vehicle.model import Coefficient, Model
 from sim_vehicle.vehicle import Vehicle
 from sysid.bench import bench_errors
 from sysid.compatibility import CompatibilityResult, Refusal
+from sysid.cures import named_cures
 from sysid.delays import commands_std
 from sysid.equation_identify import EquationEstimate, estimate_by_equations
 from sysid.errors import EstimationError
@@ -109,7 +110,7 @@ def identify(
             likeliest = _likeliest(posed, method, sensors, delays, turn < _CORRECTED, progress)
             if not likeliest.mistakes:
                 break
-            check = check.joined(likeliest.mistakes, flights_named(prepared))
+            check = check.joined(named_cures(likeliest.mistakes, prepared, vehicle), flights_named(prepared))
             posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
         found = _by_likelihood(posed, likeliest, systematic, progress)
     warnings = list(posed.warnings)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.vehicle import Vehicle
+from sysid.cures import named_cures
 from sysid.delays import Delay, delay_sentence, prepared_in_time, total
 from sysid.errors import SignalError
 from sysid.findings import Mistake, delay_mistake
@@ -90,7 +91,7 @@ def _found(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
     found += _impossible_winds(parts, {name for one in found if one.kind != "delay" for name in one.signals})
-    return [one for one in found if not _unflyable(one, prepared, vehicle)]
+    return named_cures([one for one in found if not _unflyable(one, prepared, vehicle)], prepared, vehicle)
 
 
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:
@@ -163,6 +164,20 @@ def _along(part: FlightData, name: str) -> Array:
     return np.asarray(part["airspeed"] * shares[name])
 
 
+def _too_strong(ratio: float) -> Mistake:
+    """A thrust that is so many times the weight."""
+    if ratio * _GRAM_FORCE > _THRUST_TO_WEIGHT:
+        text = (
+            f"thrust is {ratio:.0f} times the weight: check mass.mass in the vehicle file, and the unit of the thrust"
+        )
+        return Mistake("thrust", "unit", float("nan"), 0.0, "N", text, ("thrust",), False)
+    text = (
+        f"thrust is {ratio:.0f} times the weight and looks like gram-force: scale it by {_GRAM_FORCE:.4g} in"
+        " [signals] of the vehicle file"
+    )
+    return Mistake("thrust", "unit", _GRAM_FORCE, 0.0, "gf", text, ("thrust",), False)
+
+
 def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     """Signals that no other one tells, against what is possible at all."""
     found = []
@@ -178,9 +193,5 @@ def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     if thrust:
         ratio = float(np.nanmedian(np.abs(np.concatenate(thrust)))) / (vehicle.mass.mass * 9.80665)
         if ratio > _THRUST_TO_WEIGHT:
-            text = (
-                f"thrust is {ratio:.0f} times the weight and looks like gram-force: scale it by {_GRAM_FORCE:.4g} in"
-                " [signals] of the vehicle file"
-            )
-            found.append(Mistake("thrust", "unit", _GRAM_FORCE, 0.0, "gf", text, ("thrust",), False))
+            found.append(_too_strong(ratio))
     return found

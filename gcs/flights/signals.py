@@ -99,8 +99,7 @@ class _Flight:
         if best is None:
             best = max(found, key=lambda entry: entry.signal.time_s.size)
             rate = best.signal.time_s.size / max(self.duration_s, 1e-9)
-            text = f"{best.signal.source.split('.')[0]} comes at {rate:.1f} Hz, not at {row.rate_hz:g} Hz all through"
-            self.slow.setdefault(text, []).append(name)
+            self.slow.setdefault(_slow_words(best.signal.source.split(".")[0], rate, row.rate_hz), []).append(name)
         self.signals[name] = best.signal
 
     def candidates(self, name: str, row: Row, sources: tuple[Source, ...], *, declared: bool) -> Iterator[Candidate]:
@@ -258,6 +257,16 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
         updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)
         stream = stream if updated.all() else stream.only(updated)
     return stream, source.convert(*[stream.values(name) for name in source.fields])
+
+
+def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:
+    """What is wrong with the pace of a message, and what to do."""
+    if rate_hz >= wanted_hz:
+        return (
+            f"{message} has gaps, though it comes at {rate_hz:.1f} Hz on average: {wanted_hz:g} Hz are needed all"
+            " through; check the link"
+        )
+    return f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are needed: have the vehicle send it more often"
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:

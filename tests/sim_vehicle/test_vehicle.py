@@ -128,6 +128,13 @@ IMPOSSIBLE = {
     "signals.alpha.message is missing": BASE + "[signals]\nalpha = { field = 'AOA' }\n",
     "calibration.airspeed.points names": BASE
     + "[calibration.airspeed]\nsource = 'adc3'\nform = 'pitot'\nunit = 'Pa'\npoints = 'none.csv'\n",
+    "mass.mass is 1e+09 kg, which is impossible on a span of 1 m; 0.1 to 10 kg are": BASE.replace("= 1.0", "= 1e9", 1),
+    "mass.mass is 1e-300 kg, which is impossible": BASE.replace("mass = 1.0", "mass = 1e-300"),
+    "geometry.S is 1e+300 m^2, which is impossible": BASE.replace("S = 0.2", "S = 1e300"),
+    "geometry.S is 9.99989e-321 m^2, which is impossible": BASE.replace("S = 0.2", "S = 1e-320"),
+    "geometry.b is 1e+300 m, a span that no aircraft has": BASE.replace("b = 1.0", "b = 1e300"),
+    "geometry.c is 1e+200 m, which is impossible": BASE.replace("c = 0.2", "c = 1e200"),
+    "mass.Ixx is 1e+100 kg m^2": BASE.replace("0.02", "1e100").replace("0.03", "1e100").replace("0.045", "1e100"),
     "environment.air_density is 0": BASE + "[environment]\nair_density = 0\n",
 }
 

@@ -110,6 +110,11 @@ def test_json_has_the_schema_and_no_nan():
         ("reference,reading\n1,2\n2,3\n3,4\n", "polynomial:3", "3 points are too few"),
         ("reference,reading\n1,2\n2,2\n3,2\n", "linear", "did not respond"),
         ("reference,reading\n1,2\n2,3\n3,4\n", "cubic", "unknown form 'cubic'"),
+        ("reference,reading\n5,2\n5,3\n5,4\n", "linear", "every reference is 5"),
+        ("reference,reading\n0,0\n1,1e-300\n2,2e-300\n", "linear", "the readings, 0 to 2e-300, hardly differ"),
+        ("reference,reading\n0,0\n1,1e-300\n2,2e-300\n", "pitot", "the readings, 0 to 2e-300, hardly differ"),
+        ("reference,reading\n0,0\n1e-300,1\n2e-300,2\n", "spline", "the references, 0 to 2e-300, hardly differ"),
+        ("reference,reading\n0,0\n1,-1e200\n2,2\n", "linear", "a reading of -1e.200 is no instrument's"),
         ("reference,reading\n1,2\n1,3\n1,4\n", "spline", "1 references are too few"),
     ],
 )
