@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gcs.report.gapfigures import STAGES
+from gcs.report.gapfigures import STAGES, told_gaps
 from gcs.report.markup import estimate, number, p_value, probability, table, text
 from gcs.report.tables import interval
 
@@ -44,8 +44,8 @@ def effects(result: Result) -> list[str]:
 def gaps(result: Result) -> list[str]:
     """RMS of measured minus free-running simulation, on the flights fitted to and on others."""
     found = []
-    for use, gap in (result.get("gap") or {}).items():
-        stages = [stage for stage in STAGES if gap and gap.get(stage)]
+    for use, gap in told_gaps(result).items():
+        stages = [stage for stage in STAGES if gap.get(stage)]
         outputs = list(dict.fromkeys(name for stage in stages for name in gap[stage]))
         rows = [[text(name), *(number(gap[stage].get(name)) for stage in stages)] for name in outputs]
         caption = f"Gap on the {use} flights: RMS over windows of 5 s (SI units, rad)"

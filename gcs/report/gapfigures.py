@@ -110,11 +110,21 @@ def draw_curves(made: Figure, places: Sequence[Result]) -> None:
         plot.set_xlabel(label)
 
 
+def told_gaps(result: Result) -> dict[str, Result]:
+    """The gaps of each set of flights, at the stage `after` only where an effect was added.
+
+    On flights that were not fitted the stages differ a little even where both are of the same model.
+    """
+    added = result.get("verdict") == "missing_effect"
+    gaps = {use: gap for use, gap in (result.get("gap") or {}).items() if gap}
+    return {use: {s: gap[s] for s in gap if added or s != "after"} for use, gap in gaps.items()}
+
+
 def gap_bars(result: Result) -> list[str]:
     """For each set of flights the gaps of all stages over their noise floors."""
     found = []
-    for use, gap in (result.get("gap") or {}).items():
-        if gap and gap.get("noise_floor"):
+    for use, gap in told_gaps(result).items():
+        if gap.get("noise_floor"):
             caption = f"Gap on the flights {_USES.get(use, use)}, in times of the noise floor (dashed) at each stage"
             found.append(figure(f"bars-{use}", caption, (7.4, 2.4), partial(_one_plot, gap=gap)))
     return found
@@ -127,7 +137,7 @@ def _one_plot(made: Figure, gap: Result) -> None:
 def draw_bars(plot: Axes, gap: Result) -> None:
     """Bars of gap over noise floor, one group for each output and one bar for each stage that it has."""
     floor = {name: value for name, value in gap["noise_floor"].items() if value}
-    stages = [s for s in _COLOURS if gap.get(s) and (s != "after" or gap[s] != gap.get("before"))]
+    stages = [s for s in _COLOURS if gap.get(s)]
     width = 0.8 / max(len(stages), 1)
     ratios = {s: _floats([_ratio(gap[s].get(name), value) for name, value in floor.items()]) for s in stages}
     for place, stage in enumerate(stages):

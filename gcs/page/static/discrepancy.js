@@ -50,7 +50,7 @@ export function discrepancy(page, result, summary, signal) {
     h('h2', {}, 'Where it disagrees'), ...where(result, signal),
     result.reasons?.length && h('h2', {}, 'Why'), listing(result.reasons ?? []),
   ))
-  gapBars(bars, result.gap, signal)
+  gapBars(bars, result, signal)
   modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
 }
 
@@ -67,27 +67,27 @@ function effects(result) {
     ]))
 }
 
-/** Stages of a gap that are drawn: `after` only where it differs. */
-const stages = gap => Object.keys(STAGES).filter(stage => gap[stage]
-  && (stage !== 'after' || JSON.stringify(gap.after) !== JSON.stringify(gap.before)))
+/** Stages of a gap that are drawn: `after` only where an effect was added. */
+const stages = (gap, verdict) => Object.keys(STAGES).filter(stage => gap[stage]
+  && (stage !== 'after' || verdict === 'missing_effect'))
 
-function gapTables({ gap }) {
+function gapTables({ gap, verdict }) {
   return Object.entries(gap).filter(([, one]) => one?.noise_floor).map(([use, one]) => h('details', { class: 'panel' },
     h('summary', {}, `${USES[use] ?? use}: the numbers`),
-    table(`Gap of each output. ${USES[use] ?? use}`, ['Output', 'Unit', ...stages(one).map(s => STAGES[s]), 'Noise floor'],
+    table(`Gap of each output. ${USES[use] ?? use}`, ['Output', 'Unit', ...stages(one, verdict).map(s => STAGES[s]), 'Noise floor'],
       Object.keys(one.noise_floor).map(name => {
         const [unit, factor] = shownUnit(UNITS[name])
         const cell = value => Number.isFinite(value) ? number(value * factor) : NONE
-        return [signalName(name), unit, ...stages(one).map(s => cell(one[s][name])), cell(one.noise_floor[name])]
+        return [signalName(name), unit, ...stages(one, verdict).map(s => cell(one[s][name])), cell(one.noise_floor[name])]
       }))))
 }
 
-async function gapBars(place, gap, signal) {
+async function gapBars(place, { gap, verdict }, signal) {
   const Bokeh = await bokeh()
   for (const [use, one] of Object.entries(gap)) {
     if (!one?.noise_floor) continue
     const names = Object.keys(one.noise_floor).filter(name => one.noise_floor[name])
-    const drawn = stages(one)
+    const drawn = stages(one, verdict)
     const ratio = (stage, name) => Number.isFinite(one[stage][name]) ? one[stage][name] / one.noise_floor[name] : null
     const most = Math.max(2, ...drawn.flatMap(stage => names.map(name => ratio(stage, name) ?? 0)))
     const figure = await plot({ y: 'gap / noise floor', height: 300, yLog: true, yRange: new Bokeh.Range1d({ start: 0.3, end: 1.6 * most }),

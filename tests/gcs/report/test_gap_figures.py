@@ -16,6 +16,7 @@ from matplotlib.image import imread
 
 from gcs.cli import main
 from gcs.report import gapfigures
+from gcs.report.discrepancy import gaps
 from gcs.report.svg import save
 
 
@@ -127,9 +128,12 @@ def test_bars_are_gaps_in_times_of_the_floor() -> None:
 
 
 def test_without_an_effect_no_bar_says_that_one_was_added() -> None:
-    plot = Figure().subplots()
-    gapfigures.draw_bars(plot, {**gap(), "after": gap()["before"]})
-    assert [group.get_label() for group in plot.containers] == ["as given", "fitted again"]
+    found = {**result(), "verdict": "none"}
+    assert set(gapfigures.told_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
+    for told in ("".join(gaps(found)), "".join(gapfigures.gap_bars(found))):
+        assert "fitted again" in told
+        assert "effect added" not in told
+    assert "effect added" in gaps(result())[0]
 
 
 def test_the_page_has_the_sentence_and_a_figure_of_each(tmp_path: Path) -> None:
