@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import logging
-import os
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -68,10 +67,8 @@ def _listen(settings: Settings) -> socket.socket:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
         return socket.create_server((settings.host, settings.port), family=family, backlog=128)
     except OSError as error:
-        # What the socket itself says holds the address as Python writes it.
-        reason = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or error
         raise ServiceError(
-            f"cannot listen on {settings.host} port {settings.port} ({reason}); choose another --port"
+            f"cannot listen on {settings.host} port {settings.port} ({error.strerror or error}); choose another --port"
         ) from error
 
 

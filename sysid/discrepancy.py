@@ -316,9 +316,9 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
         if wider < _WIDER:
             return "missing_effect", reasons
         return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
-    moved, count, chance = _moved(base)
+    moved, chance = _moved(base)
     reasons.append(
-        f"fitted again, {count} coefficients differ from those given: chi-squared {moved:.0f}, {chance_text(chance)}"
+        f"the coefficients fitted again are {moved:.0f} from those given (chi-squared, {chance_text(chance)})"
     )
     return ("parameter_error" if chance < _CHANCE else "none"), reasons
 
@@ -337,8 +337,8 @@ def _own_values(base: _Baseline) -> dict[str, float]:
     return base.model.values() | effects
 
 
-def _moved(base: _Baseline) -> tuple[float, int, float]:
-    """How far the model's own parameters are from those given (Wald's test), how many they are, and the chance."""
+def _moved(base: _Baseline) -> tuple[float, float]:
+    """How far the model's own parameters are from those given (Wald's test), and the chance of that."""
     values = _own_values(base)
     every = [parameter.name for parameter in base.before.parameters]
     names = [*base.names, *(f"{effect}.{name}" for effect, name in base.effects)]
@@ -347,7 +347,7 @@ def _moved(base: _Baseline) -> tuple[float, int, float]:
     distance = float(away @ inverse(base.before.covariance[np.ix_(places, places)]) @ away)
     if _is_rough(base.before):
         distance /= _FIXED_GAINS**2
-    return distance, len(places), float(special.chdtrc(len(places), max(distance, 0.0)))
+    return distance, float(special.chdtrc(len(places), max(distance, 0.0)))
 
 
 def _held_out_gaps(

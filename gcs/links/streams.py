@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import glob
 import os
 import socket
@@ -186,14 +185,6 @@ class TcpClientLink(StreamLink):
             sock.close()
 
 
-_CURES = {
-    errno.ENOENT: "there is no such device yet; is it plugged in, and called so (ls /dev/tty*)?",
-    errno.EACCES: "may not be opened; join the group it belongs to: sudo usermod -aG dialout $USER, and log in again",
-    errno.EBUSY: "is held by another program; close that",
-    errno.EAGAIN: "is held by another program; close that",
-}
-
-
 class SerialLink(StreamLink):
     """A serial device or pseudo-terminal: opened again whenever it was unplugged.
 
@@ -222,12 +213,6 @@ class SerialLink(StreamLink):
         except (ValueError, OverflowError, termios.error) as error:  # a baud rate that the device refuses
             reason = " ".join(str(error.args[-1]).split())
             raise OSError(f"{device} cannot be used at {self.url.baud} baud: {reason}") from error
-        except serial.SerialException as error:
-            cure = _CURES.get(error.errno or 0)
-            if cure is None:  # pyserial's words hold the system's, number and all
-                raise
-            one_of_several = "" if device == self.url.device else f"{device}: "
-            raise OSError(error.errno, f"{one_of_several}{cure}") from error
         return (device, self.url.baud), device
 
     def _read(self, timeout_s: float) -> bytes | None:

@@ -63,7 +63,7 @@ function effects(result) {
       Object.entries(one.parameters ?? {}).map(([name, entry]) => h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`)),
       one.alternatives.length ? one.alternatives.map(other => h('div', {}, `${other.name}, ${probability(other.probability)}`))
         : 'nothing else',
-      one.alternatives.length && one.separating_manoeuvre || NONE,
+      one.separating_manoeuvre || NONE,
     ]))
 }
 

@@ -59,7 +59,7 @@ def test_a_device_is_held_by_one_program_alone(tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     with plugged(device), closing(open_link(str(device))) as first, closing(open_link(str(device))) as second:
         connected(first)
-        wait_until(lambda: second.receive(0.01) is None and "held by another program" in second.problem)
+        wait_until(lambda: second.receive(0.01) is None and "lock" in second.problem)
         assert not second.connected
         first.close()
         connected(second)
@@ -110,7 +110,7 @@ def test_a_device_that_is_not_there_yet_is_no_error() -> None:
     with closing(open_link("/dev/does-not-exist,57600")) as link:
         assert link.receive(0.01) is None
         assert not link.connected
-        assert link.problem.startswith("there is no such device yet")
+        assert "does-not-exist" in link.problem
 
 
 def test_what_is_no_serial_device_says_so(tmp_path: Path) -> None:
