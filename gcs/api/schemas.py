@@ -248,8 +248,6 @@ class ModelItem(BaseModel):
     job_id: str
     name: str
     created_ns: int
-    flight_name: str | None = Field(description="What an uploaded flight was called; null for a recorded one")
-    verdict: str | None = Field(description="Of a comparison with a model: what was found")
 
 
 class LiveSignal(BaseModel):

@@ -91,9 +91,6 @@ class JobRunner:
             raise JobError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
         if kind == "discrepancy" and request.get("model") is None:
             raise JobError("discrepancy needs a model: give the id of one (GET /api/models), or the model itself")
-        start, stop = request.get("from"), request.get("to")
-        if start is not None and stop is not None and not start < stop:
-            raise JobError(f"the part from {start:g} s to {stop:g} s is empty: from must be before to")
         for flight in (flight_id, *request.get("validate", ())):
             if self._catalogue.flight(flight).state == "recording":
                 raise JobError(f"flight {flight} is still being recorded; wait until it has ended")

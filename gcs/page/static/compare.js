@@ -4,7 +4,7 @@ import { get } from './api.js'
 import { bars, told } from './estimates.js'
 import { field, h, remark, select, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
-import { modelName, NONE, number, plusMinus, shownUnit, signalName } from './format.js'
+import { NONE, number, plusMinus, shownUnit, signalName } from './format.js'
 import { legendAbove, line, plot, shown, source } from './plots.js'
 import { keepQuery } from './router.js'
 
@@ -45,7 +45,8 @@ function modelSection(page, models, query, signal) {
     return
   }
   const place = h('div', {})
-  const choices = models.map(model => [model.id, modelName(model)])
+  const of = model => `${model.flight_id}${model.kind === 'discrepancy' ? ', effect added' : ''}`
+  const choices = models.map(model => [model.id, of(model)])
   const draw = async () => {
     const ids = [query.get('ma'), query.get('mb')]
     try {

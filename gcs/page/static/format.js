@@ -64,12 +64,3 @@ export const size = bytes => bytes >= 1e9 ? `${number(bytes / 1e9)} GB` : bytes 
 
 /** 2026-11-22T09:09:50.942Z as 2026-11-22 09:09:50. */
 export const utc = text => text ? text.slice(0, 19).replace('T', ' ') : NONE
-
-// Short: lists are narrow on a phone.
-const AFTER_COMPARISON = {
-  missing_effect: ', effect added', parameter_error: ', fitted again', unexplained: ', fitted again', none: ', compared',
-}
-
-/** A model in words: of which flight, and what a comparison made of it. */
-export const modelName = model =>
-  `${model.name || 'model'} of ${model.flight_name || model.flight_id}${AFTER_COMPARISON[model.verdict] ?? ''}`

@@ -90,17 +90,6 @@ def test_progress_never_goes_back_and_stays_within_0_and_1(catalogue: Catalogue)
     assert catalogue.job(job.id).log == ["at 0.5", "at 0.2", "at 7.0"]
 
 
-def test_a_model_is_listed_by_what_its_flight_was_called_and_what_a_comparison_found(catalogue: Catalogue) -> None:
-    catalogue.put_flight(Flight("u", "u.mcap", "windy.bin", "upload", "complete", 1, 5, 6, 0, 0))
-    for kind, result in (("identify", {}), ("discrepancy", {"verdict": "none"})):
-        catalogue.add_job("u", kind, {})
-        job = catalogue.take_job()
-        assert job is not None
-        catalogue.finish_job(job, {**result, "model": {"name": "own"}})
-    told = [(model["kind"], model["flight_name"], model["verdict"]) for model in catalogue.models()]
-    assert told == [("discrepancy", "windy.bin", "none"), ("identify", "windy.bin", None)]
-
-
 def test_the_newest_result_counts_and_its_model_is_listed(catalogue: Catalogue) -> None:
     for value in (1.0, 2.0):
         job = catalogue.add_job("f1", "identify", {})
