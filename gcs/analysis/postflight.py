@@ -9,6 +9,7 @@ from typing import Any
 
 from gcs.analysis.incomplete import cut_off, naming_cuts
 from gcs.analysis.made import made
+from gcs.analysis.sameflight import repeated
 from gcs.flights.signals import extract
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
@@ -79,7 +80,7 @@ def identify(
             progress=progress,
         )
     result = result_json(found)
-    result["warnings"] = list(dict.fromkeys([*craft.warnings, *result["warnings"]]))
+    result["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *result["warnings"]]))
     settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
     models = [path for path in (structure, prior) if path is not None and path.is_file()]
     result["made"] = made(settings, [*paths, *validate, craft.path, *models])
@@ -103,15 +104,10 @@ def discrepancy(
     baseline = read_model(model)
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):
-        found = run(
-            read_flights(paths, craft, system),
-            craft,
-            baseline,
-            validate_on=read_flights(validate, craft, system),
-            progress=progress,
-        )
+        flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
+        found = run(flights, craft, baseline, validate_on=judges, progress=progress)
     clean: dict[str, Any] = finite_json(found)
     models = [model] if model.is_file() else []
-    clean["warnings"] = list(dict.fromkeys([*craft.warnings, *clean.get("warnings", [])]))
+    clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made({"vehicle": craft.name, "system": system}, [*paths, *validate, craft.path, *models])
     return clean
