@@ -240,14 +240,17 @@ class JobRequest(BaseModel):
 
 
 class ModelItem(BaseModel):
-    """One identified model."""
+    """One identified model. `verdict` and `effects` are a discrepancy's; null and empty for an identification."""
 
     id: str
     flight_id: str
+    flight_name: str = Field(description="The file's name of an upload, else the flight's id")
     kind: Literal["identify", "discrepancy"]
     job_id: str
     name: str
     created_ns: int
+    verdict: Literal["none", "parameter_error", "missing_effect", "unexplained"] | None
+    effects: list[str] = Field(description="Names of the effects that were found missing and added")
 
 
 class LiveSignal(BaseModel):

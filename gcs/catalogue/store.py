@@ -13,34 +13,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gcs.catalogue.schema import prepare
 from gcs.errors import CatalogueError, CatalogueFileError, RecordingDeletedError
 from gcs.recording.parts import part_path
 from gcs.text.jsontext import dumps
 from gcs.text.utctext import utc_text
-
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS flights (
-    id TEXT PRIMARY KEY, file TEXT NOT NULL, name TEXT NOT NULL, source TEXT NOT NULL, state TEXT NOT NULL,
-    system INTEGER, start_ns INTEGER NOT NULL, end_ns INTEGER NOT NULL, messages INTEGER NOT NULL,
-    bytes INTEGER NOT NULL, end_reason TEXT NOT NULL);
-CREATE INDEX IF NOT EXISTS flights_by_start ON flights (start_ns DESC, id DESC);
-CREATE TABLE IF NOT EXISTS jobs (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL,
-    kind TEXT NOT NULL, request TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL, error TEXT,
-    attempts INTEGER NOT NULL, created_ns INTEGER NOT NULL, started_ns INTEGER, ended_ns INTEGER);
-CREATE TABLE IF NOT EXISTS job_log (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, job_id TEXT NOT NULL, at_ns INTEGER NOT NULL, line TEXT NOT NULL);
-CREATE INDEX IF NOT EXISTS job_log_by_job ON job_log (job_id, number);
-CREATE TABLE IF NOT EXISTS results (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, flight_id TEXT NOT NULL, kind TEXT NOT NULL, job_id TEXT NOT NULL,
-    created_ns INTEGER NOT NULL, json TEXT NOT NULL);
-CREATE INDEX IF NOT EXISTS results_by_flight ON results (flight_id, kind, number DESC);
-CREATE TABLE IF NOT EXISTS models (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL, kind TEXT NOT NULL,
-    job_id TEXT NOT NULL, name TEXT NOT NULL, created_ns INTEGER NOT NULL, json TEXT NOT NULL);
-"""
-# Columns that came later: name, and how it is declared.
-_LATER_COLUMNS = (("parts", "INTEGER NOT NULL DEFAULT 1"), ("deleted_ns", "INTEGER"), ("vehicle_s", "REAL"))
 
 # What a search for flights looks at: an upload's name, and the instant as its user knows it.
 _SEARCHED = "id || ' ' || name || ' ' || strftime('%Y-%m-%d %H:%M:%S', start_ns / 1000000000, 'unixepoch')"
@@ -133,16 +110,9 @@ class Catalogue:
             self._db.row_factory = sqlite3.Row
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = NORMAL")
-            self._db.executescript(_SCHEMA)
-            self._add_later_columns()
+            prepare(self._db)
         except (sqlite3.Error, OSError) as error:
             raise CatalogueError(f"{path}: the catalogue cannot be opened ({error})") from error
-
-    def _add_later_columns(self) -> None:
-        there = {row["name"] for row in self._db.execute("PRAGMA table_info(flights)")}
-        for name, declared in _LATER_COLUMNS:
-            if name not in there:
-                self._db.execute(f"ALTER TABLE flights ADD COLUMN {name} {declared}")
 
     def close(self) -> None:
         """Close the file."""
@@ -317,11 +287,13 @@ class Catalogue:
                 (job.flight_id, job.kind, job.id, now, dumps(result)),
             )
             if isinstance(model, dict):
+                found = [str(effect["name"]) for effect in result.get("effects", ())]
                 db.execute(
-                    "INSERT OR REPLACE INTO models (id, flight_id, kind, job_id, name, created_ns, json)"
-                    " VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    (job.id, job.flight_id, job.kind, job.id, str(model.get("name", "")), now, dumps(model)),
-                )
+                    "INSERT OR REPLACE INTO models (id, flight_id, kind, job_id, name, created_ns, json, verdict,"
+                    " found) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    (job.id, job.flight_id, job.kind, job.id, str(model.get("name", "")), now, dumps(model),
+                     result.get("verdict"), dumps(found)),
+                )  # fmt: skip
             db.execute("UPDATE jobs SET state = 'done', progress = 1, ended_ns = ? WHERE id = ?", (now, job.id))
 
     def fail_job(self, job_id: str, error: str) -> None:
@@ -369,9 +341,13 @@ class Catalogue:
         return str(rows[0]["job_id"]), dict(json.loads(rows[0]["json"]))
 
     def models(self) -> list[dict[str, Any]]:
-        """Every model, newest first, without its coefficients."""
-        rows = self._rows("SELECT id, flight_id, kind, job_id, name, created_ns FROM models ORDER BY number DESC")
-        return [dict(row) for row in rows]
+        """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""
+        rows = self._rows(
+            "SELECT m.id, m.flight_id, CASE f.source WHEN 'upload' THEN f.name ELSE m.flight_id END AS flight_name,"
+            " m.kind, m.job_id, m.name, m.created_ns, m.verdict, ifnull(m.found, '[]') AS effects"
+            " FROM models m LEFT JOIN flights f ON f.id = m.flight_id ORDER BY m.number DESC"
+        )
+        return [{**dict(row), "effects": json.loads(row["effects"])} for row in rows]
 
     def model(self, model_id: str) -> dict[str, Any]:
         """One model; CatalogueError if there is none."""

@@ -5,6 +5,7 @@ import { bars, told } from './estimates.js'
 import { field, h, remark, select, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { NONE, number, plusMinus, shownUnit, signalName } from './format.js'
+import { modelTitle } from './modeltitle.js'
 import { legendAbove, line, plot, shown, source } from './plots.js'
 import { keepQuery } from './router.js'
 
@@ -45,8 +46,7 @@ function modelSection(page, models, query, signal) {
     return
   }
   const place = h('div', {})
-  const of = model => `${model.flight_id}${model.kind === 'discrepancy' ? ', effect added' : ''}`
-  const choices = models.map(model => [model.id, of(model)])
+  const choices = models.map(model => [model.id, modelTitle(model)])
   const draw = async () => {
     const ids = [query.get('ma'), query.get('mb')]
     try {

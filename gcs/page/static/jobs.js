@@ -5,6 +5,7 @@ import { announce } from './announce.js'
 import { field, h, remark, select } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { utc } from './format.js'
+import { modelTitle } from './modeltitle.js'
 
 const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy' }
 const TABS = { identify: 'model', discrepancy: 'discrepancy' }
@@ -77,8 +78,7 @@ function form(title, words, label, parts, submit) {
   }, h('h3', {}, title), h('p', {}, words), parts, h('button', { class: 'main' }, label), says)
 }
 
-const named = models => models.map(model =>
-  [model.id, `${model.name || 'model'} of flight ${model.flight_id}${model.kind === 'discrepancy' ? ', effect added' : ''}`])
+const named = models => models.map(model => [model.id, modelTitle(model, true)])
 
 function identifyForm(validate, models, start) {
   const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')

@@ -106,6 +106,32 @@ def test_the_newest_result_counts_and_its_model_is_listed(catalogue: Catalogue) 
     assert catalogue.job(job.id).state == "done"
 
 
+def stored(catalogue: Catalogue, flight_id: str, kind: str, **result: object) -> None:
+    job = catalogue.add_job(flight_id, kind, {})
+    catalogue.finish_job(job, {"model": {"name": "m", "coefficients": {}}, **result})
+
+
+def test_models_are_listed_with_flight_verdict_and_effects(tmp_path: Path) -> None:
+    path = tmp_path / "c.sqlite"
+    with closing(Catalogue(path)) as catalogue:
+        catalogue.put_flight(replace(flight(1), name="calm morning.tlog", source="upload"))
+        catalogue.put_flight(flight(2))
+        stored(catalogue, "f1", "identify")
+        stored(catalogue, "f1", "discrepancy", verdict="missing_effect", effects=[{"name": "stall"}, {"name": "wind"}])
+        stored(catalogue, "f2", "discrepancy", verdict="none", effects=[])
+        listed = catalogue.models()
+    assert [(m["flight_name"], m["verdict"], m["effects"]) for m in listed] == [
+        ("f2", "none", []),
+        ("calm morning.tlog", "missing_effect", ["stall", "wind"]),
+        ("calm morning.tlog", None, []),
+    ]
+    # A file of a version that did not keep them.
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript("ALTER TABLE models DROP COLUMN verdict; ALTER TABLE models DROP COLUMN found")
+    with closing(Catalogue(path)) as catalogue:
+        assert catalogue.models() == listed
+
+
 def test_a_job_that_stops_the_service_twice_is_not_tried_a_third_time(tmp_path: Path) -> None:
     path = tmp_path / "c.sqlite"
     first = Catalogue(path)

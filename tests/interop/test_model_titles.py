@@ -1,0 +1,36 @@
+"""How the page calls a model: by its flight's file and what was found, run by node."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+MODULE = Path(__file__).resolve().parents[2] / "gcs" / "page" / "static" / "modeltitle.js"
+PROGRAM = "import(process.argv[1]).then(m => console.log(m.modelTitle(JSON.parse(process.argv[2]))))"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "told"),
+    [
+        (None, [], "calm.tlog, identified"),
+        ("none", [], "calm.tlog, questioned: nothing missing"),
+        ("parameter_error", [], "calm.tlog, coefficients corrected"),
+        ("missing_effect", ["stall", "motor_lag"], "calm.tlog, stall and motor_lag added"),
+        ("unexplained", [], "calm.tlog, questioned: unexplained, nothing added"),
+    ],
+)
+def test_a_model_is_called_by_what_was_found(verdict: str | None, effects: list[str], told: str) -> None:
+    model = {
+        "flight_id": "20261123T061000Z-1",
+        "flight_name": "calm.tlog",
+        "kind": "discrepancy" if verdict else "identify",
+        "name": "mine",
+        "verdict": verdict,
+        "effects": effects,
+    }
+    command = ["node", "-e", PROGRAM, str(MODULE), json.dumps(model)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout.strip() == told
