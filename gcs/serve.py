@@ -29,6 +29,7 @@ from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
 from gcs.station.voice import StationVoice
 from gcs.station.warmup import warm_up
+from gcs.text.oserrors import reason
 from sim_vehicle.vehicle import load_vehicle
 
 _log = logging.getLogger(__name__)
@@ -68,7 +69,7 @@ def _listen(settings: Settings) -> socket.socket:
         return socket.create_server((settings.host, settings.port), family=family, backlog=128)
     except OSError as error:
         raise ServiceError(
-            f"cannot listen on {settings.host} port {settings.port} ({error.strerror or error}); choose another --port"
+            f"cannot listen on {settings.host} port {settings.port} ({reason(error)}); choose another --port"
         ) from error
 
 

@@ -16,11 +16,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read the result, write the page."""
     from gcs.analysis.results import check_targets
+    from gcs.errors import ReportError
     from gcs.report.page import report
     from gcs.report.source import read_result
     from gcs.text.files import write_whole
 
     check_targets(args.output, inputs=[args.result])
-    write_whole(args.output, report(read_result(args.result)))
+    result = read_result(args.result)
+    try:
+        page = report(result)
+    except ReportError as error:
+        raise ReportError(f"{args.result}: {error}") from error
+    write_whole(args.output, page)
     print(f"{args.output} written")
     return 0

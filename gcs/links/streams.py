@@ -18,6 +18,7 @@ from gcs.links.datagrams import Batch, Peer
 from gcs.links.link import Backoff, Link, address_text, readable
 from gcs.links.outbox import Outbox
 from gcs.links.url import LinkUrl
+from gcs.text.oserrors import device_reason, reason
 
 # Reads are stamped here, not by the kernel, so each is made at once; only the handing over waits for a few.
 GATHER_S = 0.02
@@ -65,7 +66,7 @@ class StreamLink(Link):
                     left = min(left, GATHER_S)
                 data = self._read(left)
             except OSError as error:
-                self._lose(error.strerror or str(error))
+                self._lose(reason(error))
                 break
             if data is None:
                 self._lose(CLOSED)
@@ -85,7 +86,7 @@ class StreamLink(Link):
         try:
             peer, address = self._connect(timeout_s)
         except OSError as error:
-            self.problem = error.strerror or str(error)
+            self.problem = reason(error)
             return False
         self._source = self.sources.of(peer, address)
         self._outbox = Outbox(self._write, self._sent, self._unsent)
@@ -210,9 +211,11 @@ class SerialLink(StreamLink):
         try:
             # Exclusive: a second program on the device would take bytes away from this one.
             self._port = serial.Serial(device, self.url.baud, exclusive=True)
+        except serial.SerialException as error:
+            raise OSError(device_reason(device, error)) from error
         except (ValueError, OverflowError, termios.error) as error:  # a baud rate that the device refuses
-            reason = " ".join(str(error.args[-1]).split())
-            raise OSError(f"{device} cannot be used at {self.url.baud} baud: {reason}") from error
+            why = " ".join(str(error.args[-1]).split())
+            raise OSError(f"{device} cannot be used at {self.url.baud} baud: {why}") from error
         return (device, self.url.baud), device
 
     def _read(self, timeout_s: float) -> bytes | None:

@@ -15,6 +15,7 @@ from gcs.links.outbox import Outbox
 from gcs.links.sources import MOST_PEERS
 from gcs.links.streams import CLOSED, GATHER_S, LINGER_S, READ_BYTES, prepare_socket, write_some
 from gcs.links.url import LinkUrl
+from gcs.text.oserrors import reason
 
 
 class _Client:
@@ -43,9 +44,7 @@ class TcpServerLink(Link):
             family, address = resolve(url, socket.SOCK_STREAM)
             self._listener = socket.create_server(address, family=socket.AddressFamily(family), backlog=16)
         except OSError as error:
-            raise LinkError(
-                f"{url.text}: cannot listen there ({error.strerror or error}); choose another port"
-            ) from error
+            raise LinkError(f"{url.text}: cannot listen there ({reason(error)}); choose another port") from error
         self._listener.setblocking(False)
         self._clients: dict[int, _Client] = {}
 
@@ -111,7 +110,7 @@ class TcpServerLink(Link):
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
-            data, problem = b"", error.strerror or str(error)
+            data, problem = b"", reason(error)
         if not data:
             self._clients = {number: one for number, one in self._clients.items() if one is not client}
             client.close()

@@ -14,6 +14,7 @@ from gcs.errors import LinkError
 from gcs.links.datagrams import Batch, DatagramReceiver, Peer
 from gcs.links.link import Backoff, Link, address_text, readable, resolve
 from gcs.links.url import LinkKind, LinkUrl
+from gcs.text.oserrors import reason
 
 # Holds over a minute of ordinary telemetry while the process is held up. The system grants a quarter of it or less to
 # those who may not overrule its limit (net.core.rmem_max).
@@ -69,10 +70,8 @@ class UdpLink(Link):
             self._open()
         except OSError as error:
             if url.kind is LinkKind.UDP_IN:
-                raise LinkError(
-                    f"{url.text}: cannot listen there ({error.strerror or error}); choose another port"
-                ) from error
-            self.problem = error.strerror or str(error)
+                raise LinkError(f"{url.text}: cannot listen there ({reason(error)}); choose another port") from error
+            self.problem = reason(error)
 
     @property
     def port(self) -> int:
@@ -146,7 +145,7 @@ class UdpLink(Link):
         try:
             return self._receiver.drain()
         except OSError as error:  # a connected socket hears of a port that nobody listens on
-            self.problem = error.strerror or str(error)
+            self.problem = reason(error)
             return []
 
     def _adapt_wait(self, datagrams: int, slots: int) -> None:
@@ -165,7 +164,7 @@ class UdpLink(Link):
         try:
             self._open()
         except OSError as error:
-            self.problem = error.strerror or str(error)
+            self.problem = reason(error)
             return False
         self._retry.reset()
         return True

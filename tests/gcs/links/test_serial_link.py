@@ -59,7 +59,7 @@ def test_a_device_is_held_by_one_program_alone(tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     with plugged(device), closing(open_link(str(device))) as first, closing(open_link(str(device))) as second:
         connected(first)
-        wait_until(lambda: second.receive(0.01) is None and "lock" in second.problem)
+        wait_until(lambda: second.receive(0.01) is None and "another program holds" in second.problem)
         assert not second.connected
         first.close()
         connected(second)

@@ -285,6 +285,7 @@ def test_what_is_no_result_is_refused_in_one_line(
     assert main(["report", str(source), "-o", str(page)]) == 1
     said = capsys.readouterr().err
     assert words in said
+    assert str(source) in said
     assert said.count("\n") == 1
     assert not page.exists()
 
