@@ -74,6 +74,8 @@ def _in_words(errors: Sequence[Mapping[str, Any]]) -> str:
     where = ".".join(str(part) for part in first["loc"][1:]) or str(first["loc"][0])
     if first["type"] == "json_invalid":
         return f"the body is no JSON ({first['ctx']['error']}, at character {where}); {_A_JOB}"
+    if first["type"] == "value_error":
+        return str(first["ctx"]["error"])
     if first["loc"] == ("body",):
         # Without its content type, JSON counts as text.
         return f"the body is missing or no JSON object; {_A_JOB}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gcs.analysis.part import part_problem
 
 
 class Problem(BaseModel):
@@ -237,6 +239,12 @@ class JobRequest(BaseModel):
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)
     system: int | None = Field(None, ge=1, le=255)
+
+    @model_validator(mode="after")
+    def _part_in_order(self) -> Self:
+        if problem := part_problem(self.from_, self.to):
+            raise ValueError(problem)
+        return self
 
 
 class ModelItem(BaseModel):

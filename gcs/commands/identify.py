@@ -23,10 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
+    from gcs.analysis.part import part_problem
     from gcs.analysis.postflight import identify
     from gcs.analysis.results import check_targets, identification_text, write_results
+    from gcs.errors import SettingsError
     from gcs.options.flights import open_flights
 
+    if problem := part_problem(args.start, args.stop):
+        raise SettingsError(f"--from, --to: {problem}")
     check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     with open_flights(args) as flights:
         result = identify(

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from gcs.analysis.part import part_problem
 from gcs.catalogue.store import Catalogue, Job
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
 from gcs.settings import Settings
@@ -91,10 +92,9 @@ class JobRunner:
             raise JobError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
         if kind == "discrepancy" and request.get("model") is None:
             raise JobError("discrepancy needs a model: give the id of one (GET /api/models), or the model itself")
-        for flight in (flight_id, *request.get("validate", ())):
-            if self._catalogue.flight(flight).state == "recording":
-                raise JobError(f"flight {flight} is still being recorded; wait until it has ended")
-            self._recordings(flight)
+        for name in (flight_id, *request.get("validate", ())):
+            self._check_flight(name)
+        self._check_part(flight_id, request)
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
@@ -105,6 +105,25 @@ class JobRunner:
             job = self._catalogue.job(job.id)
         self._wake.set()
         return job
+
+    def _check_flight(self, flight_id: str) -> None:
+        """Raises JobError for a flight that no job can use."""
+        flight = self._catalogue.flight(flight_id)
+        if flight.state == "recording":
+            raise JobError(f"flight {flight_id} is still being recorded; wait until it has ended")
+        self._recordings(flight_id)
+        if flight.system is None:
+            raise JobError(f"flight {flight_id} holds no message of a vehicle; choose another")
+
+    def _check_part(self, flight_id: str, request: dict[str, Any]) -> None:
+        """Raises JobError for a part of the flight that is none."""
+        start, stop = request.get("from"), request.get("to")
+        if problem := part_problem(start, stop):
+            raise JobError(problem)
+        flight = self._catalogue.flight(flight_id)
+        lasts = flight.vehicle_s
+        if start is not None and lasts is not None and start >= lasts:
+            raise JobError(f"from ({start:g} s) is beyond the flight's end: it lasts {lasts:.1f} s")
 
     def _puts_aside(self, flight_id: str, kind: str, request: dict[str, Any]) -> str:
         """What is to be known where a result that nothing judges is to be newer than one judged on other flights."""

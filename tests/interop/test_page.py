@@ -199,7 +199,9 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         for number in range(120):
             start = (1_600_000_000 + 86_400 * number) * 10**9
             name = f"calm morning {number}.tlog"
-            catalogue.put_flight(Flight(f"f{number}", "gone.mcap", name, "upload", "complete", 1, start, start, 9, 9))
+            catalogue.put_flight(
+                Flight(f"f{number}", "gone.mcap", name, "upload", "complete", 1, start, start, 9, 9, vehicle_s=9.0)
+            )
     ground = Ground(tmp_path, free_port(), free_port())
     ground.start()
     visitor = Visitor(browser, ground.url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "phone")

@@ -40,6 +40,10 @@ export async function jobs(page, summary, signal) {
   if (!summary.jobs.length) list.before(none)
 }
 
+// Without a vehicle, or any stamped motion of it, there is nothing to compare a model with.
+const canJudge = flight => flight.state !== 'recording' && !flight.recording_deleted
+  && flight.system !== null && flight.vehicle_duration_s !== null
+
 /** A choice of flights that the result is judged on: of the newest, and of those that are looked for. */
 function judges(summary, newest, signal) {
   const list = h('fieldset', { class: 'choices' })
@@ -47,7 +51,7 @@ function judges(summary, newest, signal) {
   const show = (found, words) => {
     const kept = checked().map(box => box.parentElement)
     const there = new Set(checked().map(box => box.value))
-    const boxes = found.flights.filter(one => one.id !== summary.id && one.state !== 'recording' && !there.has(one.id))
+    const boxes = found.flights.filter(one => one.id !== summary.id && !there.has(one.id) && canJudge(one))
       .map(one => h('label', { class: 'choice' }, h('input', { type: 'checkbox', value: one.id }), flightTitle(one)))
     const none = words ? `No other flight has “${words}” in its name or date.`
       : 'There is no other flight; fly or upload one to judge the model on.'
@@ -88,10 +92,13 @@ function identifyForm(validate, models, start) {
     validate.element,
     h('details', {}, h('summary', {}, 'More settings'), field('Method', method),
       field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to)),
-  ], () => start({
-    kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
-    ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
-  }))
+  ], async () => {
+    if (to.value && Number(to.value) <= Number(from.value)) throw new Error('“To” must be later than “From”')
+    return start({
+      kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
+      ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
+    })
+  })
 }
 
 function discrepancyForm(validate, models, start) {

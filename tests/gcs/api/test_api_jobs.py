@@ -1,6 +1,7 @@
 """Jobs over REST, from request to model, and requests that cannot work."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -101,13 +102,21 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
         ({"kind": "discrepancy"}, 409, "model"),
         ({"kind": "discrepancy", "model": "../../etc/passwd"}, 404, "no model"),
         ({"kind": "identify", "validate": ["../x"]}, 404, "no flight"),
+        ({"kind": "identify", "from": 30, "to": 10}, 422, "to (10 s) is not later than from (30 s): give a part"),
+        ({"kind": "identify", "to": 0}, 422, "to (0 s) is not later than from (0 s)"),
+        ({"kind": "identify", "from": 30}, 409, "from (30 s) is beyond the flight's end: it lasts 1.0 s"),
+        ({"kind": "identify", "validate": ["noise"]}, 409, "flight noise holds no message of a vehicle"),
     ],
 )
 def test_job_requests_that_cannot_work(
     bench: Bench, client: httpx.Client, body: dict[str, Any], status: int, words: str
 ) -> None:
     flight = bench.record(1, 1, START)
+    known = bench.catalogue.flight(flight)
+    bench.catalogue.put_flight(replace(known, id="noise", system=None))
+    bench.catalogue.put_flight(replace(known, vehicle_s=1.0))
     assert words in problem(client.post(f"/api/flights/{flight}/jobs", json=body), status)
+    assert bench.catalogue.jobs_of(flight) == []
 
 
 def test_without_a_vehicle_file_jobs_and_signals_say_so(make_bench: Callable[..., Bench]) -> None:

@@ -97,11 +97,11 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def test_a_job_leaves_its_result_its_model_and_its_log(bench: Bench) -> None:
-    job = bench.run(GOOD, {"kind": "identify", "method": "ee", "from": 3.5})
+    job = bench.run(GOOD, {"kind": "identify", "method": "ee", "from": 0.5})
     assert (job.state, job.progress, job.error) == ("done", 1.0, None)
     assert job.log == ["half way", "a library that prints"]
     result = bench.catalogue.result(bench.flight, "identify")
-    assert (result["method"], result["start"]) == ("ee", 3.5)
+    assert (result["method"], result["start"]) == ("ee", 0.5)
     assert bench.catalogue.model(job.id)["coefficients"]["CL_0"]["value"] == 0.25
     assert list(bench.settings.jobs.iterdir()) == []
 
