@@ -34,7 +34,7 @@ from sysid.gapseries import gap_series
 from sysid.gapstages import fixed_model, stage_gaps, widening
 from sysid.location import locate
 from sysid.named import effect_json, reason
-from sysid.phrases import chance_text
+from sysid.phrases import moved_words
 from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
@@ -317,9 +317,7 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
             return "missing_effect", reasons
         return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
     moved, chance = _moved(base)
-    reasons.append(
-        f"the coefficients fitted again are {moved:.0f} from those given (chi-squared, {chance_text(chance)})"
-    )
+    reasons.append(moved_words(moved, len(base.names) + len(base.effects), chance))
     return ("parameter_error" if chance < _CHANCE else "none"), reasons
 
 

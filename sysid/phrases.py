@@ -156,3 +156,12 @@ def too_small(p_value: float) -> bool:
 def chance_text(p_value: float) -> str:
     """A p value within a sentence."""
     return f"chance below 1e{LEAST_EXPONENT}" if too_small(p_value) else f"chance {p_value:.1e}"
+
+
+def moved_words(distance: float, count: int, p_value: float) -> str:
+    """How far `count` parameters fitted again are from those given; distance: chi-squared of all together."""
+    typical = math.sqrt(max(distance, 0.0) / max(count, 1))
+    return (
+        f"fitted again, the model's {count} parameters move by {typical:.1f} standard errors on average"
+        f" (chi-squared {distance:.0f}, {chance_text(p_value)})"
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,5 +33,16 @@ def test_a_model_is_called_by_what_was_found(verdict: str | None, effects: list[
         "effects": effects,
     }
     command = ["node", "-e", PROGRAM, str(MODULE), json.dumps(model)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout.strip() == told
+
+
+@pytest.mark.parametrize(
+    ("alternatives", "told"), [([], "–"), ([{"name": "stall", "probability": 0.1}], "slow deceleration")]
+)
+def test_a_manoeuvre_separates_an_effect_only_from_another(alternatives: list[dict[str, Any]], told: str) -> None:
+    effect = {"alternatives": alternatives, "separating_manoeuvre": "slow deceleration"}
+    program = PROGRAM.replace("modelTitle", "separation")
+    command = ["node", "-e", program, str(MODULE.with_name("discrepancy.js")), json.dumps(effect)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
     assert done.stdout.strip() == told

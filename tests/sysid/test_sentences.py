@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sim_vehicle.effects import EFFECTS
-from sysid.phrases import chance_text, digits, effect_phrase
+from sysid.phrases import chance_text, digits, effect_phrase, moved_words
 from sysid.sentences import sentence, shrinking
 
 # Alpha goes from 5.1 to 1.1 times its floor, q from 2 to 1: of alpha's part above the floor, sqrt(5.1^2 - 1) = 5.001,
@@ -168,3 +168,11 @@ def test_numbers_have_the_digits_that_their_errors_allow(value: float, std: floa
 )
 def test_no_chance_is_zero(p_value: float, told: str) -> None:
     assert chance_text(p_value) == told
+
+
+def test_how_far_the_parameters_move_is_told_in_their_standard_errors() -> None:
+    assert moved_words(48.0, 12, 3e-6) == (  # sqrt(48 / 12)
+        "fitted again, the model's 12 parameters move by 2.0 standard errors on average"
+        " (chi-squared 48, chance 3.0e-06)"
+    )
+    assert "move by 0.0 standard errors" in moved_words(0.0, 0, 1.0)

@@ -54,6 +54,9 @@ export function discrepancy(page, result, summary, signal) {
   modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
 }
 
+/** What to fly to tell an effect from its alternatives; nothing where there are none. */
+export const separation = one => one.alternatives.length && one.separating_manoeuvre || NONE
+
 function effects(result) {
   return table('Effects found, and those that these flights cannot tell from them',
     ['Effect', 'Probability', 'Parameters', 'Could as well be', 'Would separate them'],
@@ -63,7 +66,7 @@ function effects(result) {
       Object.entries(one.parameters ?? {}).map(([name, entry]) => h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`)),
       one.alternatives.length ? one.alternatives.map(other => h('div', {}, `${other.name}, ${probability(other.probability)}`))
         : 'nothing else',
-      one.separating_manoeuvre || NONE,
+      separation(one),
     ]))
 }
 
