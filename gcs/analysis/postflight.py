@@ -9,7 +9,7 @@ from typing import Any
 
 from gcs.analysis.incomplete import cut_off, naming_cuts
 from gcs.analysis.made import made
-from gcs.analysis.sameflight import repeated
+from gcs.analysis.sameflight import repeated, same
 from gcs.flights.signals import extract
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
@@ -81,6 +81,9 @@ def identify(
         )
     result = result_json(found)
     result["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *result["warnings"]]))
+    if result.get("validation") and any(same(judge, flight) for judge in judges for flight in flights):
+        # The verdict stands in green beside its reason.
+        result["validation"]["reason"] = f"{result['validation']['reason']}, judged on a flight that was fitted"
     settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
     models = [path for path in (structure, prior) if path is not None and path.is_file()]
     result["made"] = made(settings, [*paths, *validate, craft.path, *models])

@@ -47,7 +47,7 @@ def test_a_fitted_flight_is_known_under_any_name(flights: dict[str, Path]) -> No
 @pytest.mark.parametrize("job", ["identify", "discrepancy"])
 def test_the_result_begins_with_it(flights: dict[str, Path], monkeypatch: pytest.MonkeyPatch, job: str) -> None:
     def found(*given: Any, **settings: Any) -> dict[str, Any]:
-        return {"warnings": ["rpm: slow"]}
+        return {"warnings": ["rpm: slow"], "validation": {"reason": "every TIC at most 0.25"}}
 
     monkeypatch.setattr(f"sysid.{job}.{job}", found)
     monkeypatch.setattr("sysid.result.result_json", lambda result: result)
@@ -56,4 +56,8 @@ def test_the_result_begins_with_it(flights: dict[str, Path], monkeypatch: pytest
     result = run([flights["first"]], CRAFT, *model, validate=[flights["copy"]])
     assert TOLD in result["warnings"][0]
     assert result["warnings"][-1] == "rpm: slow"
-    assert run([flights["first"]], CRAFT, *model, validate=[flights["second"]])["warnings"] == ["rpm: slow"]
+    if job == "identify":
+        assert result["validation"]["reason"] == "every TIC at most 0.25, judged on a flight that was fitted"
+    other = run([flights["first"]], CRAFT, *model, validate=[flights["second"]])
+    assert other["warnings"] == ["rpm: slow"]
+    assert other["validation"] == found()["validation"]
