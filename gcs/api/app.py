@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -47,9 +48,11 @@ def create_app(
         if live is not None:
             live.start()
         recorder.start()
+        watching = asyncio.create_task(service.minute.follow(feed))
         try:
             yield
         finally:
+            watching.cancel()
             service.uploads.close()
             feed.stop()
             recorder.stop()

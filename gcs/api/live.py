@@ -12,7 +12,7 @@ from typing import Any
 from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
 
-from gcs.api.schemas import Live
+from gcs.api.schemas import Live, Minute
 from gcs.api.service import Service, Serving
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import VehicleFileError
@@ -31,6 +31,12 @@ _STARTING = "the first estimates come a few seconds after the first messages"
 def live(service: Serving) -> Live:
     """The newest value of every signal, the links, and what is known of the aircraft so far."""
     return Live.model_validate(snapshot(service))
+
+
+@router.get("/api/live/minute")
+def minute(service: Serving) -> Minute:
+    """What the stream told of the signals over the last minute; units are in /api/live."""
+    return Minute.model_validate(service.minute.to_json())
 
 
 @router.get(

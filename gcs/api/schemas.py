@@ -293,3 +293,11 @@ class Live(BaseModel):
     identification: dict[str, Any] | None
     why: str | None = Field(description="Why there is no identification")
     process: LiveProcess
+
+
+class Minute(BaseModel):
+    """The last minute of the flight that is followed, five times a second."""
+
+    flight: str | None = Field(description="Id of the recording; null where none is made")
+    time_s: list[float] = Field(description="Time of the flight, s since its first message")
+    signals: dict[str, list[float | None]] = Field(description="As many values of each, null where it had none")

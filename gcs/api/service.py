@@ -8,6 +8,7 @@ from typing import Annotated, Protocol, cast
 
 from fastapi import Depends, Request
 
+from gcs.api.lastminute import LastMinute
 from gcs.catalogue.flightview import FlightViewer
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.reports import Reports
@@ -29,7 +30,8 @@ class Watched(Protocol):
 class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
-    live: the flight as it is now."""
+    live: the flight as it is now; minute: as it was told over the last minute.
+    """
 
     settings: Settings
     catalogue: Catalogue
@@ -41,6 +43,7 @@ class Service:
     viewer: FlightViewer = field(init=False)
     uploads: Uploads = field(init=False)
     reports: Reports = field(default_factory=Reports)
+    minute: LastMinute = field(default_factory=LastMinute)
 
     def __post_init__(self) -> None:
         self.viewer = FlightViewer(self.settings)

@@ -156,12 +156,13 @@ class LiveView {
   async connected() {
     const before = this.stateEvents
     try {
-      const newest = await get('/api/live', this.signal)
+      const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
       // An event that came while this answer was under way is newer than the answer.
       if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight })
       this.broken = false
       this.heard = Date.now()
       this.take(newest)
+      if (!this.data.flight || minute.flight === this.data.flight) this.plots.fill(minute)
     } catch (error) {
       if (!this.signal.aborted) this.disconnected(error.message)
     }

@@ -57,6 +57,25 @@ export class LivePlots {
     this.dirty = true
   }
 
+  /** Take GET /api/live/minute: what was before the page was opened, or while its connection was lost. */
+  fill({ time_s: times, signals }) {
+    if (!times.length || times.at(-1) < this.newest - WINDOW_S) return
+    for (const [name, values] of Object.entries(signals)) {
+      if (!(name in this.unitOf)) continue
+      const factor = this.shownUnit(name)[1]
+      const later = this.kept.get(name) ?? { x: [], y: [] }
+      const from = later.x.findIndex(at => at > times.at(-1))
+      const tail = from < 0 ? later.x.length : from
+      this.kept.set(name, {
+        x: [...times, ...later.x.slice(tail)],
+        y: [...values.map(value => value === null ? NaN : value * factor), ...later.y.slice(tail)],
+      })
+    }
+    this.newest = Math.max(this.newest, times.at(-1))
+    this.build()
+    this.dirty = true
+  }
+
   clear() {
     for (const entry of this.kept.values()) Object.assign(entry, { x: [], y: [] })
     this.newest = 0

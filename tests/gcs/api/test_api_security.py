@@ -71,6 +71,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/models",
         "GET /api/models/{model_id}",
         "GET /api/live",
+        "GET /api/live/minute",
         "GET /api/live/stream",
     }
     body = schema["components"]["schemas"]["JobRequest"]["properties"]
