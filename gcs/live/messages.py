@@ -172,7 +172,11 @@ class VehicleMessages:
         chosen = np.asarray(instance == lowest)
         return stream if chosen.all() else stream.only(chosen)
 
-    def _timed(self, streams: list[Stream]) -> list[Stream]:
+    def _timed(self, streams: list[Stream], *, anew: bool = False) -> list[Stream]:
+        """The streams with their times. anew: the clock has just started anew with them, which it does once a turn.
+
+        Clocks of one vehicle that stand more than _RESET_S apart would start it for ever.
+        """
         for stream in streams:
             if stream.message == "SYSTEM_TIME":
                 self._take_system_time(stream)
@@ -187,11 +191,11 @@ class VehicleMessages:
                 self._clock.start_ns = int(since_boot.min())
             seconds = (since_boot - self._clock.start_ns) / NS_PER_S
             newest = float(seconds.max())
-            if self.newest_s is not None and newest < self.newest_s - _RESET_S:
+            if not anew and self.newest_s is not None and newest < self.newest_s - _RESET_S:
                 system, autopilot = self.system, self.autopilot
                 self.restart()
                 self.system, self.autopilot = system, autopilot
-                return self._timed(streams)
+                return self._timed(streams, anew=True)
             self.newest_s = newest if self.newest_s is None else max(self.newest_s, newest)
             timed.append(replace(stream, time_s=seconds))
         return timed

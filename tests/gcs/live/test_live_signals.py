@@ -104,6 +104,16 @@ def test_a_vehicle_that_starts_anew_begins_at_zero_and_a_ground_station_is_none(
     np.testing.assert_allclose(attitude.time_s, 0.02 * np.arange(50), atol=1e-9)
 
 
+def test_clocks_of_one_vehicle_that_stand_apart_end_nothing() -> None:
+    messages, vehicle = VehicleMessages(Dialect.load(), ["ATTITUDE", "SCALED_PRESSURE"]), Vehicle(7)
+    vehicle.boot_ms = 60_000
+    late = [vehicle.frame(mavlink.MAVLink_scaled_pressure_message(ms, 1013.0, 0.0, 2000)) for ms in (40_000, 40_020)]
+    for turn in range(3):
+        streams = messages.take([batch([*vehicle.second(), *late], (10 + turn) * SECOND)])
+        assert {stream.message for stream in streams} >= {"ATTITUDE", "SCALED_PRESSURE"}
+        assert np.all(np.diff(attitude_of(streams).time_s) > 0.0)
+
+
 def test_a_vehicle_that_is_bound_is_the_only_one_whoever_is_heard_first() -> None:
     messages, other, own = VehicleMessages(Dialect.load(), ["ATTITUDE"]), Vehicle(1), Vehicle(2)
     assert messages.bind(2)
