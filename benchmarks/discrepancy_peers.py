@@ -37,7 +37,8 @@ from sim_vehicle.layout import Par
 from sim_vehicle.model import Model, model_from_json
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
-from sysid.discrepancy import BENCH, NUISANCE, SUB_STEPS, discrepancy
+from sysid.baseline import BENCH, NUISANCE, SUB_STEPS
+from sysid.discrepancy import discrepancy
 from sysid.engines import fitted
 from sysid.estimate import MAX_RUN_S, free_coefficients, model_of
 from sysid.flight import FlightSignals

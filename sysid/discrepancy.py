@@ -8,25 +8,36 @@ absorbed. All by filter error, in calm air too: a model that lacks something sti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy import special
 
-from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
 from sysid.adequacy import left_over
+from sysid.baseline import (
+    BENCH,
+    Baseline,
+    Flights,
+    Progress,
+    fitted_again,
+    is_beyond_bench,
+    posed,
+    sensors_alone,
+    without_bench,
+)
+from sysid.candidates import check_known
 from sysid.compatibility import CompatibilityResult
 from sysid.dryden import Turbulence
-from sysid.engines import Setting, fitted
+from sysid.engines import fitted
 from sysid.errors import EstimationError
-from sysid.estimate import MAX_RUN_S, Estimates, Problem, build_filter, fit, free_coefficients, model_of
+from sysid.estimate import Estimates, Problem, build_filter, fit
 from sysid.filter_error import FilterErrorResult
 from sysid.flight import FlightSignals
 from sysid.gap import Fixed
@@ -35,33 +46,15 @@ from sysid.gapstages import fixed_model, stage_gaps, widening
 from sysid.location import locate
 from sysid.named import effect_json, reason
 from sysid.phrases import moved_words
-from sysid.posing import make_problem, start_model
 from sysid.prepare import Prepared, check_compatibility, prepare
 from sysid.residuals import CoefficientPath, coefficient_path
 from sysid.search import Search, drop_replaced, drop_unborne, extend, settle, sharpen
 from sysid.sentences import sentence
 from sysid.signalcheck import told_mistakes
 from sysid.steps import inverse
-from sysid.thrust_errors import with_thrust_errors
 
-Progress = Callable[[float, str], None]
-
-# Sensor errors estimated beside every model: those that change with every power-up, and the vanes', which no effect can
-# be told from. Then what a bench calibration leaves of the airspeed, with its usual size.
-NUISANCE = (
-    "accel_bias_x", "accel_bias_y", "accel_bias_z", "gyro_bias_p", "gyro_bias_q", "gyro_bias_r", "alpha_scale",
-    "alpha_bias", "beta_scale", "beta_bias",
-)  # fmt: skip
-BENCH = {"airspeed_bias": 0.02, "airspeed_scale": 0.002}
-WIND = ("wind_north", "wind_east", "wind_down")
-# Beyond so many times that size it is an effect of its own and must compete with the others.
-BENCH_LIMIT = 5.0
-_AIRSPEED = "airspeed_error"
-# Integration steps per sample: with servos that lag, fewer are off by several standard errors of a calm flight.
-SUB_STEPS = 5
 MAX_EFFECTS = 3
-# Log likelihood by which the other timing of the commands must be better.
-_TIMING = 5.0
+_AIRSPEED = "airspeed_error"
 # Chance of coefficients as far from those given, below which those are wrong.
 _CHANCE = 1e-4
 # What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
@@ -69,38 +62,6 @@ _WIDER = 1.1
 # Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
 # (sysid.search.sharpen), and what those are multiplied with before coefficients are called wrong.
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
-
-
-@dataclass(frozen=True)
-class _Flights:
-    """What every step of a comparison needs: flights, what kinematics say of them, and the wish to be told."""
-
-    prepared: Sequence[Prepared]
-    compatible: CompatibilityResult
-    vehicle: Vehicle
-    progress: Progress
-
-
-@dataclass(frozen=True)
-class _Baseline:
-    """The model handed in, and with its own parameters fitted again.
-
-    given: fit of the sensor errors alone.
-    """
-
-    problem: Problem
-    model: Model
-    names: Sequence[str]
-    effects: Sequence[tuple[str, str]]
-    given: FilterErrorResult
-    before: FilterErrorResult
-
-    @property
-    def refitted(self) -> Model:
-        """The model with its parameters fitted again."""
-        return model_of(
-            self.model, self.model.name, self.before, self.names, self.effects, (), self.model.validity
-        )  # fmt: skip
 
 
 def discrepancy(
@@ -111,24 +72,27 @@ def discrepancy(
     validate_on: Sequence[FlightSignals] = (),
     start_s: float | None = None,
     stop_s: float | None = None,
+    ruled_out: Sequence[str] = (),
     progress: Progress = lambda share, text: None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Compare a model with flights.
 
     flights: used to fit. validate_on: used only to show the gap. model: the baseline, every coefficient with a value.
+    ruled_out: effects that are known not to be there, because the aircraft was weighed or a sensor was on the bench.
     seed: of the noise in the noise floor. Returns the result file (schema discrepancy/1).
     Raises SysidError subclasses, and ModelFileError for a model without a needed value, in one line.
     """
     flatten(vehicle, model)
+    check_known(ruled_out)
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     held_out = [prepare(flight, vehicle) for flight in validate_on]
     progress(0.05, "units, signs and axes")
     told = [line for group in (prepared, held_out) if group for line in told_mistakes(group, vehicle)]
     progress(0.08, "data compatibility")
-    used = _Flights(prepared, check_compatibility(prepared), vehicle, progress)
-    base = _fitted_again(used, model)
+    used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
+    base = fitted_again(used, model, ruled_out)
     search = _searched(used, base)
     verdict, reasons = _verdict(used, base, search)
     if verdict == "unexplained" and search.named:
@@ -153,6 +117,7 @@ def discrepancy(
     result = {
         "schema": "discrepancy/1",
         "flights": [flight.data.name for flight in prepared],
+        "ruled_out": sorted(base.ruled_out),
         "verdict": verdict,
         "reasons": reasons,
         "where": where,
@@ -166,97 +131,24 @@ def discrepancy(
     return {"schema": result["schema"], "sentence": sentence(result), **result}
 
 
-def _fitted_again(used: _Flights, model: Model) -> _Baseline:
-    """The model as given and with its own parameters fitted again."""
-    problem = _problem(used.prepared, used.vehicle, used.compatible)
-    names = free_coefficients(list(model.coefficients), problem.motion)
-    if not names:
-        raise EstimationError("the baseline model has no coefficient in the axes that these flights excite")
-    effects = [(e.name, key) for e in model.effects for key in e.parameters if _is_fitted(e.name, key)]
-    used.progress(0.15, "its coefficients fitted again")
-    before = _followed(used, problem, model, names, effects)
-    used.progress(0.24, "timing of the commands")
-    problem, before = _timed(problem, model, names, effects, before)
-    if _is_beyond_bench(before, problem):
-        problem = _without_bench(problem)
-        start = {name: value for name, value in before.values().items() if name not in BENCH}
-        before = fitted(problem, model, names, effects, start, used.compatible.gust_sigma)
-    used.progress(0.28, "the model as given")
-    return _Baseline(problem, model, names, effects, _sensors_alone(problem, model, before), before)
-
-
-def _followed(
-    used: _Flights, problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]
-) -> FilterErrorResult:
-    """The model's parameters fitted from where they are, or where that loses the flight from equation error's."""
-    gusts = used.compatible.gust_sigma
-    try:
-        return fitted(problem, model, names, effects, {}, gusts)
-    except EstimationError:
-        start = start_model(used.prepared, used.vehicle, used.compatible, model, problem.motion, model)
-        return fitted(problem, start, names, effects, {}, gusts)
-
-
-def _timed(
-    problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]], before: FilterErrorResult
-) -> tuple[Problem, FilterErrorResult]:
-    """The likelier timing of the commands, if it explains the flight: else a delay may be what is missing."""
-    other = replace(problem, command_first=not problem.command_first)
-    try:
-        again = build_filter(other, model, names, effects).solve(before.values(), before.turbulence, known=before)
-        if again.cost > before.cost - _TIMING:
-            return problem, before
-        again = build_filter(other, model, names, effects).solve(again.values(), before.turbulence, brief=True)
-    except EstimationError:
-        return problem, before
-    refitted = model_of(model, model.name, again, names, effects, (), model.validity)
-    return (problem, before) if left_over(other, Setting(refitted, names, effects, again)) else (other, again)
-
-
-def _sensors_alone(problem: Problem, model: Model, before: FilterErrorResult) -> FilterErrorResult:
-    """Sensor errors with the model as given, noise and turbulence as known; those of `before` where that diverges."""
-    try:
-        start = {name: before.value(name) for name in problem.sensors}
-        return build_filter(problem, model, ()).solve(start, before.turbulence, known=before)
-    except EstimationError:
-        return before
-
-
-def _problem(prepared: Sequence[Prepared], vehicle: Vehicle, compatible: CompatibilityResult) -> Problem:
-    """The flights with the sensor errors that are estimated beside every model."""
-    problem = make_problem(prepared, vehicle, compatible, [*NUISANCE, *BENCH, *WIND], MAX_RUN_S, ground=True)
-    start = {name: 0.0 if name in BENCH else value for name, value in problem.sensors.items()}
-    priors = {name: (0.0, std) for name, std in BENCH.items() if name in start}
-    return with_thrust_errors(replace(problem, sensors=start, priors=priors, sub_steps=SUB_STEPS), prepared)
-
-
-def _without_bench(problem: Problem) -> Problem:
-    """The problem with the airspeed taken as it reads."""
-    sensors = {name: value for name, value in problem.sensors.items() if name not in BENCH}
-    return replace(problem, sensors=sensors, priors={})
-
-
 def _part_of(progress: Progress, begin: float, width: float, share: float, text: str) -> None:
     progress(begin + width * share, text)
 
 
-def _is_fitted(effect: str, parameter: str) -> bool:
-    return any(p.name == parameter and p.fitted and not EFFECTS[effect].alias for p in EFFECTS[effect].parameters)
-
-
-def _without(base: _Baseline) -> Search:
+def _without(base: Baseline) -> Search:
     return Search(
-        base.problem, base.refitted, list(base.names), list(base.effects), base.before, given=_own_values(base)
-    )
+        base.problem, base.refitted, list(base.names), list(base.effects), base.before,
+        given=base.own_values, ruled_out=base.ruled_out,
+    )  # fmt: skip
 
 
-def _left(base: _Baseline, search: Search) -> str:
+def _left(base: Baseline, search: Search) -> str:
     """What the search's model leaves unexplained, in words; empty for nothing."""
     found = left_over(search.problem, search.setting, search.imprecise)
     return "; ".join(f"{name} ({why})" for name, why in found.items())
 
 
-def _searched(used: _Flights, base: _Baseline) -> Search:
+def _searched(used: Flights, base: Baseline) -> Search:
     """Effects added one after the other until nothing is left."""
     search = _without(base)
     while len(search.named) < MAX_EFFECTS:
@@ -275,34 +167,27 @@ def _searched(used: _Flights, base: _Baseline) -> Search:
     return search
 
 
-def _with_bench(used: _Flights, search: Search) -> None:
+def _with_bench(used: Flights, search: Search) -> None:
     """Estimate what a bench leaves of the airspeed's error again, where the model now explains the flight with that."""
-    problem = replace(
-        _problem(used.prepared, used.vehicle, used.compatible), command_first=search.problem.command_first
-    )
+    problem = replace(posed(used.prepared, used.vehicle, used.compatible), command_first=search.problem.command_first)
     if problem.sensors.keys() == search.problem.sensors.keys() or search.named[-1].candidate.effect.name == _AIRSPEED:
         return
     known = search.result
     flight = build_filter(problem, search.model, search.coefficients, search.effects)
     with suppress(EstimationError):
         result = flight.solve(known.values(), known.turbulence, known=known)
-        if not _is_beyond_bench(result, problem):
+        if not is_beyond_bench(result, problem):
             search.problem = problem
             settle(search, result)
-
-
-def _is_beyond_bench(result: FilterErrorResult, problem: Problem) -> bool:
-    """Whether the airspeed is further off than a bench calibration leaves it."""
-    return any(abs(result.value(name)) > BENCH_LIMIT * std for name, std in BENCH.items() if name in problem.sensors)
 
 
 def _is_rough(result: FilterErrorResult) -> bool:
     return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
 
 
-def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list[str]]:
+def _verdict(used: Flights, base: Baseline, search: Search) -> tuple[str, list[str]]:
     """Verdict and the tests it rests on, in words."""
-    reasons = [*(reason(named) for named in search.named), *search.dropped]
+    reasons = [*(reason(named) for named in search.named), *search.dropped, *([search.nearly] if search.nearly else [])]
     if _is_rough(search.result):
         gusts = search.result.turbulence
         reasons.append(
@@ -321,23 +206,17 @@ def _verdict(used: _Flights, base: _Baseline, search: Search) -> tuple[str, list
     return ("parameter_error" if chance < _CHANCE else "none"), reasons
 
 
-def _refitted(used: _Flights, base: _Baseline) -> Fixed:
+def _refitted(used: Flights, base: Baseline) -> Fixed:
     return fixed_model(base.problem, base.refitted, base.before, used.compatible)
 
 
-def _found(used: _Flights, search: Search) -> Fixed:
+def _found(used: Flights, search: Search) -> Fixed:
     return fixed_model(search.problem, search.model, search.result, used.compatible)
 
 
-def _own_values(base: _Baseline) -> dict[str, float]:
-    """Values of the model's own parameters as they were given."""
-    effects = {f"{effect}.{name}": (base.model.effect(effect) or {})[name] for effect, name in base.effects}
-    return base.model.values() | effects
-
-
-def _moved(base: _Baseline) -> tuple[float, float]:
+def _moved(base: Baseline) -> tuple[float, float]:
     """How far the model's own parameters are from those given (Wald's test), and the chance of that."""
-    values = _own_values(base)
+    values = base.own_values
     every = [parameter.name for parameter in base.before.parameters]
     names = [*base.names, *(f"{effect}.{name}" for effect, name in base.effects)]
     places = [every.index(name) for name in names]
@@ -357,14 +236,14 @@ def _held_out_gaps(
 ) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
     """On flights held out sensor errors alone are fitted for each stage: they change with every power-up."""
     checked = check_compatibility(held_out)
-    other = replace(_problem(held_out, problem.vehicle, checked), command_first=problem.command_first)
-    other = other if set(BENCH) & set(problem.sensors) else _without_bench(other)
+    other = replace(posed(held_out, problem.vehicle, checked), command_first=problem.command_first)
+    other = other if set(BENCH) & set(problem.sensors) else without_bench(other)
     best = _own_errors(other, models["after"], checked)
     stages = {}
     for name, model in models.items():
         own = best
         if name != "after" and isinstance(best, FilterErrorResult):
-            own = _sensors_alone(other, model, best)
+            own = sensors_alone(other, model, best)
         stages[name] = fixed_model(other, model, own, checked)
     # Kinematics alone take for gusts what an effect makes of a vane; the model that has it knows better.
     air = Turbulence(checked.gust_sigma, checked.gust_sigma)

@@ -10,6 +10,9 @@ from scipy import special
 
 # Chance, over all candidates together, of naming an effect that is not there.
 FALSE_ALARM = 1e-3
+# An effect is named from five standard errors on (the chance of that, one parameter): the size from which a flight is
+# said to tell it at all.
+STANDS_OUT = float(special.chdtrc(1, 5.0**2))
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,14 @@ def weigh(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[
     ]
 
 
-def is_significant(weight: Weight, candidates: int) -> bool:
+def is_unlikely(weight: Weight, candidates: int) -> bool:
     """Whether a gain is beyond what the best of so many candidates gains by chance (Bonferroni)."""
     return weight.p_value * max(candidates, 1) < FALSE_ALARM
+
+
+def is_significant(weight: Weight, candidates: int) -> bool:
+    """Whether a gain is enough for a name: unlikely by chance, and as far out as five standard errors."""
+    return weight.p_value < STANDS_OUT and is_unlikely(weight, candidates)
 
 
 def smallest_set(probabilities: Sequence[tuple[str, float]], share: float = 0.95) -> list[tuple[str, float]]:

@@ -61,6 +61,14 @@ def reason(named: Named) -> str:
     )
 
 
+def nearly(effect: str, weight: Weight, tried: int) -> str:
+    """That an effect is likely but stands out by too little for a name, in words."""
+    return (
+        f"{effect}: the likelihood would gain {weight.gain:.0f} ({chance_text(weight.p_value)}, {tried} effects looked "
+        "at); not named below five standard errors"
+    )
+
+
 def effect_json(named: Named) -> dict[str, Any]:
     """It as an entry of `effects` in a result file (schema discrepancy/1)."""
     effect = named.candidate.effect

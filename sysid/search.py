@@ -13,10 +13,10 @@ from sysid.candidates import Candidate, candidates, happens_in_flight
 from sysid.engines import Setting, finalists, tried, walds
 from sysid.errors import EstimationError
 from sysid.estimate import Problem, Progress, build_filter, model_of
-from sysid.evidence import Weight, is_significant, smallest_set, weigh
+from sysid.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.filter_error import FilterErrorResult
 from sysid.filter_screen import filter_gains
-from sysid.named import Named, imprecise
+from sysid.named import Named, imprecise, nearly
 
 # None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
 # most so many.
@@ -30,6 +30,7 @@ class Search:
     """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
 
     given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
+    ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
     """
 
     problem: Problem
@@ -40,6 +41,8 @@ class Search:
     named: list[Named] = field(default_factory=list)
     given: Mapping[str, float] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
+    ruled_out: frozenset[str] = frozenset()
+    nearly: str = ""
 
     @property
     def setting(self) -> Setting:
@@ -61,7 +64,8 @@ class Search:
 def extend(search: Search, progress: Progress) -> bool:
     """Try to add one effect. Returns whether one was significant and has been added."""
     problem = search.problem
-    choices = candidates(problem, search.model)
+    choices = [one for one in candidates(problem, search.model) if one.effect.name not in search.ruled_out]
+    search.nearly = ""
     progress(0.0, f"a first look at {len(choices)} effects")
     base = search.setting
     worth = _promising(problem, base, choices)
@@ -83,6 +87,8 @@ def extend(search: Search, progress: Progress) -> bool:
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
     if not is_significant(weights[top], len(choices)) or weights[top].gain < search.imprecise:
+        if is_unlikely(weights[top], len(choices)):
+            search.nearly = nearly(candidate.effect.name, weights[top], len(choices))
         return False
     probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, weights, strict=True)]
     own = candidate.effect.name

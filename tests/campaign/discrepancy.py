@@ -30,6 +30,7 @@ from discrepancy_cases import (
     fly_case,
     gust_for,
     kind_for,
+    ruled_out,
     the_vehicle,
     true_model,
 )
@@ -40,7 +41,7 @@ from discrepancy_truth import Truths
 from effect_sizes import RANGES, SHARES
 from made_up import MADE_UP
 from seed_lines import end_line, fingerprint, keyed_lines, one_thread_each, progress
-from separating_flights import plan_named
+from separating_flights import bench_named, plan_named
 
 from sim_vehicle.effects import EFFECTS, Stage
 from sim_vehicle.errors import SimVehicleError
@@ -103,7 +104,9 @@ def to_separate(cases: Sequence[Case], done: Mapping[str, Mapping[str, Any]], tr
             continue
         (name, told), *_ = truths.of(case)["effects"].items()
         if class_of(told, name)[0] == IN_A_SET:
-            found.append(replace(case, also=plan_named(named[0]["separating_manoeuvre"])))
+            words = named[0]["separating_manoeuvre"]
+            bench = bench_named(words)
+            found.append(replace(case, bench=bench, also="" if bench else plan_named(words)))
     return found
 
 
@@ -145,7 +148,8 @@ def _judged(
             continue
         models = baseline_model(case), None if case.made_up else true_model(case, air=False)
         unlisted = [name for name, _ in case.effects] if case.unlisted else []
-        waiting[pool.submit(judged, flights[:1] + also, flights[1:], vehicle, *models, unlisted)] = case
+        known = unlisted, ruled_out(case)
+        waiting[pool.submit(judged, flights[:1] + also, flights[1:], vehicle, *models, *known)] = case
         while len(waiting) > workers:
             yield from _finished(waiting)
     while waiting:
@@ -170,6 +174,7 @@ def described(case: Case) -> dict[str, Any]:
         "exact": case.exact,
         "made_up": case.made_up,
         "also": case.also,
+        "bench": case.bench,
     }
 
 
@@ -198,8 +203,11 @@ def main() -> int:
     truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
     if given.part == "separating":
         tied = to_separate(cases, keyed_lines(OUTPUT / f"single-{mark}.jsonl", "key"), truths)
-        cases = [case for case in tied if case.also]
-        print(f"{len(tied)} cases of the part `single` cannot be told alone; {len(cases)} have a manoeuvre to fly")
+        cases = [case for case in tied if case.also or case.bench]
+        print(
+            f"{len(tied)} cases of the part `single` cannot be told alone; {sum(bool(c.also) for c in cases)} have a "
+            f"manoeuvre to fly, {sum(bool(c.bench) for c in cases)} a test on the ground"
+        )
     if not given.tables:
         try:
             run(cases, path, given.workers, given.minutes)

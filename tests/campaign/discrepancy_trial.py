@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-import sysid.discrepancy as job
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model import Model
 from sim_vehicle.vehicle import Vehicle
+from sysid.baseline import BENCH, NUISANCE
 from sysid.compatibility import CompatibilityResult
+from sysid.discrepancy import discrepancy
 from sysid.errors import SysidError
 from sysid.estimate import Problem, fit
 from sysid.flight import FlightSignals
@@ -35,10 +36,12 @@ def judged(
     baseline: Model,
     true: Model | None,
     unlisted: Sequence[str] = (),
+    ruled_out: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What the job says of a baseline and the flights, and what the truth leaves on the flights to judge by.
 
-    The job gets signals, vehicle and baseline, and a catalogue without the effects `unlisted`. "true_gap": output ->
+    The job gets signals, vehicle and baseline, and a catalogue without the effects `unlisted`, and is told what is
+    `ruled_out`. "true_gap": output ->
     gap of the true model, its sensor errors fitted; {} where there is none.
     """
     line: dict[str, Any] = {"failure": None, "verdict": None, "named": [], "reasons": [], "gap": {}}
@@ -47,7 +50,7 @@ def judged(
         warnings.simplefilter("ignore")
         try:
             with catalogue_without(unlisted):
-                found = job.discrepancy(fit_on, vehicle, baseline, validate_on=judge_on)
+                found = discrepancy(fit_on, vehicle, baseline, validate_on=judge_on, ruled_out=ruled_out)
         except SysidError as error:
             line["failure"] = str(error)
         else:
@@ -89,7 +92,7 @@ def _true_gap(flights: Sequence[FlightSignals], vehicle: Vehicle, true: Model) -
 def _sensors_free(prepared: Sequence[Prepared], vehicle: Vehicle) -> tuple[Problem, CompatibilityResult]:
     """The problem in which nothing but the sensors' errors is unknown."""
     compatible = check_compatibility(prepared)
-    return make_problem(prepared, vehicle, compatible, [*job.NUISANCE, *job.BENCH], _RUN_S), compatible
+    return make_problem(prepared, vehicle, compatible, [*NUISANCE, *BENCH], _RUN_S), compatible
 
 
 def gap_ratio(over: dict[str, float], under: dict[str, float]) -> float:

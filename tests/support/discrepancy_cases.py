@@ -69,6 +69,7 @@ class Case:
 
     gust: sigma, m/s. exact: whether the baseline's coefficients are true. kind: of KINDS. made_up: of MADE_UP, physics
     that no catalogue holds. unlisted: whether the job's catalogue lacks the effects. also: of PLANS, flown as well.
+    bench: the effect that a test on the ground has measured; it is in the baseline where it is there, else ruled out.
     """
 
     effects: tuple[tuple[str, float], ...]
@@ -79,18 +80,20 @@ class Case:
     made_up: str = ""
     unlisted: bool = False
     also: str = ""
+    bench: str = ""
 
     @property
     def key(self) -> str:
         """Its name in files."""
         what = "+".join(f"{name}@{share:g}" for name, share in self.effects) or self.made_up or "none"
         extra = "/exact" * self.exact + "/unlisted" * self.unlisted + f"/{self.also}" * bool(self.also)
+        extra += f"/bench {self.bench}" * bool(self.bench)
         return f"{what}/{self.kind}/{self.gust:g}{extra}/{self.seed}"
 
     @property
     def truth_key(self) -> str:
         """What the flight can tell depends on this alone, near enough."""
-        return replace(self, unlisted=False, also="").key.rsplit("/", 1)[0]
+        return replace(self, unlisted=False, also="", bench="").key.rsplit("/", 1)[0]
 
     def values(self) -> dict[str, dict[str, Value]]:
         """Parameters of what is hidden, by effect."""
@@ -126,7 +129,13 @@ def true_model(case: Case, *, air: bool = True) -> Model:
 
 def baseline_model(case: Case) -> Model:
     """What the job is handed: the truth without what is hidden, its coefficients off by up to BASELINE_SHARE."""
-    return off_by(structure(case), 0.0 if case.exact else BASELINE_SHARE, case.seed)
+    model = off_by(structure(case), 0.0 if case.exact else BASELINE_SHARE, case.seed)
+    return with_effects(model, {name: value for name, value in case.values().items() if name == case.bench})
+
+
+def ruled_out(case: Case) -> tuple[str, ...]:
+    """What a test on the ground has shown not to be there."""
+    return (case.bench,) if case.bench and case.bench not in case.values() else ()
 
 
 def structure(case: Case) -> Model:

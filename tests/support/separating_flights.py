@@ -1,4 +1,6 @@
-"""What to fly when the job names a manoeuvre that would separate effects: its words as a plan of the simulator."""
+"""What to do when the job names what would separate effects: its words as a plan of the simulator, or a test on the
+ground.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,17 @@ from sim_vehicle.plan import Plan, plan_of
 _FAST_SWEEP = replace(manoeuvre("elevator-sweep"), low=2.0, high=6.0)
 _TWO_SPEEDS = Plan((manoeuvre("elevator-multisine"), manoeuvre("deceleration"), manoeuvre("elevator-multisine")))
 _LARGE = replace(manoeuvre("elevator-doublet"), amplitude=0.06)
-# The first words that are found in what the job says decide; a test on the ground is in none of them.
+# Tests on the ground, and the effect that each would measure.
+BENCHES = {
+    "weigh": "mass_error",
+    "balance jig": "cg_shift",
+    "swing test": "inertia_error",
+    "barometer": "density_error",
+    "vane steps on the bench": "vane_lag",
+    "protractor": "linkage_nonlinearity",
+    "bench cube": "accelerometer_misalignment",
+}
+# The first words that are found in what the job says decide.
 PLANS: dict[str, Plan] = {
     "throttle step": plan_of(["throttle-step", "throttle-multisine"]),
     "whole throttle": plan_of(["throttle-step", "throttle-multisine"]),
@@ -41,3 +53,8 @@ PLANS: dict[str, Plan] = {
 def plan_named(words: str) -> str:
     """Key of the plan that the job's words ask for, "" where nothing can be flown."""
     return next((key for key in PLANS if key in words), "")
+
+
+def bench_named(words: str) -> str:
+    """The effect that a test on the ground among the job's words would measure, "" where there is none."""
+    return next((effect for key, effect in BENCHES.items() if key in words), "")
