@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import chain
 
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Effect, Stage
 from sim_vehicle.model import Model
-from sysid.errors import EstimationError
 from sysid.estimate import Problem
 from sysid.moments import is_in_flight, likely_events
 from sysid.parameterisation import effect_parameter
@@ -160,16 +158,6 @@ def candidates(problem: Problem, model: Model) -> list[Candidate]:
         if free and starts:
             found.append(Candidate(effect, free, starts))
     return found
-
-
-def check_known(names: Sequence[str]) -> None:
-    """Raise EstimationError, in one line with names like it, for the first name that is no effect of the catalogue."""
-    for name in names:
-        if name not in EFFECTS:
-            near = get_close_matches(name, EFFECTS, 3, 0.4) or list(EFFECTS)
-            raise EstimationError(
-                f"no effect is named {name!r}, so it cannot be ruled out; do you mean {', '.join(near)}?"
-            )
 
 
 def extended(model: Model, candidate: Candidate, values: dict[str, float]) -> Model:

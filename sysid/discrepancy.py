@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from sim_vehicle.effects import effect_called
 from sim_vehicle.model import Model
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
@@ -32,7 +33,6 @@ from sysid.baseline import (
     sensors_alone,
     without_bench,
 )
-from sysid.candidates import check_known
 from sysid.compatibility import CompatibilityResult
 from sysid.dryden import Turbulence
 from sysid.engines import fitted
@@ -81,10 +81,12 @@ def discrepancy(
     flights: used to fit. validate_on: used only to show the gap. model: the baseline, every coefficient with a value.
     ruled_out: effects that are known not to be there, because the aircraft was weighed or a sensor was on the bench.
     seed: of the noise in the noise floor. Returns the result file (schema discrepancy/1).
-    Raises SysidError subclasses, and ModelFileError for a model without a needed value, in one line.
+    Raises SysidError subclasses, and ModelFileError for a model without a needed value or
+    an effect that nobody knows, in one line.
     """
     flatten(vehicle, model)
-    check_known(ruled_out)
+    for name in ruled_out:
+        effect_called(name)
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     held_out = [prepare(flight, vehicle) for flight in validate_on]
