@@ -168,6 +168,8 @@ def discrepancy_text(result: dict[str, Any]) -> str:
     lines = _warning_lines(result)
     lines += [result["sentence"], ""] if result.get("sentence") else []
     lines += [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
+    if result.get("ruled_out"):
+        lines.append(f"  ruled out beforehand: {', '.join(result['ruled_out'])}")
     for place in result.get("where", []):
         lines.append(
             f"where: {place['axis']} over {place['variable']}, share {_number(place.get('share'), 3)},"
@@ -179,15 +181,18 @@ def discrepancy_text(result: dict[str, Any]) -> str:
         for other in effect.get("alternatives", []):
             lines.append(f"  or {other['name']}, probability {probability_text(other.get('probability'))}")
         if effect.get("alternatives") and effect.get("separating_manoeuvre"):
-            lines.append(f"  to tell them apart, fly {effect['separating_manoeuvre']}")
+            lines.append(f"  would tell them apart: {effect['separating_manoeuvre']}")
+            lines.append("  an effect that a test on the ground clears is ruled out with --rule-out EFFECT")
     for flights, gap in (result.get("gap") or {}).items():
         if gap:
-            lines += ["", f"gap on the {flights} flights (RMS):", *_gap_lines(gap)]
+            lines += ["", f"gap on the {flights} flights (RMS):", *_gap_lines(gap, bool(result.get("effects")))]
     return "\n".join(lines)
 
 
-def _gap_lines(gap: dict[str, dict[str, Any]]) -> list[str]:
-    columns = [column for column in ("given", "before", "after", "noise_floor") if gap.get(column)]
+def _gap_lines(gap: dict[str, dict[str, Any]], added: bool) -> list[str]:
+    # Where nothing was added, "after" repeats "before".
+    stages = ("given", "before", "after", "noise_floor") if added else ("given", "before", "noise_floor")
+    columns = [column for column in stages if gap.get(column)]
     outputs = list(dict.fromkeys(name for column in columns for name in gap[column]))
     lines = ["  " + f"{'output':<10}" + "".join(f"{column:>13}" for column in columns)]
     for name in outputs:

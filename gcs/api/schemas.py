@@ -235,6 +235,9 @@ class JobRequest(BaseModel):
     validate_: list[str] = Field(
         default_factory=list, alias="validate", max_length=50, description="Ids of flights to judge the result on"
     )
+    rule_out: list[str] = Field(
+        default_factory=list, max_length=50, description="Effects that a test on the ground has shown not to be there"
+    )
     method: Literal["auto", "ee", "oe", "fe"] = "auto"
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)

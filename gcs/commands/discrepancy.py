@@ -13,6 +13,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     add_flight_arguments(parser)
     parser.add_argument("--model", metavar="MODEL.json", type=Path, required=True, help="the model to be judged")
+    parser.add_argument(
+        "--rule-out",
+        metavar="EFFECT[,EFFECT]",
+        action="append",
+        default=[],
+        help="effects that weighing or a test on the bench has shown not to be there",
+    )
     add_result_arguments(parser)
 
 
@@ -21,11 +28,18 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.postflight import discrepancy
     from gcs.analysis.results import check_targets, discrepancy_text, write_results
     from gcs.options.flights import open_flights
+    from sim_vehicle.effects import effect_called
 
     check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
+    ruled_out = [effect_called(name.strip()).name for text in args.rule_out for name in text.split(",")]
     with open_flights(args) as flights:
         result = discrepancy(
-            flights.recordings, flights.vehicle, args.model, validate=flights.validate, progress=flights.progress
+            flights.recordings,
+            flights.vehicle,
+            args.model,
+            validate=flights.validate,
+            ruled_out=ruled_out,
+            progress=flights.progress,
         )
     write_results(result, args.output, args.write_model, as_json=args.json, text=discrepancy_text)
     return 0

@@ -24,6 +24,7 @@ from gcs.catalogue.store import Catalogue, Job
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
+from sim_vehicle.effects import effect_called
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model import model_from_json
 from sim_vehicle.vehicle import load_vehicle
@@ -82,8 +83,9 @@ class JobRunner:
         """Queue a job after checking all that can be checked at once.
 
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
-        "validate" (flight ids), "method", "from", "to" (s), "system"; "automatic" where no person asked for it: a
-        recording of nothing but the ground is then skipped, not failed. Raises JobError, CatalogueError.
+        "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects); "automatic" where no
+        person asked for it: a recording of nothing but the ground is then skipped, not failed. Raises JobError,
+        CatalogueError.
         """
         if self._settings.vehicle is None:
             raise JobError("no vehicle file is configured; start the service with --vehicle FILE")
@@ -95,6 +97,7 @@ class JobRunner:
         for name in (flight_id, *request.get("validate", ())):
             self._check_flight(name)
         self._check_part(flight_id, request)
+        _check_effects(request.get("rule_out", ()))
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
@@ -262,12 +265,22 @@ class JobRunner:
             "start": request.get("from"),
             "stop": request.get("to"),
             "system": request.get("system"),
+            "rule_out": request.get("rule_out", ()),
             "automatic": request.get("automatic", False),
             "output": folder / "result.json",
         }
 
     def _recordings(self, flight_id: str) -> list[Path]:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
+
+
+def _check_effects(names: Sequence[str]) -> None:
+    """Raises JobError for the name of no effect."""
+    try:
+        for name in names:
+            effect_called(name)
+    except SimVehicleError as error:
+        raise JobError(str(error)) from error
 
 
 def _share(told: object) -> float:

@@ -42,7 +42,14 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
         report(progress=fraction, log=line)
 
     if order["kind"] == "discrepancy":
-        result = postflight.discrepancy(recordings, vehicle, models["model"], validate=validate, progress=progress)
+        result = postflight.discrepancy(
+            recordings,
+            vehicle,
+            models["model"],
+            validate=validate,
+            ruled_out=order["rule_out"],
+            progress=progress,
+        )
     else:
         result = postflight.identify(
             recordings,

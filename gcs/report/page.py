@@ -75,9 +75,12 @@ def _discrepancy(result: Result) -> str:
     from gcs.report import discrepancy, gapfigures
 
     verdict = result["verdict"].replace("_", " ")
+    facts = {"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}
+    if result.get("ruled_out"):
+        facts["Ruled out beforehand"] = ", ".join(result["ruled_out"])
     return _document(
         f"What the flight model lacks: {verdict}",
-        _definitions({"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}),
+        _definitions(facts),
         f'<p class="verdict">{text(result["sentence"])}</p>' if result.get("sentence") else "",
         _warnings(result),
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),

@@ -48,7 +48,7 @@ export function discrepancy(page, result, summary, signal) {
       + 'likeliest from sample to sample, and may simulate five seconds worse than those given.'), bars, ...gapTables(result),
     h('h2', {}, 'Measured and simulated'), simulated(result.series, signal),
     h('h2', {}, 'Where it disagrees'), ...where(result, signal),
-    result.reasons?.length && h('h2', {}, 'Why'), listing(result.reasons ?? []),
+    ...why(result),
   ))
   gapBars(bars, result, signal)
   modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
@@ -56,6 +56,12 @@ export function discrepancy(page, result, summary, signal) {
 
 /** What to fly to tell an effect from its alternatives; nothing where there are none. */
 export const separation = one => one.alternatives.length && one.separating_manoeuvre || NONE
+
+/** The tests behind the verdict, and what was known beforehand. */
+function why({ reasons = [], ruled_out: ruledOut = [] }) {
+  const all = ruledOut.length ? [...reasons, `ruled out beforehand: ${ruledOut.join(', ')}`] : reasons
+  return all.length ? [h('h2', {}, 'Why'), listing(all)] : []
+}
 
 function effects(result) {
   return table('Effects found, and those that these flights cannot tell from them',

@@ -108,11 +108,17 @@ function discrepancyForm(validate, models, start) {
   const own = h('input', { type: 'file', accept: '.json' })
   const file = field('Model file (JSON)', own)
   file.hidden = models.length > 0
+  const ruledOut = h('input', { type: 'text', placeholder: 'mass_error, cg_shift' })
   return form('Question a model', 'Flies the model against this flight, and names what is missing. Takes minutes.',
-    'Question', [field('Model', choice), file, validate.element], async () => {
+    'Question', [
+      field('Model', choice), file, validate.element,
+      h('details', {}, h('summary', {}, 'More settings'), field('Ruled out on the ground', ruledOut,
+        'Effects that weighing or a test on the bench has shown not to be there, with commas between')),
+    ], async () => {
       if (!choice.value && !own.files.length) throw new Error('choose a model file first, or identify one from a flight')
       const model = choice.value || await readModel(own.files[0])
-      return start({ kind: 'discrepancy', model, validate: validate.chosen() })
+      const cleared = ruledOut.value.split(',').map(name => name.trim()).filter(Boolean)
+      return start({ kind: 'discrepancy', model, validate: validate.chosen(), rule_out: cleared })
     })
 }
 

@@ -36,6 +36,24 @@ def test_a_discrepancy_begins_with_its_warnings() -> None:
     assert "effect stall, probability > 0.999" in lines
 
 
+def test_a_set_says_what_to_do_and_what_was_ruled_out() -> None:
+    other = {"name": "mass_error", "probability": 0.5}
+    effect = {"name": "thrust_scale", "probability": 0.5, "alternatives": [other], "separating_manoeuvre": "weigh it"}
+    gap = {"estimation": {"before": {"V": 2.0}, "after": {"V": 1.0}, "noise_floor": {"V": 1.0}}}
+    result = {"verdict": "missing_effect", "effects": [effect], "gap": gap, "ruled_out": ["cg_shift"]}
+    lines = discrepancy_text(result).split("\n")
+    assert "  would tell them apart: weigh it" in lines
+    assert "  ruled out beforehand: cg_shift" in lines
+    assert any("--rule-out" in line for line in lines)
+    assert any(line.split() == ["output", "before", "after", "noise_floor"] for line in lines)
+
+
+def test_where_nothing_was_added_there_is_no_gap_after() -> None:
+    gap = {"estimation": {"before": {"V": 2.0}, "after": {"V": 2.0}, "noise_floor": {"V": 1.0}}}
+    lines = discrepancy_text({"verdict": "unexplained", "effects": [], "gap": gap}).split("\n")
+    assert any(line.split() == ["output", "before", "noise_floor"] for line in lines)
+
+
 def test_what_is_doubtful_in_the_vehicle_file_is_told_with_a_discrepancy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

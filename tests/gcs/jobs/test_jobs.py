@@ -149,6 +149,9 @@ def test_a_job_with_nothing_to_do_is_skipped_and_says_why(bench: Bench) -> None:
         bench.catalogue.result(bench.flight, "identify")
 
 
+NO_MODEL = {"schema": "model/1", "coefficients": {}}
+
+
 @pytest.mark.parametrize(
     ("request_", "error", "words"),
     [
@@ -157,6 +160,7 @@ def test_a_job_with_nothing_to_do_is_skipped_and_says_why(bench: Bench) -> None:
         ({"kind": "discrepancy", "model": "nope"}, CatalogueError, "nope"),
         ({"kind": "discrepancy", "model": {"schema": "model/1", "coefficients": {"CX_9": {}}}}, JobError, "CX_9"),
         ({"kind": "identify", "validate": ["nope"]}, CatalogueError, "nope"),
+        ({"kind": "discrepancy", "model": NO_MODEL, "rule_out": ["mass"]}, JobError, "unknown effect 'mass'"),
     ],
 )
 def test_what_cannot_work_is_refused_at_once(
