@@ -180,6 +180,15 @@ def test_a_discrepancy_is_told_in_a_sentence_and_bars(visitor: Visitor, ground: 
     visitor.check("discrepancy")
 
 
+def test_what_is_to_be_ruled_out_is_looked_up_at_once(visitor: Visitor, ground: Ground) -> None:
+    visitor.open(f"#/flights/{flight_with(ground, 'identify')}")
+    visitor.page.locator("summary:text-is('More settings')").nth(1).click()
+    visitor.page.get_by_label("Ruled out on the ground").fill("cg_shift, mass")
+    visitor.page.click("button:text-is('Question')")
+    visitor.wait_for_text("form .remark", "unknown effect 'mass'")
+    visitor.check()
+
+
 def test_two_models_and_two_flights_are_compared(visitor: Visitor, ground: Ground) -> None:
     visitor.open("#/compare")
     visitor.wait_for_text("table", "CL_alpha")
