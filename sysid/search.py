@@ -86,7 +86,9 @@ def extend(search: Search, progress: Progress) -> bool:
     weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
-    if not is_significant(weights[top], len(choices)) or weights[top].gain < search.imprecise:
+    if weights[top].gain < search.imprecise:
+        return False
+    if not is_significant(weights[top], len(choices)):
         if is_unlikely(weights[top], len(choices)):
             search.nearly = nearly(candidate.effect.name, weights[top], len(choices))
         return False
