@@ -1,4 +1,4 @@
-"""Free-running simulation of a model whose coefficients a regression corrects, for learners that give no model file.
+"""What learners that give no model file learn from, and the free-running simulation of a model that they correct.
 
 The equations of motion are the simulator's; the correction is added to its rates, and all windows of a flight are
 integrated side by side so that a learner is asked once for all of them.
@@ -17,11 +17,14 @@ from sim_vehicle.dynamics import derivatives
 from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.plantstate import quaternion
 from sim_vehicle.sensing import read_sensors
+from sim_vehicle.vehicle import Vehicle
 from sysid.compatibility import SensorLayout
 from sysid.gap import GAP_NAMES, Fixed, windows
 from sysid.parameterisation import STATES, with_errors
-from sysid.prepare import smoothed_states
+from sysid.prepare import Prepared, smoothed_states
 from sysid.records import OUTPUTS, Record, angle_wrap, effects_at
+from sysid.residuals import CUTOFF_HZ, coefficient_path
+from sysid.smoothing import fourier_smooth
 
 Array = NDArray[np.float64]
 
@@ -210,3 +213,24 @@ def judged_gap(
         for name, shown in GAP_NAMES.items()
         if all(np.isfinite(record.z[:, OUTPUTS.index(name)]).all() for record in records)
     }
+
+
+def residual_coefficients(prepared: Sequence[Prepared], vehicle: Vehicle, model: Fixed) -> tuple[Array, Array]:
+    """What peers learn from: REGRESSORS (N, 10) along the flights, and measured less predicted AXES (N, 6)."""
+    P, rows, targets = model.flat.P, [], []
+    for flight in prepared:
+        for stretch in flight.stretches:
+            record = stretch.record
+            path = coefficient_path(record, flight.layout, vehicle, model)
+            edge = (record.length - path.time_s.size) // 2  # the path leaves out the ends
+            inner = slice(edge, record.length - edge)
+            found, seen = path.variables, surfaces_along(record, model)[0][inner]
+            rho = record.rho[record.start : record.start + record.length][inner]
+            force = 0.5 * rho * found["V"] ** 2 * P[Par.S]
+            flow = [found["alpha"], found["beta"], found["V"] / P[Par.reference_speed]]
+            rates = [found[name] for name in ("phat", "qhat", "rhat")]
+            rows.append(np.column_stack([*flow, *rates, *seen[:, :3].T, found["thrust"] / force]))
+            dt = record.interval_s
+            differences = (path.measured[axis] - path.predicted[axis] for axis in AXES)
+            targets.append(np.column_stack([fourier_smooth(d, dt, CUTOFF_HZ).values for d in differences]))
+    return np.concatenate(rows), np.concatenate(targets)

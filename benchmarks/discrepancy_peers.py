@@ -26,14 +26,12 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-import numpy as np
-from corrected_flight import AXES, Array, Correction, judged_gap, surfaces_along
+from corrected_flight import Array, Correction, judged_gap, residual_coefficients
 from discrepancy_cases import Case, baseline_model, fly_case, gust_for, kind_for, the_vehicle, true_model
 from peer_table import RIGHT_TERMS, report
 from residual_peers import GaussianProcess, Sindy
 from seed_lines import end_line, fingerprint, keyed_lines, progress
 
-from sim_vehicle.layout import Par
 from sim_vehicle.model import Model, model_from_json
 from sim_vehicle.parameters import flatten
 from sim_vehicle.vehicle import Vehicle
@@ -45,8 +43,6 @@ from sysid.flight import FlightSignals
 from sysid.gap import Fixed
 from sysid.posing import make_problem
 from sysid.prepare import Prepared, check_compatibility, prepare
-from sysid.residuals import CUTOFF_HZ, coefficient_path
-from sysid.smoothing import fourier_smooth
 
 OUTPUT = Path(__file__).resolve().parents[1] / "campaign-output" / "discrepancy-peers"
 # The campaign's first seeds: calm, then turbulence.
@@ -69,25 +65,6 @@ def refitted(prepared: Sequence[Prepared], vehicle: Vehicle, baseline: Model) ->
     model = model_of(baseline, baseline.name, found, names, effects, (), baseline.validity)
     errors = {name: error.value for name, error in compatible.parameters.items()}
     return model, Fixed(flatten(vehicle, model), errors, problem.command_first)
-
-
-def residual_coefficients(prepared: Sequence[Prepared], vehicle: Vehicle, model: Fixed) -> tuple[Array, Array]:
-    """What peers learn from: REGRESSORS (N, 10) along the flights, and measured less predicted AXES (N, 6)."""
-    P, rows, targets = model.flat.P, [], []
-    for flight in prepared:
-        for stretch in flight.stretches:
-            record = stretch.record
-            path = coefficient_path(record, flight.layout, vehicle, model)
-            found, seen = path.variables, surfaces_along(record, model)[0]
-            rho = record.rho[record.start : record.start + record.length]
-            force = 0.5 * rho * found["V"] ** 2 * P[Par.S]
-            flow = [found["alpha"], found["beta"], found["V"] / P[Par.reference_speed]]
-            rates = [found[name] for name in ("phat", "qhat", "rhat")]
-            rows.append(np.column_stack([*flow, *rates, *seen[:, :3].T, found["thrust"] / force]))
-            dt = record.interval_s
-            differences = (path.measured[axis] - path.predicted[axis] for axis in AXES)
-            targets.append(np.column_stack([fourier_smooth(d, dt, CUTOFF_HZ).values for d in differences]))
-    return np.concatenate(rows), np.concatenate(targets)
 
 
 def contest(case: Case, vehicle: Vehicle) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from discrepancy_cases import Case, baseline_model, fly_case, the_vehicle
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from corrected_flight import AXES, REGRESSORS, free_runs, judged_gap
+from corrected_flight import AXES, REGRESSORS, free_runs, judged_gap, residual_coefficients
 
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.parameters import flatten
@@ -122,3 +122,21 @@ def test_what_diverges_has_an_infinite_gap(flown):
     )  # drag that pushes: airspeed grows without bound in half a second
     found = judged_gap([record], layout, Fixed(flatten(vehicle, baseline), {}), lambda x: np.tile(push, (len(x), 1)))
     assert found["V"] == found["q"] == np.inf
+
+
+def test_learners_are_given_what_a_wrong_coefficient_leaves_in_its_own_axis(flown):
+    vehicle, baseline, _, _ = flown
+    prepared = [prepare(fly_case(CASE, vehicle)[0], vehicle)]
+    value = baseline.values()["Cm_alpha"]
+    rest = [
+        residual_coefficients(prepared, vehicle, Fixed(flatten(vehicle, model), {}))
+        for model in (baseline, baseline.with_coefficient("Cm_alpha", value - 0.2))
+    ]
+    (x, before), (same, after) = rest
+    assert x.shape == (len(before), len(REGRESSORS))
+    np.testing.assert_array_equal(x, same)
+    moved = after - before
+    slope = np.polyfit(x[:, REGRESSORS.index("alpha")], moved[:, AXES.index("Cm")], 1)[0]
+    assert slope == pytest.approx(0.2, rel=0.02)
+    others = [place for place, axis in enumerate(AXES) if axis != "Cm"]
+    assert np.abs(moved[:, others]).max() < 1e-9
