@@ -97,7 +97,7 @@ class JobRunner:
         for name in (flight_id, *request.get("validate", ())):
             self._check_flight(name)
         self._check_part(flight_id, request)
-        _check_effects(request.get("rule_out", ()))
+        _check_effects(kind, request.get("rule_out", ()))
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
@@ -274,8 +274,10 @@ class JobRunner:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
 
 
-def _check_effects(names: Sequence[str]) -> None:
-    """Raises JobError for the name of no effect."""
+def _check_effects(kind: str, names: Sequence[str]) -> None:
+    """Raises JobError for the name of no effect, and where none is looked for."""
+    if names and kind != "discrepancy":
+        raise JobError('rule_out is of jobs of the kind "discrepancy"; an identification looks for no effects')
     try:
         for name in names:
             effect_called(name)

@@ -75,7 +75,8 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/live/stream",
     }
     body = schema["components"]["schemas"]["JobRequest"]["properties"]
-    assert {"kind", "model", "structure", "prior", "validate", "method", "from", "to", "system"} == set(body)
+    known = {"kind", "model", "structure", "prior", "validate", "method", "from", "to", "system", "rule_out"}
+    assert known == set(body)
     assert client.get("/docs").status_code == 200
 
 

@@ -161,6 +161,7 @@ NO_MODEL = {"schema": "model/1", "coefficients": {}}
         ({"kind": "discrepancy", "model": {"schema": "model/1", "coefficients": {"CX_9": {}}}}, JobError, "CX_9"),
         ({"kind": "identify", "validate": ["nope"]}, CatalogueError, "nope"),
         ({"kind": "discrepancy", "model": NO_MODEL, "rule_out": ["mass"]}, JobError, "unknown effect 'mass'"),
+        ({"kind": "identify", "rule_out": ["mass_error"]}, JobError, "looks for no effects"),
     ],
 )
 def test_what_cannot_work_is_refused_at_once(
