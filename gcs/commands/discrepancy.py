@@ -1,6 +1,7 @@
 """`gcs discrepancy`: where a model and the flights part, and which effect explains it."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 NAME = "discrepancy"
@@ -28,10 +29,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.postflight import discrepancy
     from gcs.analysis.results import check_targets, discrepancy_text, write_results
     from gcs.options.flights import open_flights
-    from sim_vehicle.effects import effect_called
 
     check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
-    ruled_out = [effect_called(name.strip()).name for text in args.rule_out for name in text.split(",")]
+    ruled_out = _effects(args.rule_out)
     with open_flights(args) as flights:
         result = discrepancy(
             flights.recordings,
@@ -43,3 +43,15 @@ def run(args: argparse.Namespace) -> int:
         )
     write_results(result, args.output, args.write_model, as_json=args.json, text=discrepancy_text)
     return 0
+
+
+def _effects(texts: Sequence[str]) -> list[str]:
+    """Names of effects, with commas between in each text. Raises SettingsError for the name of none."""
+    from gcs.errors import SettingsError
+    from sim_vehicle.effects import effect_called
+    from sim_vehicle.errors import ModelFileError
+
+    try:
+        return [effect_called(name.strip()).name for text in texts for name in text.split(",")]
+    except ModelFileError as error:
+        raise SettingsError(f"--rule-out: {error}") from error
