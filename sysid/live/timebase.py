@@ -83,11 +83,12 @@ class TimeBase:
 
     def rows(self) -> list[Rows]:
         """The rows that are complete now, cut at gaps."""
+        newest = self._tracks.newest
         if self.interval_s is None:
             self.interval_s = self._tracks.period_s(BASE)
             if self.interval_s is None:
+                self._tracks.trim(float(newest.max()) - _KEPT_ALONE_S)
                 return []
-        newest = self._tracks.newest
         there = newest[self._needed]
         there = there[np.isfinite(there)]
         ready = max(float(there.min()) if there.size else -np.inf, float(newest[self._base]) - _PATIENCE_S)

@@ -98,3 +98,12 @@ def test_memory_is_bounded_where_the_accelerometer_is_silent() -> None:
             base.add(given(name, np.add(time_s, start_s), np.sin(time_s)))
         base.rows()
     assert len(base) < 5_000
+
+
+def test_memory_is_bounded_where_the_accelerometer_never_came() -> None:
+    base = TimeBase(["p", "az"])
+    for second in range(200):
+        time_s = second + times(50)
+        base.add(given("p", time_s, np.sin(time_s)))
+        assert base.rows() == []
+    assert len(base) < 5_000
