@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 from api_bench import Bench
 from serving import serving
@@ -45,6 +47,26 @@ def test_the_next_flight_begins_anew() -> None:
     assert minute.to_json() == {"flight": "g", "time_s": [51.0], "signals": {"alpha": [0.2]}}
     minute.look(told(3, 0.5, "g", alpha=(0.3, 3.0)))
     assert minute.to_json()["time_s"] == [0.5]
+
+
+def test_it_is_read_whole_while_it_is_kept() -> None:
+    """Requests are answered in threads of their own."""
+    minute, usual = LastMinute(), sys.getswitchinterval()
+    for number in range(200):
+        minute.look(told(number + 1, 0.25 * number, alpha=(0.1, 1.0), beta=(0.2, 1.0)))
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            reading = pool.submit(lambda: [minute.to_json() for _ in range(300)])
+            number = 200
+            while not reading.done():
+                minute.look(told(number + 1, 0.25 * number, alpha=(0.1, 1.0), beta=(0.2, 1.0)))
+                number += 1
+            answers = reading.result()
+    finally:
+        sys.setswitchinterval(usual)
+    assert number > 250, "nothing was kept meanwhile"
+    assert all(len(one["time_s"]) == len(one["signals"]["beta"]) for one in answers)
 
 
 def test_the_service_keeps_what_it_tells(make_bench: Callable[..., Bench]) -> None:
