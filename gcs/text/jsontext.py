@@ -40,6 +40,6 @@ def dumps(value: Any, indent: int | None = None) -> str:
     """JSON text of `value` after `plain`; with an indent, lists of numbers stay on one line each."""
     try:  # most values need no more than a few plain types, and going through all of them takes longer than the text
         text = json.dumps(value, default=_made_plain, indent=indent, allow_nan=False, ensure_ascii=False)
-    except ValueError:
+    except (ValueError, TypeError):  # what is not finite, and keys that are no text
         text = json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
     return text if indent is None else _BROKEN.sub(lambda found: f"[{' '.join(found[1].split())}]", text)

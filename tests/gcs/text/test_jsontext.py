@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gcs.text.jsontext import dumps
 
@@ -29,3 +31,9 @@ def test_what_is_not_finite_is_null() -> None:
     values = {"a": np.array([1.0, np.nan]), "b": float("inf"), "c": np.float64(2.5)}
     assert json.loads(dumps(values, indent=2)) == {"a": [1.0, None], "b": None, "c": 2.5}
     assert dumps(values) == '{"a": [1.0, null], "b": null, "c": 2.5}'
+
+
+def test_keys_that_are_no_text_become_text() -> None:
+    assert json.loads(dumps({np.int64(3): {Path("a"): 1.0}})) == {"3": {"a": 1.0}}
+    with pytest.raises(TypeError):
+        dumps({"a": object()})
