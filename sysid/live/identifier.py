@@ -151,8 +151,7 @@ class LiveIdentifier:
         if self._base is not None:
             self._work()
         errors = self._refresh()
-        if self._slow is not None:
-            self._slow.hand_on(self._axes)
+        self._hand_on()
         values = self._values(errors)
         coefficients = dict(self._unknown())
         squares = {}
@@ -194,8 +193,8 @@ class LiveIdentifier:
             self._air, errors = AirFilter(self._vehicle.environment.gravity), {}
             self._faults["air"] = "wind and sensor errors begin anew: a measurement was beyond all measure"
         checked = self.time_s > self._checked + _CHECK_S - _EARLY_S
-        if checked and self._slow is not None:
-            self._slow.hand_on(self._axes)
+        if checked:
+            self._hand_on()
         for axis, one in list(self._axes.items()):
             if axis in self._standing:
                 continue
@@ -255,10 +254,18 @@ class LiveIdentifier:
         self._waiting.clear()
         self._work()
 
+    def _hand_on(self) -> None:
+        """Give the slower estimators what waits for them."""
+        try:
+            if self._slow is not None:
+                self._slow.hand_on(self._axes)
+        except _FAULTS as error:
+            self._broken = True
+            self._faults["rows"] = f"samples are left out of least squares: {_in_words(error)}"
+
     def _make_axes(self, interval_s: float) -> None:
         assert self._equations is not None
-        if self._slow is not None:
-            self._slow.hand_on(self._axes)
+        self._hand_on()
         for axis, terms in self._equations.terms.items():
             if axis not in self._axes:
                 self._axes[axis] = Axis.of(axis, terms, tuple(self._noise), interval_s)
