@@ -80,7 +80,7 @@ def _missing_effect(result: Result) -> str:
     closed = _closed(result, "before", "after", "adding the first")
     return (
         f"{effect_phrase(effect)} (probability {_percent(effect['probability'])}), or it is {_others(effect)}: this "
-        f"flight cannot tell them apart; fly {effect['separating_manoeuvre']} to do so. {_capital(closed)}."
+        f"flight cannot tell them apart. What would: {effect['separating_manoeuvre']}. {_capital(closed)}."
     )
 
 
@@ -160,7 +160,7 @@ def _above(times: float) -> float:
 
 def _instead(effect: Result) -> str:
     instead = f"Instead of {effect_title(effect['name'])} it may be {_others(effect)}"
-    return f"{instead}; fly {effect['separating_manoeuvre']} to tell them apart."
+    return f"{instead}; what would tell them apart: {effect['separating_manoeuvre']}."
 
 
 def _others(effect: Result) -> str:
