@@ -46,17 +46,21 @@ class SlowSamples:
     """
 
     def __init__(self, interval_s: float) -> None:
+        self._interval_s = interval_s
         self._decimator = Decimator(interval_s)
         self.white_noise_left = self._decimator.white_noise_left
         self._waiting: list[Sides] = []
+
+    def anew(self) -> SlowSamples:
+        """The same with nothing waiting and nothing filtered."""
+        return SlowSamples(self._interval_s)
 
     def add(self, sides: Sides) -> None:
         """Take equations that follow those before."""
         self._waiting.append(sides)
 
-    def restart(self, axes: Mapping[str, Axis]) -> None:
-        """What comes next does not continue."""
-        self.hand_on(axes)
+    def restart(self) -> None:
+        """What comes next does not continue what has been handed on."""
         self._decimator.restart()
 
     def hand_on(self, axes: Mapping[str, Axis]) -> None:

@@ -237,8 +237,7 @@ class LiveIdentifier:
         known = {axis: one.names for axis, one in self._axes.items()}
         terms, self._standing = axes_of(self._names, self._refused, known)
         if self._base is not None and self._equations is not None:
-            if self._slow is not None:
-                self._slow.restart(self._axes)
+            self._hand_on(ends=True)
             self._base.need(needed)
             self._equations.follow(terms, self._thrust.moving_mass)
             for axis, names in known.items():
@@ -254,14 +253,17 @@ class LiveIdentifier:
         self._waiting.clear()
         self._work()
 
-    def _hand_on(self) -> None:
-        """Give the slower estimators what waits for them."""
+    def _hand_on(self, *, ends: bool = False) -> None:
+        """Give the slower estimators what waits for them. ends: what comes next does not continue it."""
+        if self._slow is None:
+            return
         try:
-            if self._slow is not None:
-                self._slow.hand_on(self._axes)
+            self._slow.hand_on(self._axes)
         except _FAULTS as error:
-            self._broken = True
-            self._faults["rows"] = f"samples are left out of least squares: {_in_words(error)}"
+            self._slow = self._slow.anew()
+            self._faults["slow"] = f"samples are left out of least squares: {_in_words(error)}"
+        if ends:
+            self._slow.restart()
 
     def _make_axes(self, interval_s: float) -> None:
         assert self._equations is not None
@@ -299,8 +301,8 @@ class LiveIdentifier:
             told = {name: error.value for name, error in self._air.errors().items() if error.told}
             self._equations.biases = told
         sides = self._equations.take(rows)
-        if not rows.continues and self._slow is not None:
-            self._slow.restart(self._axes)
+        if not rows.continues:
+            self._hand_on(ends=True)
         if sides is None or self._slow is None:
             return
         for name, place in sides.places.items():

@@ -11,6 +11,7 @@ from simulated import fly_mav
 
 from sim_vehicle.vehicle import load_vehicle
 from sysid.flight import FlightSignals
+from sysid.live.axes import SlowSamples
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.spectral import AxisEstimator, Estimate
 
@@ -136,3 +137,16 @@ def test_a_reading_beyond_all_measure_is_survived(flight: FlightSignals) -> None
         report = live.report()
     assert len(known(report)) >= len(last) - 2
     assert np.isfinite(report.coefficients["CL_alpha"].value)
+
+
+def test_least_squares_that_fail_are_told_and_end_nothing(
+    flight: FlightSignals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(self: SlowSamples, axes: object) -> None:
+        raise FloatingPointError("overflow")
+
+    live = LiveIdentifier(load_vehicle("iitb-mav"))
+    monkeypatch.setattr(SlowSamples, "hand_on", failing)
+    report = list(reports(flight, {}, live).values())[-1]
+    assert any("left out of least squares" in line for line in report.warnings)
+    assert report.coefficients["CL_alpha"].known
