@@ -51,6 +51,7 @@ def phone(browser: Browser, ground: Ground, node: NodeReader) -> Iterator[Visito
 @contextmanager
 def flying(ground: Ground, *options: object) -> Iterator[None]:
     """A vehicle that flies in real time; straight on, so that hardly any coefficient becomes known."""
+    ground.wait_until_landed()
     command = ("fly", "--vehicle", "iitb-mav", "--seed", 5, "--duration", 600, *options)
     simulator = start("sim-vehicle", [*command, "--out", f"udpout:127.0.0.1:{ground.udp}"])
     with simulator:
@@ -178,7 +179,7 @@ class Telemetry(threading.Thread):
 
 
 def test_a_sensor_that_falls_silent_has_no_figure(phone: Visitor, ground: Ground) -> None:
-    wait_until(lambda: ground.get("/api/live")["flight"] is None)  # the flight of another test is over
+    ground.wait_until_landed()
     telemetry = Telemetry(ground)
     telemetry.start()
     try:
@@ -210,7 +211,6 @@ new MutationObserver(changes => {
 
 
 def test_a_screen_reader_is_told_once(phone: Visitor, ground: Ground) -> None:
-    wait_until(lambda: ground.get("/api/live")["flight"] is None)
     with flying(ground, "--manoeuvre", "multisine", "--set", "sensors.alpha_bias=0.15"):
         wait_until(lambda: ground.get("/api/live")["flight"])
         phone.open("#/live")

@@ -62,6 +62,7 @@ def visitor(request: pytest.FixtureRequest, browser: Browser, ground: Ground, no
 @pytest.fixture
 def flying(ground: Ground) -> Iterator[None]:
     """A vehicle that flies in real time until the test is over."""
+    ground.wait_until_landed()
     simulator = start("sim-vehicle", [*FLY, "--duration", 600, "--out", f"udpout:127.0.0.1:{ground.udp}"])
     with simulator:
         try:

@@ -10,6 +10,7 @@ from typing import Any
 
 import httpx
 from processes import TIMEOUT_S, start
+from traffic import wait_until
 
 
 @dataclass
@@ -35,6 +36,10 @@ class Ground:
         self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
         assert self.process.stdout is not None
         assert self.process.stdout.readline().startswith("serving on ")
+
+    def wait_until_landed(self) -> None:
+        """The flight before is over: what is asked for from here on is of the next one."""
+        wait_until(lambda: self.get("/api/live")["flight"] is None)
 
     def stop(self) -> None:
         assert self.process is not None
