@@ -12,19 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
-from sim_vehicle.dynamics import derivatives
-from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
-from sim_vehicle.plantstate import quaternion
-from sim_vehicle.sensing import read_sensors
-from sim_vehicle.vehicle import Vehicle
-from sysid.compatibility import SensorLayout
-from sysid.gap import GAP_NAMES, Fixed, windows
-from sysid.parameterisation import STATES, with_errors
-from sysid.prepare import Prepared, smoothed_states
-from sysid.records import OUTPUTS, Record, angle_wrap, effects_at
-from sysid.residuals import CUTOFF_HZ, coefficient_path
-from sysid.smoothing import fourier_smooth
+from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import smoothed_states
+from sysid.numerics.smoothing import fourier_smooth
+from sysid.problem.coefficient_residuals import CUTOFF_HZ, coefficient_path
+from sysid.problem.free_run import GAP_NAMES, Fixed, windows
+from sysid.problem.predictor import with_errors
+from sysid.signals.preparation import Prepared
+from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap, effects_at
+from sysid.signals.sensor_layout import SensorLayout
 
 Array = NDArray[np.float64]
 

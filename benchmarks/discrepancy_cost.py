@@ -28,13 +28,13 @@ from discrepancy_cases import STEP_S, Case, baseline_model, plan_for, the_vehicl
 from simulated import signals_of
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.fly import fly
-from sim_vehicle.plan import Plan
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.flight_loop import fly
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.discrepancy import discrepancy
-from sysid.flight import FlightSignals
+from sysid.signals.flight import FlightSignals
 
 CASE = Case((("pitch_curvature", 1.0),), 20_000, 0.0)
 REPEATS = 4

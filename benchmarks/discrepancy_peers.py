@@ -32,17 +32,18 @@ from peer_table import RIGHT_TERMS, report
 from residual_peers import GaussianProcess, Sindy
 from seed_lines import end_line, fingerprint, keyed_lines, progress
 
-from sim_vehicle.model import Model, model_from_json
-from sim_vehicle.parameters import flatten
-from sim_vehicle.vehicle import Vehicle
-from sysid.baseline import BENCH, NUISANCE, SUB_STEPS
+from sim_vehicle.model.model_file import Model, model_from_json
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import check_compatibility
 from sysid.discrepancy import discrepancy
-from sysid.engines import fitted
-from sysid.estimate import MAX_RUN_S, free_coefficients, model_of
-from sysid.flight import FlightSignals
-from sysid.gap import Fixed
-from sysid.posing import make_problem
-from sysid.prepare import Prepared, check_compatibility, prepare
+from sysid.discrepancy.baseline import BENCH, NUISANCE, SUB_STEPS
+from sysid.discrepancy.candidate_fits import fitted
+from sysid.problem.formulation import make_problem
+from sysid.problem.free_run import Fixed
+from sysid.problem.problem import MAX_RUN_S, free_coefficients, model_of
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared, prepare
 
 OUTPUT = Path(__file__).resolve().parents[1] / "campaign-output" / "discrepancy-peers"
 # The campaign's first seeds: calm, then turbulence.

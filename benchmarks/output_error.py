@@ -25,15 +25,15 @@ from flight_equations import FREE, OUTPUTS, STATES, rates_and_outputs
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from sim_vehicle.model import read_model
-from sim_vehicle.parameters import flatten
-from sim_vehicle.plant import Plant
-from sim_vehicle.trim import solve_trim
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.output_error import OutputError
-from sysid.parameterisation import Predictor, coefficient
-from sysid.records import OUTPUTS as SIGNALS
-from sysid.records import Record
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.trim import solve_trim
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.output_error.estimator import OutputError
+from sysid.problem.predictor import Predictor, coefficient
+from sysid.signals.record import OUTPUTS as SIGNALS
+from sysid.signals.record import Record
 
 Array = NDArray[np.float64]
 Equations = tuple[Array, Array]

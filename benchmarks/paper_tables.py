@@ -22,26 +22,26 @@ import numpy as np
 from numpy.typing import NDArray
 from seed_lines import fingerprint, fly_missing
 
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.fly import fly
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.parameters import flatten
-from sim_vehicle.plan import plan_of
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import TABLE_II, SensorSuite
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.compatibility import compatibility
-from sysid.equation_error import equation_error
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.flight.flight_loop import fly
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import TABLE_II, SensorSuite
+from sim_vehicle.manoeuvres.plan import plan_of
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.compatibility.reconstruction import compatibility
+from sysid.equation_error.coefficients import body_of
+from sysid.equation_error.time_domain import equation_error
 from sysid.errors import SysidError
-from sysid.estimate import LONGITUDINAL_STATES, Motion
-from sysid.flight import FlightSignals, Signal
 from sysid.identify import identify
-from sysid.output_error import OutputError
-from sysid.parameterisation import STATES, Predictor, coefficient, sensor_error
-from sysid.posing import corrected_parts
-from sysid.prepare import prepare
-from sysid.records import LATERAL, LONGITUDINAL, OUTPUTS, SURFACES, Record
-from sysid.residuals import body_of
+from sysid.output_error.estimator import OutputError
+from sysid.problem.formulation import corrected_parts
+from sysid.problem.predictor import Predictor, coefficient, sensor_error
+from sysid.problem.problem import LONGITUDINAL_STATES, Motion
+from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.preparation import prepare
+from sysid.signals.record import LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
 

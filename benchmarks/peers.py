@@ -56,19 +56,19 @@ from peer_equations import (
 )
 from simulated import fly_mav
 
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.model import read_model
-from sim_vehicle.terms import parse_term
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.compatibility import CompatibilityResult
-from sysid.equation_error import settled_equations
-from sysid.equation_identify import diffuse
-from sysid.equations import CUTOFF_HZ, axes_of
-from sysid.flight import FlightSignals
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
+from sysid.equation_error.coefficients import body_of
+from sysid.equation_error.equations import CUTOFF_HZ, axes_of
+from sysid.equation_error.time_domain import settled_equations
+from sysid.identification.equation_error import diffuse
 from sysid.identify import identify
-from sysid.posing import corrected_parts, make_problem
-from sysid.prepare import Prepared, check_compatibility, prepare
-from sysid.residuals import body_of
+from sysid.problem.formulation import corrected_parts, make_problem
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared, prepare
 
 Array = NDArray[np.float64]
 Estimates = dict[str, tuple[float, float]]  # coefficient -> value and standard error

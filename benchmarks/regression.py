@@ -14,7 +14,7 @@ import numpy as np
 import statsmodels.api as sm
 from telemetry import compare
 
-from sysid.regression import gram_regress
+from sysid.equation_error.least_squares import gram_regress
 
 SAMPLES, REGRESSORS = 1_000_000, 10
 

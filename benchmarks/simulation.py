@@ -14,13 +14,13 @@ import numpy as np
 from telemetry import compare
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.layout import CHANNELS
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.parameters import flatten
-from sim_vehicle.plant import Plant
-from sim_vehicle.simulation import simulate
-from sim_vehicle.trim import solve_trim
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.trim import solve_trim
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.physics.simulation import simulate
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 STEP, STEPS = 1.0 / 120.0, 7200
 SWITCHED_ON = {

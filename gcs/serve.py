@@ -30,7 +30,7 @@ from gcs.station.station import RecordingStation
 from gcs.station.voice import StationVoice
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
 

@@ -2,6 +2,6 @@
 
 import sys
 
-from sim_vehicle.cli import main
+from sim_vehicle.cli.main import main
 
 sys.exit(main())

@@ -25,10 +25,10 @@ from scipy.signal import butter, filtfilt
 
 from gcs.analysis.postflight import read_flights
 from gcs.errors import GcsError
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightData
-from sysid.timebase import resample
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.signals.flight import FlightData
+from sysid.signals.resampling import resample
 
 Array = NDArray[np.float64]
 

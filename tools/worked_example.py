@@ -20,7 +20,7 @@ from doc_commands import ROOT, blocks
 
 from gcs.report.gapfigures import draw_bars, draw_curves, draw_simulations
 from gcs.report.svg import save
-from sysid.sentences import shrinking
+from sysid.discrepancy.summary import shrinking
 
 PAGE = ROOT / "docs" / "howto" / "missing-effect.md"
 FOLDER = ROOT / "demo-output" / "worked-example"

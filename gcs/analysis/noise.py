@@ -11,10 +11,10 @@ import numpy as np
 from gcs.errors import SignalMapError
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
 from sysid.errors import SignalError
-from sysid.flight import Signal
-from sysid.noise import SensorNoise, sensor_noise
+from sysid.signals.flight import Signal
+from sysid.signals.static_noise import SensorNoise, sensor_noise
 
 # Key under [sensors] of the vehicle file -> the signals whose noise it states.
 SENSORS = {

@@ -13,9 +13,9 @@ from gcs.analysis.sameflight import repeated, same
 from gcs.flights.signals import extract
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightSignals
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.signals.flight import FlightSignals
 
 Progress = Callable[[float, str], None]
 
@@ -56,9 +56,9 @@ def identify(
     paths: MCAP recordings, estimated together. validate: recordings the model is judged by. structure, prior: model
     files. start, stop: s from the flight's first stamp. Raises GcsError, SysidError, SimVehicleError in one line.
     """
-    from sysid.compile_ahead import CompileAhead
+    from sysid.identification.compile_ahead import CompileAhead
+    from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
-    from sysid.result import result_json
 
     craft = load_vehicle(str(vehicle))
     progress(0.0, "reading the recordings")
@@ -105,7 +105,7 @@ def discrepancy(
     ruled_out: effects that are known not to be there.
     """
     from sysid.discrepancy import discrepancy as run
-    from sysid.result import finite_json
+    from sysid.identification.result_file import finite_json
 
     craft = load_vehicle(str(vehicle))
     baseline = read_model(model)

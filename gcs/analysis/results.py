@@ -11,7 +11,7 @@ from gcs.errors import SettingsError
 from gcs.text.chance import p_text, probability_text
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
-from sim_vehicle.targets import unwritable
+from sim_vehicle.cli.writable import unwritable
 
 _Z95 = 1.96
 

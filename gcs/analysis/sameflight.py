@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.flight import FlightSignals
+from sysid.signals.flight import FlightSignals
 
 # Measured motion: commands of a planned manoeuvre are alike in flights that have nothing else in common.
 _MOTION = ("p", "q", "r", "ax", "ay", "az", "phi", "theta", "psi")

@@ -16,7 +16,7 @@ from gcs.api.schemas import Live, Minute
 from gcs.api.service import Service, Serving
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 router = APIRouter(tags=["live"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.flight import Array
+from sysid.arrays import Array
 
 
 def decimate(time_s: Array, values: Array, points: int) -> tuple[Array, Array]:

@@ -16,9 +16,9 @@ from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
 from gcs.settings import Settings
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
-from sysid.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal
 
 _KEPT_FLIGHTS = 4
 _KEPT_SUMMARIES = 64

@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.errors import SettingsError
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
-    from sim_vehicle.model import read_model
-    from sim_vehicle.vehicle import load_vehicle
+    from sim_vehicle.model.model_file import read_model
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     check_targets(args.output, args.pwm, args.lua)
     if args.plan and (args.manoeuvre or args.tune):

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.noise import noise_of_recording, noise_text
     from gcs.inspection.info import as_recordings
     from gcs.text.jsontext import dumps
-    from sim_vehicle.vehicle import Vehicle, load_vehicle
+    from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
     vehicle = load_vehicle(args.vehicle) if args.vehicle else Vehicle.unknown()
     with as_recordings([args.file], args.dialect) as (path,):

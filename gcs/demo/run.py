@@ -17,8 +17,8 @@ from gcs.analysis.results import discrepancy_text
 from gcs.demo.truth import signal_errors
 from gcs.errors import GcsError, JobError
 from gcs.text.progress import Progress
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 VEHICLE = "iitb-mav"
 # The pages of the identification and of the discrepancy analysis.

@@ -7,8 +7,8 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from gcs.flights.signals import load_calibration
-from sim_vehicle.analogue import load_analogue
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.vehicle.adc_curves import load_analogue
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 # Where the signals are in a flight of the demonstration: SI, rad.
 RANGES = {"alpha": (-0.02, 0.2), "beta": (-0.1, 0.1), "airspeed": (12.0, 18.0)}

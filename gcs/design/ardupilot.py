@@ -15,12 +15,12 @@ import numpy as np
 
 from gcs.design.pulses import PulseSchedule, pulse_schedule
 from gcs.errors import SettingsError
-from sim_vehicle.autopilot import control_effectiveness
-from sim_vehicle.model import Model
-from sim_vehicle.plan import Plan
-from sim_vehicle.plant import Plant
-from sim_vehicle.servos import ServoOutputs
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.autopilot import control_effectiveness
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.servo_mixing import ServoOutputs
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 TEMPLATE = Path(__file__).resolve().parent / "flight_test.lua"
 MARK = "--@SETTINGS@"

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import SettingsError
+from sim_vehicle.cli.options import UsageError, read_settings
 from sim_vehicle.errors import PlanError
-from sim_vehicle.model import Model
-from sim_vehicle.options import UsageError, read_settings
-from sim_vehicle.plan import Plan, plan_of, read_plan
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.manoeuvres.plan import Plan, plan_of, read_plan
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.design import Expected, Prediction, predict
-from sysid.excitation import peak_factors, tuned_plan
-from sysid.linear import linearise
-from sysid.rehearsal import RATE_HZ
-from sysid.spectrum import Limits
+from sysid.design.manoeuvre_sizing import peak_factors, tuned_plan
+from sysid.design.multisine_spectrum import Limits
+from sysid.design.simulated_flight import RATE_HZ
+from sysid.identification.linear_model import linearise
 
 Progress = Callable[[float, str], None]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.model import Model
-from sim_vehicle.plan import Plan
-from sim_vehicle.plant import Plant
-from sim_vehicle.schedule import Schedule
-from sim_vehicle.servos import ServoOutputs
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.plan_ticks import Schedule
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.servo_mixing import ServoOutputs
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
 

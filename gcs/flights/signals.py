@@ -21,10 +21,10 @@ from gcs.flights.signalmap import (
     usual_source,
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, VehicleStreams, load_streams
-from sim_vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, CalibrationSource, SignalSource, Vehicle
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, CalibrationSource, SignalSource, Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
-from sysid.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal
 
 Array = NDArray[np.float64]
 

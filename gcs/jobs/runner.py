@@ -26,8 +26,8 @@ from gcs.settings import Settings
 from gcs.text.jsontext import dumps
 from sim_vehicle.effects import effect_called
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.model import model_from_json
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import model_from_json
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
 

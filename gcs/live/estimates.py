@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from gcs.live.signals import Samples
-from sim_vehicle.vehicle import Vehicle
-from sysid.flight import Array, IntArray
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
-from sysid.structure import usual_size
+from sysid.problem.model_structure import usual_size
 
 # A report has words and is told to whoever listens; in between only values and standard errors are.
 _EVERY_S = 0.4

@@ -22,10 +22,10 @@ from gcs.flights.signals import (
     values_of,
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, Stream
-from sim_vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sysid.arrays import Array
 from sysid.calibration import Calibration
-from sysid.flight import Array
 
 _WINDOW_S = 2.0
 

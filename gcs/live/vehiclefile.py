@@ -8,7 +8,7 @@ from pathlib import Path
 from gcs.errors import GcsError
 from gcs.live.signals import SignalStream
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
 

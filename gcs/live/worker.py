@@ -25,7 +25,7 @@ from gcs.live.vehiclefile import WatchedVehicle
 from gcs.mavlink.dialect import Dialect
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
 

@@ -50,7 +50,7 @@ def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
     """
     from gcs.inspection.info import as_recordings
     from gcs.text.progress import Progress
-    from sim_vehicle.vehicle import load_vehicle
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     vehicle = load_vehicle(args.vehicle)
     for warning in vehicle.warnings:  # before the job: it takes minutes, and a wrong unit makes them worthless

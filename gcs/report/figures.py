@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
-from sim_vehicle.terms import AXES
-from sysid.flight import Array
+from sim_vehicle.model.terms import AXES
+from sysid.arrays import Array
 
 Result = Mapping[str, Any]
 _Z95 = 1.96

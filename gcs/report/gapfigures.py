@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
-from sysid.flight import Array
-from sysid.sentences import shrinking
+from sysid.arrays import Array
+from sysid.discrepancy.summary import shrinking
 
 Result = Mapping[str, Any]
 STAGES = {"given": "as given", "before": "fitted again", "after": "effect added", "noise_floor": "noise floor"}

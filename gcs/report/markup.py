@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from gcs.text.chance import probability_text
-from sysid.phrases import LEAST_EXPONENT, too_small
+from sysid.discrepancy.wording import LEAST_EXPONENT, too_small
 
 NONE = '<span aria-label="none">–</span>'
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
-from sim_vehicle.terms import AXES
+from sim_vehicle.model.terms import AXES
 
 Result = Mapping[str, Any]
 _Z95 = 1.96

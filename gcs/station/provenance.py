@@ -20,7 +20,7 @@ from gcs.recording.parts import Provenance
 from gcs.recording.records import Attachment
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
 

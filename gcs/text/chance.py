@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sysid.phrases import LEAST_EXPONENT, too_small
+from sysid.discrepancy.wording import LEAST_EXPONENT, too_small
 
 _CERTAIN = 0.999
 

@@ -32,7 +32,7 @@ from sim_vehicle.effects import (
 )
 from sim_vehicle.effects.base import CoefficientEffect, Effect, Parameter, Stage
 from sim_vehicle.effects.coefficient import COEFFICIENT_EFFECTS
-from sim_vehicle.effects.confusions import CONFUSIONS
+from sim_vehicle.effects.separations import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
 
 EFFECTS: dict[str, Effect] = {

@@ -1,8 +1,8 @@
 """What an effect is: a name, where it acts, and parameters with units and ranges.
 
 An effect is physics that a baseline model may lack. Each lives in one file with its equation as a compiled function of
-plain scalars; `sim_vehicle.dynamics`, `actuation` and `sensing` call these functions where the effect's slot is on.
-Effects that are plain coefficients (pitch damping is Cm_q) need no code of their own: see `coefficient.py`.
+plain scalars; `sim_vehicle.physics.dynamics`, `actuation` and `ideal_sensors` call these functions where the effect's
+slot is on. Effects that are plain coefficients (pitch damping is Cm_q) need no code of their own: see `coefficient.py`.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """A flap, a gear or the door of a bay that moves once: CL, CD and Cm change by dCL, dCD, dCm at one moment.
 
-CL = CL_terms + dCL s(t), and likewise CD, Cm; s is the ramp of `sim_vehicle.effects.switched`. The part of lift fades
+CL = CL_terms + dCL s(t), and likewise CD, Cm; s is the ramp of `sim_vehicle.effects.ramp`. The part of lift fades
 with the stall as the rest of it does.
 """
 
 from sim_vehicle.effects.base import Effect, Parameter, Stage
-from sim_vehicle.effects.switched import DURATION, TIME
+from sim_vehicle.effects.ramp import DURATION, TIME
 
 CONFIGURATION_STEP = Effect(
     "configuration_step",

@@ -1,10 +1,10 @@
-"""Something that falls off, or out of a bay: mass m (1 - fraction s(t)), s the ramp of `sim_vehicle.effects.switched`.
+"""Something that falls off, or out of a bay: mass m (1 - fraction s(t)), s the ramp of `sim_vehicle.effects.ramp`.
 
 What falls hung at the centre of gravity and turned nothing: moments of inertia stay.
 """
 
 from sim_vehicle.effects.base import Effect, Parameter, Stage
-from sim_vehicle.effects.switched import DURATION, TIME
+from sim_vehicle.effects.ramp import DURATION, TIME
 from sim_vehicle.jit import jit
 
 MASS_DROP = Effect(

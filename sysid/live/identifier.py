@@ -9,27 +9,27 @@ from math import isfinite
 
 import numpy as np
 
-from sim_vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle import SEA_LEVEL_DENSITY, Vehicle
-from sysid.equations import MOMENTS
-from sysid.flight import Array
-from sysid.live.air import AirFilter, SensorError
-from sysid.live.airborne import Airborne
-from sysid.live.airsteps import ROW
-from sysid.live.axes import Axis, SlowSamples
-from sysid.live.changes import Change
-from sysid.live.corrections import corrected
-from sysid.live.equations import LiveEquations
-from sysid.live.excitation import Coefficient, judged
-from sysid.live.needs import CORE, OPTIONAL, axes_of, refusals
-from sysid.live.sentences import change_sentence, sensor_warnings
-from sysid.live.sparse import SparseSamples
-from sysid.live.spectral import VANES
-from sysid.live.stuck import StuckVanes
-from sysid.live.thrust import LiveThrust
-from sysid.live.timebase import Rows, TimeBase
-from sysid.live.whitenoise import WhiteNoise
-from sysid.structure import default_structure, helpful_manoeuvre, usual_size
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sysid.arrays import Array
+from sysid.equation_error.equations import MOMENTS
+from sysid.live.bias_correction import corrected
+from sysid.live.estimators.axis_estimators import Axis, SlowSamples
+from sysid.live.estimators.change_detection import Change
+from sysid.live.estimators.coefficient_status import Coefficient, judged
+from sysid.live.estimators.equations import LiveEquations
+from sysid.live.estimators.frequency_estimator import VANES
+from sysid.live.signal_requirements import CORE, OPTIONAL, axes_of, refusals
+from sysid.live.signals.air_data_ekf import AirFilter, SensorError
+from sysid.live.signals.air_data_imm import ROW
+from sysid.live.signals.airborne import Airborne
+from sysid.live.signals.low_rate_buffer import SparseSamples
+from sysid.live.signals.noise_estimator import WhiteNoise
+from sysid.live.signals.row_alignment import Rows, TimeBase
+from sysid.live.signals.stuck_vanes import StuckVanes
+from sysid.live.signals.thrust_source import LiveThrust
+from sysid.live.wording import change_sentence, sensor_warnings
+from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
 
 _HEIGHT = ("altitude",)  # tells the ground from the air, where there is one
 _SPARSE = ("vn", "ve", "vd")

@@ -16,12 +16,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from bad_flights import cases
 from simulated import fly_mav
 
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
-from sysid.flight import FlightSignals
+from sysid.identification.result_file import result_json
 from sysid.identify import identify
-from sysid.result import result_json
+from sysid.signals.flight import FlightSignals
 
 FAR = 3.5
 

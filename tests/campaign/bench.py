@@ -17,13 +17,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from simulated import fly_mav
 
-from sim_vehicle.analogue import load_analogue
-from sim_vehicle.bench import BENCHES, bench_points
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.adc_curves import load_analogue
+from sim_vehicle.vehicle.bench_points import BENCHES, bench_points
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.calibration import BenchPoints, calibrate
-from sysid.flight import FlightSignals, Signal
 from sysid.identify import identify
+from sysid.signals.flight import FlightSignals, Signal
 
 MANOEUVRES = "multisine"
 DURATION_S = 30.0

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.design import predict
-from sysid.excitation import tuned_plan
+from sysid.design.manoeuvre_sizing import tuned_plan
+from sysid.design.simulated_flight import rehearse
 from sysid.identify import identify
-from sysid.rehearsal import rehearse
 
 FIRST_SEED = 30_000
 SIMULATION_STEP_S = 0.0021

@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.model import Model
-from sim_vehicle.vehicle import Vehicle
-from sysid.baseline import BENCH, NUISANCE
-from sysid.compatibility import CompatibilityResult
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
 from sysid.discrepancy import discrepancy
+from sysid.discrepancy.baseline import BENCH, NUISANCE
+from sysid.discrepancy.gap import fixed_model
 from sysid.errors import SysidError
-from sysid.estimate import Problem, fit
-from sysid.flight import FlightSignals
-from sysid.gap import gap
-from sysid.gapstages import fixed_model
-from sysid.posing import make_problem
-from sysid.prepare import Prepared, check_compatibility, prepare
+from sysid.output_error.fit import fit
+from sysid.problem.formulation import make_problem
+from sysid.problem.free_run import gap
+from sysid.problem.problem import Problem
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared, prepare
 
 # Short free runs follow the flight even where the true model's simulation has steps of its own, s.
 _RUN_S = 6.0

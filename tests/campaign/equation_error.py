@@ -1,7 +1,7 @@
 """Bias and coverage of equation error over many simulated flights. Run: make campaign-equation-error
 
 Two ways of pairing a held command with a derivative stand side by side: the mean of two samples, with rates taken
-as a series through the samples, and what sysid.equations does.
+as a series through the samples, and what sysid.equation_error.equations does.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from simulated import fly_mav
 
-import sysid.equation_error
-import sysid.equations
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.compatibility import CompatibilityResult
-from sysid.equation_error import equation_values
-from sysid.equation_identify import diffuse, estimate_by_equations
-from sysid.estimate import excited_motion, free_coefficients
-from sysid.posing import corrected_parts, make_problem
-from sysid.prepare import Prepared, check_compatibility, prepare
-from sysid.residuals import body_of
-from sysid.structure import default_structure
+import sysid.equation_error.equations
+import sysid.equation_error.time_domain
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
+from sysid.equation_error.coefficients import body_of
+from sysid.equation_error.time_domain import equation_values
+from sysid.identification.equation_error import diffuse, estimate_by_equations
+from sysid.problem.formulation import corrected_parts, make_problem
+from sysid.problem.model_structure import default_structure
+from sysid.problem.problem import excited_motion, free_coefficients
+from sysid.signals.preparation import Prepared, prepare
 
 # Seeds that no test uses.
 FIRST_SEED = 20_000
@@ -37,13 +37,13 @@ def former(
     prepared: list[Prepared], vehicle: Vehicle, compatible: CompatibilityResult, names: list[str]
 ) -> list[float]:
     """Estimates with the mean of two commands and nothing for how they bend the rates."""
-    kept = sysid.equations.PAIRING, sysid.equation_error.JUMP_ROUNDS
-    sysid.equations.PAIRING, sysid.equation_error.JUMP_ROUNDS = (0.0, 0.5, 0.5, 0.0), 0
+    kept = sysid.equation_error.equations.PAIRING, sysid.equation_error.time_domain.JUMP_ROUNDS
+    sysid.equation_error.equations.PAIRING, sysid.equation_error.time_domain.JUMP_ROUNDS = (0.0, 0.5, 0.5, 0.0), 0
     try:
         parts = corrected_parts(prepared, vehicle, compatible)
         told = equation_values(parts, body_of(vehicle), names, prior=diffuse(names))
     finally:
-        sysid.equations.PAIRING, sysid.equation_error.JUMP_ROUNDS = kept
+        sysid.equation_error.equations.PAIRING, sysid.equation_error.time_domain.JUMP_ROUNDS = kept
     return [told[name] for name in names]
 
 

@@ -23,9 +23,9 @@ from scenarios import SCENARIOS, Scenario, bounds_of, fly_scenario, true_values
 from seed_lines import end_line, fingerprint, one_thread_each, progress, read_lines
 from tables import overview, render
 
-import sysid.identify as estimator
+import sysid.identification.identify as estimator
 from sysid.errors import SysidError
-from sysid.signalcheck import SignalCheck
+from sysid.signal_check.check import SignalCheck
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTPUT = ROOT / "campaign-output" / "identification"

@@ -28,12 +28,12 @@ from live_flights import half_elevator, pieces, stuck_elevator  # noqa: E402
 from seed_lines import fingerprint, fly_missing  # noqa: E402
 from simulated import fly_mav  # noqa: E402
 
-from sim_vehicle.model import BUILT_IN  # noqa: E402
-from sim_vehicle.vehicle import load_vehicle  # noqa: E402
-from sysid.flight import FlightSignals  # noqa: E402
+from sim_vehicle.model.model_file import BUILT_IN  # noqa: E402
+from sim_vehicle.vehicle.vehicle_file import load_vehicle  # noqa: E402
 from sysid.identify import identify  # noqa: E402
 from sysid.live.identifier import LiveIdentifier, LiveReport  # noqa: E402
-from sysid.signalcheck import SignalCheck  # noqa: E402
+from sysid.signal_check.check import SignalCheck  # noqa: E402
+from sysid.signals.flight import FlightSignals  # noqa: E402
 
 OUTPUT = ROOT / "campaign-output" / "live"
 FIRST_SEED = 30_000  # no other run's

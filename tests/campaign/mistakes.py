@@ -23,13 +23,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from signal_mistakes import Injection, injections
 from simulated import fly_mav
 
-from sim_vehicle.model import read_model
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
-from sysid.flight import FlightSignals
 from sysid.identify import identify
-from sysid.prepare import prepare
-from sysid.signalcheck import SignalCheck, check_signals
+from sysid.signal_check.check import SignalCheck, check_signals
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import prepare
 
 VEHICLES = ("iitb-mav", "ultrastick25e")
 MANOEUVRES = ("multisine", "elevator-3211", "elevator-3211,aileron-doublet,rudder-doublet", "elevator-pulse")

@@ -25,13 +25,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from jsbsim_flight import NOISE, Aircraft, fly, linear_aircraft, measure, slopes, table_aircraft
 
-from sim_vehicle.model import Coefficient, Model
+from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.errors import SysidError
-from sysid.estimate import build
 from sysid.identify import Identification, identify
-from sysid.posing import make_problem
-from sysid.records import OUTPUTS
-from sysid.structure import default_structure
+from sysid.output_error.fit import build
+from sysid.problem.formulation import make_problem
+from sysid.problem.model_structure import default_structure
+from sysid.signals.record import OUTPUTS
 
 ROOT = Path(__file__).parents[2]
 LINEAR = default_structure(("de", "da", "dr"))

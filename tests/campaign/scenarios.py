@@ -28,17 +28,17 @@ from paper_tables import COEFFICIENTS, SENSORS
 from simulated import signals_of
 
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.fly import fly
-from sim_vehicle.manoeuvres import manoeuvre
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.plan import Plan, plan_of
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightSignals
-from sysid.records import OUTPUTS
-from sysid.structure import default_structure
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.flight.flight_loop import fly
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.manoeuvres.plan import Plan, plan_of
+from sim_vehicle.manoeuvres.shapes import manoeuvre
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.problem.model_structure import default_structure
+from sysid.signals.flight import FlightSignals
+from sysid.signals.record import OUTPUTS
 
 # Not the estimator's integration step, so that its error of integration counts as an error of the estimate.
 STEP_S = 0.0021

@@ -24,16 +24,16 @@ from flight_bounds import (
 from gust_bounds import gust_information, gust_model, linear_path
 
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.fly import fly
-from sim_vehicle.layout import CHANNELS
-from sim_vehicle.manoeuvres import manoeuvre
-from sim_vehicle.model import read_model
-from sim_vehicle.parameters import flatten
-from sim_vehicle.plan import Plan
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.wind import dryden_gusts, dryden_spectrum
-from sysid.structure import default_structure
+from sim_vehicle.flight.flight_loop import fly
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.flight.wind import dryden_gusts, dryden_spectrum
+from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.shapes import manoeuvre
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.vehicle.flat_model import flatten
+from sysid.problem.model_structure import default_structure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaign"))

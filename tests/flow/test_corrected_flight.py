@@ -13,11 +13,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from corrected_flight import AXES, REGRESSORS, free_runs, judged_gap, residual_coefficients
 
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.parameters import flatten
-from sysid.gap import Fixed, free_run, windows
-from sysid.parameterisation import STATES
-from sysid.prepare import prepare, smoothed_states
-from sysid.records import OUTPUTS
+from sim_vehicle.vehicle.flat_model import flatten
+from sysid.compatibility.reconstruction import smoothed_states
+from sysid.problem.free_run import Fixed, free_run, windows
+from sysid.signals.preparation import prepare
+from sysid.signals.record import OUTPUTS, STATES
 
 CASE = Case((), 20_000, 0.0)
 

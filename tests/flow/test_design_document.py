@@ -12,7 +12,7 @@ import pytest
 
 from gcs.cli import build_parser
 from gcs.cli import main as gcs
-from sim_vehicle.cli import main as sim_vehicle
+from sim_vehicle.cli.main import main as sim_vehicle
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "design.md"
 PROGRAMS = {"gcs": gcs, "sim-vehicle": sim_vehicle}

@@ -14,7 +14,7 @@ import pytest
 from doc_commands import PAGES, ROOT, WAYS, Block, blocks, unfenced
 
 from gcs.cli import build_parser as gcs_parser
-from sim_vehicle.cli import build_parser as simulator_parser
+from sim_vehicle.cli.main import build_parser as simulator_parser
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 PARSERS = {"gcs": gcs_parser, "sim-vehicle": simulator_parser}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.recording.reader import Recording
-from sim_vehicle.cli import main
+from sim_vehicle.cli.main import main
 
 FLIGHT = ("fly", "--manoeuvre", "cruise", "--duration", "6", "--seed", "2")
 

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import wait_until
 
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle import VEHICLES
+from sim_vehicle.vehicle.vehicle_file import VEHICLES
 
 READY_S = 300.0  # the very first start of an installation compiles
 

@@ -17,8 +17,8 @@ from traffic import wait_until
 from gcs.flights.signals import extract
 from gcs.formats.conversion import import_file
 from gcs.recording.reader import Recording
-from sim_vehicle.model import BUILT_IN
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.model.model_file import BUILT_IN
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 TOKEN = "token-of-the-flow-test"
 AUTHORISED = {"Authorization": f"Bearer {TOKEN}"}

@@ -3,10 +3,10 @@
 import pytest
 from simulated import fly_mav
 
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identify import Identification, identify
-from sysid.judging import comparison, validation_of
-from sysid.signalcheck import SignalCheck
+from sysid.signal_check.check import SignalCheck
+from sysid.validation.held_out import comparison, validation_of
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sim_vehicle.errors import SinkError
-from sim_vehicle.sinks import open_recording
+from sim_vehicle.mavlink.outputs import open_recording
 
 
 @pytest.mark.parametrize("ending", ["mcap", "tlog"])

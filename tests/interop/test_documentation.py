@@ -63,6 +63,6 @@ def test_the_reference_holds_every_command_address_effect_and_module(site: Path)
         assert path in rest
     effects = (site / "effects.html").read_text(encoding="utf-8")
     assert all(f"<code>{name}</code>" in effects for name in EFFECTS)
-    python = (site / "reference" / "python" / "sysid.identify.html").read_text(encoding="utf-8")
-    assert "sysid.identify.identify" in python
+    python = (site / "reference" / "python" / "sysid.identification.identify.html").read_text(encoding="utf-8")
+    assert "sysid.identification.identify.identify" in python
     assert "Identify a model." in python

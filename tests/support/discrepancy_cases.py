@@ -16,16 +16,16 @@ from separating_flights import PLANS
 from simulated import signals_of
 
 from sim_vehicle.effects import EFFECTS, parse_effect
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.fly import fly, wind_of
-from sim_vehicle.manoeuvres import CONTROLS, Segment
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.multisine import optimised_phases
-from sim_vehicle.plan import Plan
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightSignals
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.flight.flight_loop import fly, wind_of
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.manoeuvres.multisine import optimised_phases
+from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.shapes import CONTROLS, Segment
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.signals.flight import FlightSignals
 
 # Not the estimator's integration step, so that its error of integration counts as an error of the estimate.
 STEP_S = 0.004

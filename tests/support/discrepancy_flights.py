@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_vehicle.model import Model, read_model
+from sim_vehicle.model.model_file import Model, read_model
 
 FIT = "multisine"
 JUDGE = "elevator-3211,aileron-doublet,rudder-doublet"

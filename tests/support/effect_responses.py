@@ -16,9 +16,9 @@ from effect_sizes import RANGES, Value, effect_text, values_at
 from flight_bounds import Array, Experiment, simulated, true_states
 
 from sim_vehicle.effects import EFFECTS, Effect, Stage, parse_effect
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.model import Model
-from sim_vehicle.parameters import flatten
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.flat_model import flatten
 
 # Share of the greatest usual size by which a parameter moves to either side.
 _STEP = 0.002

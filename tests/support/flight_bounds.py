@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.layout import CHANNELS
-from sim_vehicle.model import Coefficient, Model
-from sim_vehicle.parameters import FlatModel, flatten
-from sim_vehicle.plantstate import quaternion
-from sim_vehicle.propulsion import rotor_scale
-from sim_vehicle.sensors import RATES_HZ, TABLE_II
-from sim_vehicle.simulation import simulate
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.flight.sensor_suite import RATES_HZ, TABLE_II
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.simulation import simulate
+from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.vehicle.propulsion import rotor_scale
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
 

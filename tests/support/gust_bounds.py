@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from flight_bounds import STATES, SUB_STEPS, Array, Experiment, Slopes, true_states
 
-from sim_vehicle.actuation import advance_actuators, start_actuators, surfaces_at_rest
-from sim_vehicle.dynamics import derivatives
 from sim_vehicle.effects import START_TIME
-from sim_vehicle.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
-from sim_vehicle.parameters import FlatModel, flatten
-from sim_vehicle.plantstate import quaternion
-from sim_vehicle.sensing import read_sensors
-from sim_vehicle.simulation import effects_flown, settle_lift, tick
+from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_at_rest
+from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.simulation import effects_flown, settle_lift, tick
+from sim_vehicle.vehicle.flat_model import FlatModel, flatten
 
 _STEP = 1e-4  # m/s, rad/s, rad: of states and gusts
 _STILL, _FREE = np.zeros(3), np.zeros(0)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.plant import CHANNELS, OUTPUTS, Plant, PlantState, quaternion
-from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sim_vehicle.flight.plant import CHANNELS, OUTPUTS, Plant, PlantState
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
 Array = NDArray[np.float64]
 

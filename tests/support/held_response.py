@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.coefficients import Body
-from sysid.flight import FlightData
+from sysid.equation_error.coefficients import Body
+from sysid.signals.flight import FlightData
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numpy as np
 from jsbsim_flight import AIRSPEED, STEP, Aircraft, linear_aircraft
 from jsbsim_twin import FT, Lag, function, linear_coefficients, product, regressor
 
-from sim_vehicle.model import Coefficient, Model
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 _AXIS_END = "</sum></function>"
 _ALPHA = "<property>aero/alpha-rad</property>"

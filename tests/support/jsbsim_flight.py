@@ -31,10 +31,10 @@ from jsbsim_twin import (
 from scipy import optimize
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from sim_vehicle.model import Coefficient, Model
-from sim_vehicle.terms import parse_term
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightSignals, Signal
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.signals.flight import FlightSignals, Signal
 
 TICK = 0.02  # s, of sensors and commands
 BLOCKS, STEPS = 10, 10  # of a tick: changes of thrust, and JSBSim's steps between them

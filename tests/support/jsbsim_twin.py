@@ -18,9 +18,9 @@ import jsbsim
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.model import Model
-from sim_vehicle.terms import Term, parse_term
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.model.terms import Term, parse_term
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.flight import FlightSignals
+from sysid.signals.flight import FlightSignals
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from flight_bounds import Array
 
-from sim_vehicle.actuation import advance_actuators
-from sim_vehicle.layout import HISTORY, Aux
-from sim_vehicle.model import Model
-from sim_vehicle.plant import Plant, PlantState
-from sim_vehicle.sensing import read_sensors
-from sim_vehicle.vehicle import Vehicle
+from sim_vehicle.flight.plant import Plant, PlantState
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.actuation import advance_actuators
+from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.layout import HISTORY, Aux
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 _STEP_S = 0.005
 _STILL = np.zeros(3)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.model import Coefficient, Model
-from sim_vehicle.parameters import flatten
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightData
-from sysid.output_error import OutputError
-from sysid.parameterisation import Predictor, coefficient, sensor_error
-from sysid.records import LONGITUDINAL, Record, make_record
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.output_error.estimator import OutputError
+from sysid.problem.predictor import Predictor, coefficient, sensor_error
+from sysid.signals.flight import FlightData
+from sysid.signals.record import LONGITUDINAL, Record, make_record
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim_vehicle.manoeuvres import manoeuvre
-from sim_vehicle.plan import Plan, plan_of
+from sim_vehicle.manoeuvres.plan import Plan, plan_of
+from sim_vehicle.manoeuvres.shapes import manoeuvre
 
 _FAST_SWEEP = replace(manoeuvre("elevator-sweep"), low=2.0, high=6.0)
 _TWO_SPEEDS = Plan((manoeuvre("elevator-multisine"), manoeuvre("deceleration"), manoeuvre("elevator-multisine")))

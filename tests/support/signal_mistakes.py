@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal
 
 Array = NDArray[np.float64]
 Change = Callable[[dict[str, Signal]], dict[str, Array]]

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.flown import FlownFlight
-from sim_vehicle.fly import fly
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.plan import plan_of
-from sim_vehicle.plant import Plant
-from sim_vehicle.sensors import SensorSuite
-from sim_vehicle.vehicle import Vehicle, load_vehicle
-from sysid.flight import FlightSignals, Signal
+from sim_vehicle.flight.flight_log import FlownFlight
+from sim_vehicle.flight.flight_loop import fly
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.manoeuvres.plan import plan_of
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sysid.signals.flight import FlightSignals, Signal
 
 
 def signals_of(flown: FlownFlight, vehicle: Vehicle, name: str) -> FlightSignals:

@@ -6,7 +6,7 @@ import argparse
 import os
 
 from gcs.cli import build_parser as gcs_parser
-from sim_vehicle.cli import build_parser as simulator_parser
+from sim_vehicle.cli.main import build_parser as simulator_parser
 
 _HEAD = """# Commands
 

@@ -14,16 +14,17 @@ internal. Where to begin:
 
 | to | use |
 |---|---|
-| identify a model | [`sysid.identify`](sysid.identify.md) |
-| name what a model lacks | [`sysid.discrepancy`](sysid.discrepancy.md) |
-| fit a bench curve | [`sysid.calibration`](sysid.calibration.md) |
-| predict a flight's error bars | [`sysid.design`](sysid.design.md) |
+| identify a model | [`sysid.identify`](sysid.identification.identify.md) |
+| name what a model lacks | [`sysid.discrepancy`](sysid.discrepancy.analysis.md) |
+| fit a bench curve | [`sysid.calibration`](sysid.signals.calibration.md) |
+| predict a flight's error bars | [`sysid.design`](sysid.design.prediction.md) |
 | read a recording | [`gcs.recording.reader`](gcs.recording.reader.md) |
 | get the signals of a flight | [`gcs.flights.signals`](gcs.flights.signals.md) |
 | run a job as the commands do | [`gcs.analysis.postflight`](gcs.analysis.postflight.md) |
-| simulate | [`sim_vehicle.simulation`](sim_vehicle.simulation.md), [`sim_vehicle.fly`](sim_vehicle.fly.md) |
-| read models | [`sim_vehicle.model`](sim_vehicle.model.md) |
-| read vehicle files | [`sim_vehicle.vehicle`](sim_vehicle.vehicle.md) |
+| simulate | [`sim_vehicle.physics.simulation`](sim_vehicle.physics.simulation.md) |
+| fly a plan | [`sim_vehicle.flight.flight_loop`](sim_vehicle.flight.flight_loop.md) |
+| read models | [`sim_vehicle.model.model_file`](sim_vehicle.model.model_file.md) |
+| read vehicle files | [`sim_vehicle.vehicle.vehicle_file`](sim_vehicle.vehicle.vehicle_file.md) |
 """
 _PAGE = """# {name}
 

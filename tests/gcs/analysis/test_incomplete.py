@@ -10,8 +10,8 @@ from gcs.analysis.incomplete import naming_cuts
 from gcs.analysis.postflight import read_flights
 from gcs.cli import main
 from gcs.errors import RecordingError
-from sim_vehicle.cli import main as sim_vehicle
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.cli.main import main as sim_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SegmentError, SignalError
 
 VEHICLE = "sim_vehicle/vehicles/iitb-mav.toml"

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.analysis import postflight
 from gcs.analysis.results import discrepancy_text, identification_text
-from sim_vehicle.model import BUILT_IN
+from sim_vehicle.model.model_file import BUILT_IN
 
 GRAMS = "mass.mass: 1000 kg on a span of 1 m is hardly possible: grams?"
 

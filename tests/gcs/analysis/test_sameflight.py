@@ -10,9 +10,9 @@ import pytest
 
 from gcs.analysis import postflight
 from gcs.analysis.sameflight import repeated, same
-from sim_vehicle.cli import main as sim_vehicle
-from sim_vehicle.model import BUILT_IN
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.cli.main import main as sim_vehicle
+from sim_vehicle.model.model_file import BUILT_IN
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 CRAFT = BUILT_IN / "iitb-mav.toml"
 TOLD = "no validation on another flight"
@@ -50,7 +50,7 @@ def test_the_result_begins_with_it(flights: dict[str, Path], monkeypatch: pytest
         return {"warnings": ["rpm: slow"], "validation": {"reason": "every TIC at most 0.25"}}
 
     monkeypatch.setattr(f"sysid.{job}.{job}", found)
-    monkeypatch.setattr("sysid.result.result_json", lambda result: result)
+    monkeypatch.setattr("sysid.identification.result_file.result_json", lambda result: result)
     model = [BUILT_IN / "iitb-mav.model.json"] if job == "discrepancy" else []
     run = getattr(postflight, job)
     result = run([flights["first"]], CRAFT, *model, validate=[flights["copy"]])

@@ -12,10 +12,10 @@ from ardupilot_stand_in import StandIn
 from gcs.design.ardupilot import lua_script
 from gcs.design.pulses import PulseSchedule, pulse_schedule
 from gcs.errors import SettingsError
-from sim_vehicle.manoeuvres import manoeuvre
-from sim_vehicle.model import Model, read_model
-from sim_vehicle.plan import Plan, plan_of
-from sim_vehicle.vehicle import Vehicle, load_vehicle
+from sim_vehicle.manoeuvres.plan import Plan, plan_of
+from sim_vehicle.manoeuvres.shapes import manoeuvre
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
 ULTRASTICK = load_vehicle("ultrastick25e")
 ULTRASTICK_MODEL = read_model("ultrastick25e")

@@ -11,10 +11,10 @@ import pytest
 from gcs.cli import main
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
-from sim_vehicle.cli import main as fly
-from sim_vehicle.plan import read_plan
-from sim_vehicle.schedule import Schedule
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.cli.main import main as fly
+from sim_vehicle.manoeuvres.plan import read_plan
+from sim_vehicle.manoeuvres.plan_ticks import Schedule
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 AIRCRAFT = ["--vehicle", "iitb-mav", "--model", "iitb-mav"]
 

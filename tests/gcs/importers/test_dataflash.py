@@ -18,7 +18,7 @@ from gcs.importers.dataflash import read_dataflash
 from gcs.jobs.uploads import Uploads
 from gcs.recording.reader import Recording
 from gcs.settings import Settings
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ from scipy.io import savemat
 from gcs.errors import GcsError
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle import load_vehicle
-from sysid.flight import FlightSignals
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.signals.flight import FlightSignals
 
 TOOL = Path(__file__).parents[3] / "tools" / "thor.py"
 SECONDS, TAKE_OVER, MOTOR_LATE = 60.0, 20.0, 7.75

@@ -12,7 +12,7 @@ from gcs.errors import ImportFileError
 from gcs.flights.signals import extract
 from gcs.formats.conversion import export_file, import_file
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
-from sim_vehicle.vehicle import VEHICLES
+from sim_vehicle.vehicle.vehicle_file import VEHICLES
 
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(600)")
 

@@ -20,8 +20,8 @@ from gcs.live.vehiclefile import WatchedVehicle
 from gcs.live.worker import LiveProcess, run
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
-from sim_vehicle.vehicle import load_vehicle
-from sysid.live.changes import ChangeDetector
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.live.estimators.change_detection import ChangeDetector
 from sysid.live.identifier import LiveIdentifier
 
 TURN_S = 0.1

@@ -20,8 +20,8 @@ from gcs.live.protocol import Flight, Unpacker, pack_batch, pack_flight
 from gcs.live.signals import SignalStream
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
-from sim_vehicle.cli import main as sim_vehicle
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.cli.main import main as sim_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
 def datagrams(tlog: Path) -> Iterator[tuple[bytes, int]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.live.vehiclefile import WatchedVehicle
-from sim_vehicle.vehicle import VEHICLES, Vehicle, load_vehicle
+from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 
 
 @pytest.fixture

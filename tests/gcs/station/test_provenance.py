@@ -22,7 +22,7 @@ from gcs.station.provenance import clock_state, provenance
 from gcs.station.recorder import FlightRecorder
 from gcs.text.sizes import parse_size, size_text
 from gcs.version import VERSION
-from sim_vehicle.vehicle import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 START = 1_800_000_000 * SECOND
 URL = "udpin:127.0.0.1:14550"

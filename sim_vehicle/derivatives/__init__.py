@@ -1,0 +1,1 @@
+"""Derivatives of the simulation by states and parameters, compiled."""

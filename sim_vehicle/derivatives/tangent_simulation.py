@@ -1,0 +1,235 @@
+"""Exact derivatives of a free-running simulation by coefficients, initial states and thrust, in one pass (compiled).
+
+The tangents dx/dtheta are carried through the very Runge-Kutta steps that `sim_vehicle.physics.simulation` makes, so
+they are the derivatives of what it computes, not of the continuous motion (forward mode; Griewank & Walther, Evaluating
+Derivatives, ch. 3).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.derivatives.dynamics_jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
+from sim_vehicle.derivatives.sensor_jacobian import READINGS, euler_slopes, reading_jacobian
+from sim_vehicle.derivatives.tangent_blocks import (
+    BLOCK,
+    FORCED,
+    STAGE,
+    WIDTH,
+    advance_lanes,
+    direct_effects,
+    read_lanes,
+    turn_quaternions,
+)
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.wind_shear import shear_slopes
+from sim_vehicle.jit import jit_fused, jit_fused_arrays
+from sim_vehicle.model.terms import REGRESSORS
+from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.physics.simulation import effects_flown, impose, pull_of
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Place in the state vector of each row of a tangent.
+TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
+_GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
+_SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
+_REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
+
+
+@jit_fused
+def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, by_shear: Array, A: Array) -> None:
+    """Rows of u v w p q r of the rates' Jacobian, and what the quaternion's rows follow from, into A (STAGE,).
+
+    Rates that are imposed (finite in `slopes`) follow from nothing: their rows of A and of R become zero.
+    by_shear: (3, 7), work.
+    """
+    u, v, w, p, q, r = x[3], x[4], x[5], x[10], x[11], x[12]
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    for row in range(FORCED):
+        for z in range(STATE_COLUMNS):
+            A[row * STATE_COLUMNS + z] = R[row, z]
+    A[1] += r
+    A[2] -= q
+    A[4] -= w
+    A[5] += v
+    A[10] -= r
+    A[12] += p
+    A[13] += w
+    A[15] -= u
+    A[20] += q
+    A[21] -= p
+    A[23] -= v
+    A[24] += u
+    g = 2.0 * gravity
+    A[6], A[7], A[8], A[9] = A[6] - g * q2, A[7] + g * q3, A[8] - g * q0, A[9] + g * q1
+    A[16], A[17], A[18], A[19] = A[16] + g * q1, A[17] + g * q0, A[18] + g * q3, A[19] + g * q2
+    A[26], A[27], A[28], A[29] = A[26] + g * q0, A[27] - g * q1, A[28] - g * q2, A[29] + g * q3
+    if E[_SHEAR] != 0.0:
+        shear_slopes(x, E[_SHEAR_G], by_shear)
+        for row in range(3):
+            for z in range(7):
+                A[row * STATE_COLUMNS + (z if z < 3 else z + 3)] += by_shear[row, z]
+    for row in range(slopes.size):
+        if np.isfinite(slopes[row]):
+            for z in range(STATE_COLUMNS):
+                A[row * STATE_COLUMNS + z] = 0.0
+            for z in range(COLUMNS):
+                R[row, z] = 0.0
+    n = FORCED * STATE_COLUMNS
+    A[n], A[n + 1], A[n + 2], A[n + 3], A[n + 4], A[n + 5], A[n + 6] = q0, q1, q2, q3, p, q, r
+
+
+@jit_fused
+def _tangent_step(
+    x: Array, surfaces: Array, thrust: float, still: Array, gust: Array, rho: float, step: float, slopes: Array,
+    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray,
+    X: Array, W: Array, scratch: Array, flow: Array, D: Array, J: Array, part: Array, products: Array, R: Array,
+    A: Array, force: Array, by_shear: Array, work: Array,
+) -> None:  # fmt: skip
+    """`runge_kutta_step` with its tangents X; the rest as in `simulate_tangents`, or work arrays."""
+    for i in range(STATE_SIZE):
+        scratch[4, i] = x[i]
+    for stage in range(4):
+        rate = scratch[stage]
+        derivatives(scratch[4], surfaces, thrust, still, gust, rho, P, E, C, F, K, T, W, rate)
+        force_jacobian(scratch[4], surfaces, np.isnan(thrust), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        _rate_rows(scratch[4], P[_GRAVITY], E, R, slopes, by_shear, A[stage])
+        direct_effects(R, products, terms, columns, force[stage])
+        for i in range(slopes.size):
+            if np.isfinite(slopes[i]):
+                rate[3 + i if i < 3 else 7 + i] = slopes[i]
+        if stage < 3:
+            share = step if stage == 2 else 0.5 * step
+            for i in range(STATE_SIZE):
+                scratch[4, i] = x[i] + share * rate[i]
+    for i in range(STATE_SIZE):
+        x[i] += step / 6.0 * (scratch[0, i] + 2.0 * (scratch[1, i] + scratch[2, i]) + scratch[3, i])
+    length = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
+    for i in range(6, 10):
+        x[i] /= length
+    advance_lanes(X, A, force, step, x, length, work)
+
+
+@jit_fused
+def _quaternion_slopes(x: Array, slopes: Array) -> None:
+    """Derivatives (4, 3) of the quaternion of `x` by phi, theta, psi."""
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    c, s = 0.5 * math.cos(psi), 0.5 * math.sin(psi)
+    # phi turns about the body's x axis, psi about the earth's z axis, theta about the y axis turned by psi.
+    slopes[0, 0], slopes[1, 0], slopes[2, 0], slopes[3, 0] = -0.5 * q1, 0.5 * q0, 0.5 * q3, -0.5 * q2
+    slopes[0, 1], slopes[1, 1] = s * q1 - c * q2, -s * q0 + c * q3
+    slopes[2, 1], slopes[3, 1] = c * q0 + s * q3, -c * q1 - s * q2
+    slopes[0, 2], slopes[1, 2], slopes[2, 2], slopes[3, 2] = -0.5 * q3, -0.5 * q2, 0.5 * q1, 0.5 * q0
+
+
+@jit_fused_arrays
+def _impose_tangents(x: Array, held: Array, X: Array) -> None:
+    """Impose `held` (9,) on the state `x`: what is imposed follows from no unknown."""
+    before, after, M = np.empty((3, 4)), np.empty((4, 3)), np.zeros((4, 4))
+    euler_slopes(x, before)
+    impose(x, held)
+    for row in range(6):
+        if np.isfinite(held[row]):
+            for block in range(X.shape[0]):
+                for i in range(WIDTH):
+                    X[block, row * WIDTH + i] = 0.0
+    if not (np.isfinite(held[6]) or np.isfinite(held[7]) or np.isfinite(held[8])):
+        return
+    _quaternion_slopes(x, after)
+    for i in range(4):
+        for j in range(4):
+            for angle in range(3):
+                if not np.isfinite(held[6 + angle]):
+                    M[i, j] += after[i, angle] * before[angle, j]
+    turn_quaternions(X, M)
+
+
+@jit_fused_arrays
+def initial_tangents(x: Array, states: IntArray, lanes: IntArray, X: Array) -> None:
+    """Put the derivatives of the state `x` by the initial `states` (of u v w p q r phi theta psi) into their lanes."""
+    slopes = np.empty((4, 3))
+    _quaternion_slopes(x, slopes)
+    for j in range(states.size):
+        block, i = lanes[j] // WIDTH, lanes[j] % WIDTH
+        if states[j] < 6:
+            X[block, states[j] * WIDTH + i] = 1.0
+        else:
+            for k in range(4):
+                X[block, (6 + k) * WIDTH + i] = slopes[k, states[j] - 6]
+
+
+@jit_fused_arrays
+def simulate_tangents(
+    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
+    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, places: IntArray, states: IntArray, rows: IntArray,
+    gain: Array, S: Array,
+) -> None:  # fmt: skip
+    """Derivatives of what `simulate` gives with the arguments of the same names.
+
+    terms, columns, places: (n,) of every unknown: the term it is the coefficient of, the column of `force_jacobian` it
+    acts through, and its place in the last axis of S, ascending. A term of -1 acts through the column by itself (the
+    thrust), a column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m
+    unknowns are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows,
+    unknowns) result, 0 at places that are not named. Lags and delays of sensors, a lift that lags and the
+    ground are left out; the height over which the wind changes is an input. A diverging motion leaves NaN.
+    """
+    x = x0.copy()
+    n = columns.size
+    blocks = (n + WIDTH - 1) // WIDTH
+    X, work, reading = np.zeros((blocks, BLOCK)), np.empty((5, BLOCK)), np.empty(WIDTH)
+    actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE))
+    mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
+    flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
+    part, angles, by_shear = np.zeros((4, COLUMNS)), np.zeros((3, 4)), np.empty((3, 7))
+    products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
+    A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
+    slopes = np.zeros(6 if held.shape[0] > 0 else 0)
+    thrust = pull_of(thrust, commands, E)
+    E = effects_flown(E, thrust[first])
+    x[13] = 0.0
+    initial_tangents(x, states, np.arange(n - states.size, n), X)
+    start_actuators(commands[first], actuators)
+    step = dt / sub_steps
+    surfaces_at_rest(commands[first], E, end)
+    for k in range(first, start):
+        for i in range(sub_steps):
+            advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+    for k in range(start, stop):
+        if held.shape[0] > 0:
+            _impose_tangents(x, held[k], X)
+        for i in range(4):
+            now[i] = end[i]
+        if command_first:
+            surfaces_after_command(commands, k, dt, E, now)
+        gust = gusts[k] if gusts.shape[0] > 0 else still
+        W[_TIME] = E[START_TIME] + (k - start) * dt
+        derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
+        force_jacobian(x, now, np.isnan(thrust[k]), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
+        reading_jacobian(x, W, x[5] - gust[2], P, E, flow, R, angles, H)
+        # Row by row, while it is in the cache: a result that was cleared at once would come from memory again.
+        for row in range(rows.size):
+            for i in range(S.shape[2]):
+                S[k - start, row, i] = 0.0
+        read_lanes(X, H, rows, gain, products, terms, columns, places, S[k - start], reading)
+        if k + 1 < stop:
+            middle = 0.5 * (thrust[k] + thrust[k + 1])
+            gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
+            for i in range(slopes.size):
+                slopes[i] = (held[k + 1, i] - held[k, i]) / dt
+            for i in range(sub_steps):
+                advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+                W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
+                _tangent_step(
+                    x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
+                    scratch, flow, D, J, part, products, R, A, force, by_shear, work,
+                )  # fmt: skip
+            if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
+                S[k + 1 - start :] = np.nan
+                return

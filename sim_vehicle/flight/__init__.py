@@ -1,0 +1,1 @@
+"""A vehicle in flight: plant, trim, wind, sensors, autopilot, arming."""

@@ -1,0 +1,196 @@
+"""A vehicle with a model, ready to be flown tick by tick."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.sensor_time_skew import is_late, split_delay
+from sim_vehicle.errors import ModelFileError, VehicleFileError
+from sim_vehicle.flight.state import PlantState, Trim
+from sim_vehicle.flight.trim import solve_trim
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.actuation import start_actuators
+from sim_vehicle.physics.atmosphere import density
+from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.physics.propeller import rotor_speed
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.simulation import glimpse, tick
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+Array = NDArray[np.float64]
+
+OUTPUTS = (
+    "V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "north", "east", "down",
+    "vn", "ve", "vd", "de", "da", "dr", "throttle", "thrust", "rpm", "rho", "p_dot", "q_dot", "r_dot",
+    "CL", "CD", "CY", "Cl", "Cm", "Cn",
+)  # fmt: skip
+_STILL = np.zeros(3)
+_FREE = np.zeros(0)
+
+
+class Plant:
+    """The equations of motion of one vehicle with one model.
+
+    max_step: largest integration step, s. Raises ModelFileError for a model without a needed value, VehicleFileError
+    for a vehicle that cannot be flown (no propulsion).
+    """
+
+    def __init__(self, vehicle: Vehicle, model: Model, max_step: float = 0.005) -> None:
+        self.vehicle = vehicle
+        self.model = model
+        self.flat = flatten(vehicle, model)
+        # Whoever flies gives the wind as it is at every height (sim_vehicle.flight.wind), and u v w are over ground.
+        self.flat.E[slot("wind_shear")] = 0.0
+        # A lift that lags is a state of its own; Runge-Kutta's step must not be long against its time constant.
+        self.max_step = min(max_step, (model.effect("unsteady_lift") or {}).get("tau", max_step))
+        self._delay = (model.effect("actuator_delay") or {}).get("delay", 0.0)
+        if vehicle.propulsion is None or not vehicle.propulsion.by_throttle:
+            raise VehicleFileError(
+                f"{vehicle.path}: to fly this vehicle give [propulsion] max_thrust in newtons, "
+                "or CT, diameter and max_rpm"
+            )
+        skew = model.effect("sensor_time_skew") or {"delay": 0.0, "group": 0.0}
+        self._skew = skew["delay"]
+        self._late = [j for j in range(len(CHANNELS)) if is_late(j, skew["group"])] if self._skew > 0.0 else []
+        self._scratch = np.zeros((5, STATE_SIZE))
+        self._rate = np.zeros(STATE_SIZE)
+        self._mean = np.zeros(4)
+
+    def effect(self, name: str) -> dict[str, float] | None:
+        """Parameters of an effect of the model, None where it has none of that name."""
+        return self.model.effect(name)
+
+    def density(self, altitude: float) -> float:
+        """Air density [kg/m3]: the vehicle file's, else that of the standard atmosphere at `altitude` [m]."""
+        fixed = self.vehicle.environment.air_density
+        return float(density(altitude)) if fixed is None else fixed
+
+    def trim(self, airspeed: float | None = None, altitude: float | None = None, climb_angle: float = 0.0) -> Trim:
+        """Steady straight flight at `airspeed` [m/s], `altitude` [m], `climb_angle` [rad]; else TrimError."""
+        flight = self.vehicle.flight
+        return solve_trim(
+            self,
+            flight.airspeed if airspeed is None else airspeed,
+            flight.altitude if altitude is None else altitude,
+            climb_angle,
+        )
+
+    def state_at(self, x: Array, command: Array, surfaces: Array) -> PlantState:
+        """State with actuators at rest at `command` and surfaces (4,) as given, sensors settled."""
+        actuators = np.zeros(ACTUATOR_SIZE)
+        start_actuators(command, actuators)
+        commands = np.tile(np.asarray(command, dtype=np.float64), (HISTORY, 1))
+        state = PlantState(
+            np.array(x, dtype=np.float64), actuators, np.zeros(SENSOR_SIZE), commands,
+            np.array(surfaces, dtype=np.float64), np.zeros(WORK_SIZE), np.zeros(len(CHANNELS)),
+        )  # fmt: skip
+        self.evaluate(state, _STILL, _STILL, 0.0)
+        return state
+
+    def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
+        """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
+        flat = self.flat
+        rho = self.density(float(-state.x[2]))
+        derivatives(state.x, state.surfaces, math.nan, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F, flat.K,
+                    flat.T, state.work, self._rate)  # fmt: skip
+        return self._rate.copy()
+
+    def evaluate(self, state: PlantState, wind_ned: Array, gust_body: Array, interval: float) -> None:
+        """Bring by-products and readings up to date with the state; `interval` since the last reading [s]."""
+        self.rates(state, wind_ned, gust_body)
+        read_sensors(state.x, state.work, self.flat.P, self.flat.E, interval, state.sensor, state.reading)
+        if self._late:
+            self._delay_readings(state, interval)
+
+    def _delay_readings(self, state: PlantState, interval: float) -> None:
+        """Keep the newest readings, and show of the sensors that come late those of before."""
+        if interval == 0.0:
+            state.past = np.tile(state.reading, (HISTORY, 1))
+            state.past_sensor = state.sensor.copy()
+            return
+        whole, part = split_delay(self._skew / interval)
+        if part == 0.0:
+            state.past[:-1] = state.past[1:]
+            state.past[-1] = state.reading
+        state.reading[self._late] = state.past[HISTORY - 1 - whole, self._late]
+
+    def _glimpse(
+        self, state: PlantState, dt: float, sub_steps: int, rho: float, wind_ned: Array, gust: Array, at_end: Array
+    ) -> None:
+        """Keep what sensors that come late by a part of a tick read at that moment of the tick to be flown."""
+        _, part = split_delay(self._skew / dt)
+        if part == 0.0:
+            return
+        flat, share = self.flat, 1.0 - part
+        state.past[:-1] = state.past[1:]
+        glimpse(state.x, state.actuators, state.surfaces, state.commands, HISTORY - 1, dt, sub_steps, share, wind_ned,
+                gust, gust + (2.0 * share - 1.0) * (at_end - gust), rho, math.nan, math.nan, _FREE, flat.P, flat.E,
+                flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean, self._rate, state.past_sensor,
+                state.past[-1])  # fmt: skip
+
+    def step(
+        self,
+        state: PlantState,
+        command: Array,
+        dt: float,
+        wind_ned: Array = _STILL,
+        gust_body: Array = _STILL,
+        gust_at_end: Array | None = None,
+    ) -> None:
+        """Fly `dt` seconds under `command` (de, da, dr [rad], throttle 0..1), in place.
+
+        wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it, its mean over the
+        step; gust_at_end: what the sensors meet there, None for the same.
+        The time of the state goes on by `dt`.
+        Raises ModelFileError for a delay longer than what is kept of commands or readings.
+        """
+        flat = self.flat
+        for name, delay, kept in (
+            ("actuator_delay", self._delay, (HISTORY - 1) * dt),
+            ("sensor_time_skew", self._skew, (HISTORY - 1) * dt),
+        ):
+            if delay > kept:
+                raise ModelFileError(f"effect {name}: delay must be at most {kept:g} s here, got {delay:g}")
+        state.commands[:-1] = state.commands[1:]
+        state.commands[-1] = command
+        sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))
+        rho = self.density(float(-state.x[2]))
+        at_end = gust_body if gust_at_end is None else gust_at_end
+        if self._late:
+            self._glimpse(state, dt, sub_steps, rho, wind_ned, gust_body, at_end)
+        tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
+             _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
+             state.surfaces)  # fmt: skip
+        self.evaluate(state, wind_ned, at_end, dt)
+
+    def read(self, state: PlantState) -> Array:
+        """What ideal sensors at their mounting places read, (19,) in the order of CHANNELS."""
+        return state.reading.copy()
+
+    def outputs(self, state: PlantState) -> Array:
+        """True values at the centre of gravity, in the order of OUTPUTS."""
+        x, W = state.x, state.work
+        q0, q1, q2, q3 = x[6:10]
+        r13 = 2.0 * (q1 * q3 - q0 * q2)
+        phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+        psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+        thrust = W[Aux.thrust]
+        P = self.flat.P
+        rpm = rotor_speed(float(state.surfaces[3]), float(thrust), P) * 30.0 / math.pi
+        return np.array(
+            [
+                W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, math.asin(min(max(-r13, -1.0), 1.0)),
+                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17], *state.surfaces,
+                thrust, rpm, W[Aux.rho], W[Aux.p_dot], W[Aux.q_dot], W[Aux.r_dot], *W[Aux.CL : Aux.Cn + 1],
+            ]
+        )  # fmt: skip
+
+
+__all__ = ["CHANNELS", "OUTPUTS", "Plant", "PlantState", "Trim", "quaternion"]

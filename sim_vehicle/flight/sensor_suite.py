@@ -1,0 +1,254 @@
+"""Imperfect sensors: bias, scale factor, noise, lag, resolution and sample rate over what ideal ones read.
+
+Figures: Jolly, Unhelkar and Arya, "A Comprehensive Sensor Suite for Mini Aerial Vehicle Flight Tests", Table
+II, for air data, inertial sensors and attitude; section II for GPS. Thrust, barometer, rpm and resolutions
+are usual for the parts named there. A reading is `(1 + scale) true + bias + noise`; the true errors never
+leave the process but by `true_errors`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.physics import atmosphere
+from sim_vehicle.vehicle.adc_curves import AnalogueBoard, load_analogue
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+Array = NDArray[np.float64]
+
+_DEG = np.pi / 180.0
+_G = 9.81  # m/s^2; Table III prints 0.02 g as 0.1962
+_SEA_LEVEL_DENSITY = atmosphere.SEA_LEVEL_DENSITY
+HOME = (19.1334, 72.9133)  # deg, latitude and longitude of the field, north = east = 0
+_EARTH_RADIUS = 6378137.0  # m, WGS-84 equator: metres to degrees at the field, not navigation
+GPS_POSITION_NOISE = 1.5  # m, horizontal, wandering with the time constant below
+GPS_CORRELATION_S = 30.0
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Errors of one channel, SI: reading = (1 + scale) true + bias + noise, in steps of `quantum`, after `lag` s."""
+
+    bias: float = 0.0
+    noise: float = 0.0
+    scale: float = 0.0
+    quantum: float = 0.0
+    lag: float = 0.0
+
+
+_ACCEL = ChannelError(bias=0.02 * _G, noise=0.008 * _G, quantum=16.0 * _G / 2**16)
+_GYRO = ChannelError(bias=0.25 * _DEG, noise=0.03 * _DEG, quantum=1000.0 * _DEG / 2**16)
+_VANE = ChannelError(noise=0.3 * _DEG, scale=0.005)
+_ATTITUDE = ChannelError(noise=0.05 * _DEG)
+_GPS_VELOCITY = ChannelError(noise=0.1)
+
+TABLE_II: dict[str, ChannelError] = {
+    "airspeed": ChannelError(noise=0.02),
+    "alpha": _VANE,
+    "beta": _VANE,
+    "p": _GYRO,
+    "q": _GYRO,
+    "r": _GYRO,
+    "phi": _ATTITUDE,
+    "theta": _ATTITUDE,
+    "psi": _ATTITUDE,
+    "ax": _ACCEL,
+    "ay": _ACCEL,
+    "az": _ACCEL,
+    "thrust": ChannelError(noise=0.02),
+    "altitude": ChannelError(noise=0.3),
+    "vn": _GPS_VELOCITY,
+    "ve": _GPS_VELOCITY,
+    "vd": _GPS_VELOCITY,
+    "rpm": ChannelError(noise=10.0, quantum=1.0),
+    "temperature": ChannelError(noise=0.05),
+}
+NOISE_NAMES = ("table2", "none")
+
+RATES_HZ: dict[str, float] = {
+    "imu": 50.0,
+    "attitude": 50.0,
+    "vanes": 50.0,
+    "air": 50.0,
+    "baro": 50.0,
+    "engine": 50.0,
+    "adc": 50.0,
+    "gps": 5.0,
+}
+_GROUPS: dict[str, tuple[str, ...]] = {
+    "imu": ("ax", "ay", "az", "p", "q", "r"),
+    "attitude": ("phi", "theta", "psi"),
+    "vanes": ("alpha", "beta"),
+    "air": ("airspeed", "differential_pressure"),
+    "baro": ("altitude", "static_pressure", "temperature"),
+    "engine": ("thrust", "rpm"),
+    "gps": ("lat", "lon", "gps_altitude", "gps_north", "gps_east", "vn", "ve", "vd"),
+}
+
+_TRUE_ERROR_NAMES: dict[str, tuple[str, str]] = {
+    "accel_bias_x": ("ax", "bias"),
+    "accel_bias_y": ("ay", "bias"),
+    "accel_bias_z": ("az", "bias"),
+    "gyro_bias_p": ("p", "bias"),
+    "gyro_bias_q": ("q", "bias"),
+    "gyro_bias_r": ("r", "bias"),
+    "alpha_scale": ("alpha", "scale"),
+    "alpha_bias": ("alpha", "bias"),
+    "beta_scale": ("beta", "scale"),
+    "beta_bias": ("beta", "bias"),
+    "airspeed_scale": ("airspeed", "scale"),
+    "airspeed_bias": ("airspeed", "bias"),
+    "phi_bias": ("phi", "bias"),
+    "theta_scale": ("theta", "scale"),
+    "theta_bias": ("theta", "bias"),
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the sensors told in one tick.
+
+    values: every signal's newest value, SI and rad (lat, lon in deg). due: groups that were sampled in this tick.
+    """
+
+    values: Mapping[str, float]
+    due: frozenset[str]
+
+
+def error_table(noise: str, changes: Mapping[str, float]) -> dict[str, ChannelError]:
+    """Errors of every channel: those of `noise` ("table2" or "none") with `changes` of single ones.
+
+    A change is named as in results (`accel_bias_x`, `alpha_scale`) or `CHANNEL.FIELD` (`airspeed.noise`, `alpha.lag`).
+    """
+    if noise not in NOISE_NAMES:
+        raise SimVehicleError(f"no noise {noise!r}; there are {', '.join(NOISE_NAMES)}")
+    table = dict(TABLE_II) if noise == "table2" else dict.fromkeys(TABLE_II, ChannelError())
+    for name, value in changes.items():
+        channel, _, part = name.partition(".")
+        channel, part = _TRUE_ERROR_NAMES.get(name, (channel, part))
+        if channel not in table or part not in ChannelError.__dataclass_fields__:
+            known = ", ".join(_TRUE_ERROR_NAMES)
+            raise SimVehicleError(f"no sensor error {name!r}; there are {known}, and CHANNEL.noise, .quantum, .lag")
+        table[channel] = ChannelError(**{**table[channel].__dict__, part: float(value)})
+    return table
+
+
+class SensorSuite:
+    """All sensors of a vehicle, sampled once in a control tick.
+
+    vehicle: decides what the airspeed sensor tells, and its analogue board. noise: "table2" or "none" (exact values).
+    generator: source of all noise, or its seed. changes: as for `error_table`.
+    rates_hz: sample rates of groups, instead of RATES_HZ.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *,
+        noise: str = "table2",
+        generator: np.random.Generator | int,
+        dt: float = 0.02,
+        changes: Mapping[str, float] | None = None,
+        rates_hz: Mapping[str, float] | None = None,
+    ) -> None:
+        self._errors = error_table(noise, changes or {})
+        self._exact = noise == "none"
+        self._generator = np.random.default_rng(generator)
+        self._dt = dt
+        self._airspeed_is_true = vehicle.sensors.airspeed.kind == "true"
+        self.board: AnalogueBoard | None = load_analogue(vehicle.path)
+        self._rates = {**RATES_HZ, **(rates_hz or {})}
+        self._taken = dict.fromkeys(self._rates, -1)
+        self._values: dict[str, float] = {}
+        self._channels = tuple(self._errors)
+        rows = [self._errors[name] for name in self._channels]
+        self._gain = np.array([1.0 + row.scale for row in rows])
+        self._bias = np.array([row.bias for row in rows])
+        self._sigma = np.array([row.noise for row in rows])
+        self._quantum = np.array([row.quantum for row in rows])
+        self._coarse = self._quantum > 0.0
+        lags = np.array([row.lag for row in rows])
+        self._follow = np.where(lags > 0.0, 1.0 - np.exp(-dt / np.maximum(lags, 1e-12)), 1.0)
+        self._lagged: Array | None = None
+        wander = 0.0 if self._exact else GPS_POSITION_NOISE
+        self._gps_error = wander * self._generator.standard_normal(3)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups of signals that are sampled together."""
+        return tuple(self._rates)
+
+    def true_errors(self) -> dict[str, float]:
+        """The errors hidden in the readings, by the names of an identification's result (SI, rad)."""
+        return {name: float(getattr(self._errors[ch], part)) for name, (ch, part) in _TRUE_ERROR_NAMES.items()}
+
+    def sample(self, time_s: float, ideal: Mapping[str, float]) -> Reading:
+        """Sample at `time_s`.
+
+        ideal: what perfect sensors read, SI: every channel of TABLE_II but temperature, and north, east, rho.
+        """
+        altitude = ideal["altitude"]
+        ideal = {**ideal, "temperature": float(atmosphere.temperature(altitude))}
+        true = np.array([ideal[name] for name in self._channels])
+        if self._lagged is None:
+            self._lagged = true.copy()
+        self._lagged += self._follow * (true - self._lagged)
+        noise = self._sigma * self._generator.standard_normal(true.size)
+        read = self._gain * self._lagged + self._bias + noise
+        coarse = self._coarse
+        read[coarse] = np.round(read[coarse] / self._quantum[coarse]) * self._quantum[coarse]
+        fresh = dict(zip(self._channels, read.tolist(), strict=True))
+        self._derive(fresh, ideal)
+        due = frozenset(group for group in self._rates if self._is_due(group, time_s))
+        for group in due:
+            names = self._adc_names() if group == "adc" else _GROUPS[group]
+            self._values.update({name: fresh[name] for name in names})
+        return Reading(dict(self._values), due)
+
+    def _is_due(self, group: str, time_s: float) -> bool:
+        number = int(np.floor(time_s * self._rates[group] + 1e-6))
+        if number == self._taken[group]:
+            return False
+        self._taken[group] = number
+        return True
+
+    def _adc_names(self) -> Sequence[str]:
+        return [f"adc{channel.adc}" for channel in self.board.channels] if self.board else ()
+
+    def _derive(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:
+        """Signals that share a sensor with another one share its error."""
+        for angle in ("phi", "psi"):
+            fresh[angle] = float(np.arctan2(np.sin(fresh[angle]), np.cos(fresh[angle])))
+        fresh["static_pressure"] = float(atmosphere.pressure(fresh["altitude"]))
+        airspeed = fresh["airspeed"]
+        ratio = ideal["rho"] / _SEA_LEVEL_DENSITY if self._airspeed_is_true else 1.0
+        calibrated = airspeed * np.sqrt(ratio)
+        fresh["differential_pressure"] = float(atmosphere.dynamic_pressure(calibrated))
+        self._place(fresh, ideal)
+        if self.board:
+            felt = {**fresh, "airspeed": calibrated}
+            for channel in self.board.channels:
+                volts = channel.volts(felt[channel.signal])
+                fresh[f"adc{channel.adc}"] = float(volts if self._exact else self.board.converted(volts))
+
+    def _place(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:
+        decay = float(np.exp(-self._dt / GPS_CORRELATION_S))
+        drive = 0.0 if self._exact else GPS_POSITION_NOISE * np.sqrt(1.0 - decay**2)
+        self._gps_error = decay * self._gps_error + drive * self._generator.standard_normal(3)
+        north, east = ideal["north"] + self._gps_error[0], ideal["east"] + self._gps_error[1]
+        fresh["lat"] = HOME[0] + float(np.degrees(north / _EARTH_RADIUS))
+        fresh["lon"] = HOME[1] + float(np.degrees(east / (_EARTH_RADIUS * np.cos(np.radians(HOME[0])))))
+        fresh["gps_north"], fresh["gps_east"] = float(north), float(east)
+        fresh["gps_altitude"] = float(ideal["altitude"] + 2.0 * self._gps_error[2])
+
+
+def signals_of(group: str, board: AnalogueBoard | None) -> tuple[str, ...]:
+    """Names of the signals that a group carries."""
+    if group == "adc":
+        return tuple(f"adc{channel.adc}" for channel in board.channels) if board else ()
+    return _GROUPS[group]

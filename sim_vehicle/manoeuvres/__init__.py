@@ -1,0 +1,1 @@
+"""Manoeuvres: shapes, multisines, plans of a flight."""

@@ -1,0 +1,39 @@
+"""A plan laid out on control ticks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim_vehicle.errors import PlanError
+from sim_vehicle.manoeuvres.plan import Plan
+
+RELEASE_S = 0.5  # s before the excitation at which the autopilot begins to let go
+
+
+class Schedule:
+    """What each tick of a plan adds to the controls.
+
+    ticks: round(duration / dt) + 1, so that the flight lasts exactly the plan's duration from first to last sample.
+    increments: (ticks, 4). freed: (ticks, 2) bool. speed_change: (ticks,) m/s. segments: (name, begin s, end s).
+    """
+
+    def __init__(self, plan: Plan, dt: float) -> None:
+        self.ticks = round(plan.duration / dt) + 1
+        if self.ticks < 2:
+            raise PlanError(f"the plan lasts {plan.duration:g} s; it must last longer than one tick of {dt:g} s")
+        time = np.asarray(np.arange(self.ticks) * dt, dtype=np.float64)
+        self.increments = np.zeros((self.ticks, 4))
+        self.freed = np.zeros((self.ticks, 2), dtype=np.bool_)
+        self.speed_change = np.zeros(self.ticks)
+        self.segments: list[tuple[str, float, float]] = []
+        begin = 0.0
+        for segment in plan.segments:
+            end = begin + segment.duration
+            inside = (time > begin - 1e-9) & (time < end - 1e-9)
+            local = time[inside] - begin
+            self.increments[inside] = segment.increments(local)
+            let_go = local > segment.start - RELEASE_S - 1e-9
+            self.freed[inside] = let_go[:, None] & np.array(segment.freed())[None, :]
+            self.speed_change[inside] = [segment.speed_change(float(t)) for t in local]
+            self.segments.append((segment.manoeuvre, begin, end))
+            begin = end

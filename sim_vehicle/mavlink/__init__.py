@@ -1,0 +1,1 @@
+"""MAVLink: telemetry, services, faulty links, several vehicles."""

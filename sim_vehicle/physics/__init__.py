@@ -1,0 +1,1 @@
+"""Equations of motion, propeller, actuators and ideal sensors, compiled."""

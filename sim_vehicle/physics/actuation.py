@@ -1,0 +1,131 @@
+"""From the command to the surface: delay, dead band, lag, rate limit, free play, linkage, gain (compiled).
+
+The command is held between ticks. Every element is advanced exactly over a sub-step under that held command, and
+hands on both its mean over the sub-step (what the motion feels) and its value at the end (what a sensor then sees).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.actuator import (
+    after_backlash,
+    lagged_mean,
+    lagged_position,
+    rate_limited,
+    rate_limited_mean,
+)
+from sim_vehicle.effects.linkage import after_deadband, cubic_linkage
+from sim_vehicle.jit import jit
+from sim_vehicle.physics.layout import ACCEPTED_PLACE, THROTTLE_PLACE, Par
+
+Array = NDArray[np.float64]
+
+_DELAY, _DELAY_S = slot("actuator_delay"), slot("actuator_delay", "delay")
+_LAG, _LAG_TAU = slot("actuator_lag"), slot("actuator_lag", "tau")
+_RATE, _RATE_MAX = slot("actuator_rate_limit"), slot("actuator_rate_limit", "rate")
+_PLAY, _PLAY_WIDTH = slot("actuator_backlash"), slot("actuator_backlash", "width")
+_GAIN, _GAIN_SCALE = slot("elevator_gain"), slot("elevator_gain", "scale")
+_CUBIC, _CUBIC_K = slot("linkage_nonlinearity"), slot("linkage_nonlinearity", "cubic")
+_BAND, _BAND_WIDTH = slot("servo_deadband"), slot("servo_deadband", "width")
+_MOTOR, _MOTOR_TAU = slot("motor_lag"), slot("motor_lag", "tau")
+_MOTOR_TAU_PAR = int(Par.motor_tau)
+
+
+@jit
+def delayed_mean(commands: Array, tick: int, channel: int, begin: float, end: float, delay: float, dt: float) -> float:
+    """Mean over [begin, end] after `tick` of a command held between ticks and delayed by `delay`; times in s."""
+    low, high = begin - delay, end - delay
+    total = 0.0
+    index = int(np.floor(low / dt))
+    while index * dt < high:
+        left, right = max(low, index * dt), min(high, (index + 1) * dt)
+        row = min(max(tick + index, 0), tick)
+        total += commands[row, channel] * max(right - left, 0.0)
+        index += 1
+    return total / (high - low)
+
+
+@jit
+def start_actuators(command: Array, actuators: Array) -> None:
+    """Actuators at rest at `command` (de, da, dr, throttle)."""
+    for channel in range(3):
+        actuators[2 * channel] = command[channel]
+        actuators[2 * channel + 1] = command[channel]
+        actuators[ACCEPTED_PLACE + channel] = command[channel]
+    actuators[THROTTLE_PLACE] = command[3]
+
+
+@jit
+def deflection(channel: int, position: float, E: Array) -> float:
+    """Surface [rad] that the position of a servo behind its free play gives."""
+    if E[_CUBIC] != 0.0:
+        position = cubic_linkage(position, E[_CUBIC_K])
+    if channel == 0 and E[_GAIN] != 0.0:
+        position *= 1.0 + E[_GAIN_SCALE]
+    return position
+
+
+@jit
+def surfaces_at_rest(command: Array, E: Array, end: Array) -> None:
+    """Surfaces (4,) of actuators that have been at rest at `command` for long."""
+    for channel in range(3):
+        end[channel] = deflection(channel, command[channel], E)
+    end[3] = command[3]
+
+
+@jit
+def advance_actuators(
+    commands: Array, tick: int, begin: float, step: float, dt: float, P: Array, E: Array,
+    actuators: Array, mean: Array, end: Array,
+) -> None:  # fmt: skip
+    """Advance by `step` seconds, `begin` seconds after `tick`.
+
+    commands: (N, 4) de, da, dr [rad], throttle, as held from each tick on. actuators: (10,) state, changed in place.
+    mean, end: (4,) results: mean over the step and value at its end.
+    """
+    delay = E[_DELAY_S] if E[_DELAY] != 0.0 else 0.0
+    for channel in range(3):
+        command = commands[tick, channel]
+        if delay > 0.0:
+            command = delayed_mean(commands, tick, channel, begin, begin + step, delay, dt)
+        if E[_BAND] != 0.0:
+            command = after_deadband(actuators[ACCEPTED_PLACE + channel], command, E[_BAND_WIDTH])
+            actuators[ACCEPTED_PLACE + channel] = command
+        position = actuators[2 * channel]
+        target, middle = command, command
+        lags = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0
+        if lags:
+            target = lagged_position(position, command, step, E[_LAG_TAU])
+            middle = lagged_mean(position, command, step, E[_LAG_TAU])
+        if E[_RATE] != 0.0:
+            limited = rate_limited(position, target, step, E[_RATE_MAX])
+            if limited != target or not lags:
+                middle = rate_limited_mean(position, target, step, E[_RATE_MAX])
+            target = limited
+        actuators[2 * channel] = target
+        if E[_PLAY] != 0.0:
+            before = actuators[2 * channel + 1]
+            target = after_backlash(before, target, E[_PLAY_WIDTH])
+            # Exact where the linkage is in contact over the whole step, and where the drive moves at once.
+            middle = after_backlash(before, middle, E[_PLAY_WIDTH])
+        actuators[2 * channel + 1] = target
+        mean[channel], end[channel] = deflection(channel, middle, E), deflection(channel, target, E)
+    throttle = commands[tick, 3]
+    tau = E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_MOTOR_TAU_PAR]
+    mean[3], end[3] = throttle, throttle
+    if tau > 0.0:
+        mean[3] = lagged_mean(actuators[THROTTLE_PLACE], throttle, step, tau)
+        end[3] = lagged_position(actuators[THROTTLE_PLACE], throttle, step, tau)
+    actuators[THROTTLE_PLACE] = end[3]
+
+
+@jit
+def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end: Array) -> None:
+    """Let a command act at once on the surfaces a sensor sees at its own tick, where nothing delays or lags it."""
+    lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
+    remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
+    if lags or delays or E[_RATE] != 0.0 or remembers:
+        return
+    for channel in range(3):
+        end[channel] = deflection(channel, commands[tick, channel], E)

@@ -1,0 +1,280 @@
+"""One control tick, and a whole stretch of flight under recorded inputs (compiled)."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.sensor_time_skew import delay_channels, split_delay
+from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
+from sim_vehicle.jit import jit, jit_arrays
+from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.dynamics import derivatives, runge_kutta_step
+from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
+_CL, _AX, _TIME = int(Aux.CL), int(Aux.ax), int(Aux.time)
+_LOSS = slot("thrust_speed_loss")
+_SKEW, _SKEW_S, _SKEW_GROUP = (slot("sensor_time_skew", name) for name in ("on", "delay", "group"))
+_HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
+# Columns of the commands in which a height, and the way in which thrust's reading moves, may stand.
+HEIGHT_COLUMN, WAY_COLUMN = 4, 5
+
+
+@jit
+def late_by(E: Array, dt: float) -> tuple[int, float]:
+    """Whole ticks of `dt` s that the sensors of the late group come late by the effects E, and the part beside them."""
+    return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
+
+
+@jit_arrays
+def effects_flown(E: Array, thrust: float) -> Array:
+    """The effect vector less what measured thrust already holds: its own loss with speed."""
+    if E[_LOSS] == 0.0 or np.isnan(thrust):
+        return E
+    flown = E.copy()
+    flown[_LOSS] = 0.0
+    return flown
+
+
+@jit_arrays
+def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
+    """Thrust [N] (N,) of the propeller behind what its sensor tells; NaN, where the throttle tells it, stays.
+
+    commands: as of `simulate`.
+    """
+    if E[_HYST] == 0.0 or commands.shape[1] <= WAY_COLUMN:
+        return thrust
+    pull = np.empty(thrust.size)
+    for k in range(thrust.size):
+        pull[k] = load_behind(thrust[k], commands[k, WAY_COLUMN], E[_HYST_W])
+    return pull
+
+
+@jit
+def tick(
+    x: Array, actuators: Array, commands: Array, row: int, dt: float, sub_steps: int, wind: Array, gust: Array,
+    rho: float, measured_thrust: float, slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
+    T: IntArray, W: Array, scratch: Array, mean: Array, end: Array,
+) -> None:  # fmt: skip
+    """Fly from `row` of `commands` to the next, in place; `end` then holds the surfaces a sensor sees there.
+
+    The time in W goes on by `dt`; what changes with it is taken in the middle of each step.
+    measured_thrust: N, or NaN where thrust follows from the throttle. slopes: imposed rates of u v w p q r, (6,) with
+    NaN where free, or (0,).
+    """
+    step, begin = dt / sub_steps, W[_TIME]
+    for i in range(sub_steps):
+        advance_actuators(commands, row, i * step, step, dt, P, E, actuators, mean, end)
+        W[_TIME] = begin + (i + 0.5) * step
+        runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
+    W[_TIME] = begin + dt
+
+
+@jit_arrays
+def glimpse(
+    x: Array, actuators: Array, surfaces: Array, commands: Array, row: int, dt: float, sub_steps: int, share: float,
+    wind: Array, gust: Array, gust_there: Array, rho: float, measured_thrust: float, thrust_there: float, slopes: Array,
+    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array, mean: Array,
+    rate: Array, sensor: Array, y: Array,
+) -> None:  # fmt: skip
+    """What sensors read a `share` of the way from `row` of `commands` to the next, into y (19,).
+
+    The motion, the actuators and the surfaces stay where they are; arguments as of `tick`. gust_there, thrust_there:
+    at that moment, the others are means over the tick. sensor: memory of sensors that are read at such moments alone,
+    a tick apart; it goes on.
+    """
+    x, actuators, end = x.copy(), actuators.copy(), surfaces.copy()
+    step, begin = dt / sub_steps, W[_TIME]
+    last = min(int(share * sub_steps), sub_steps - 1)
+    for i in range(last + 1):
+        length = step if i < last else share * dt - last * step
+        if length > 0.0:
+            advance_actuators(commands, row, i * step, length, dt, P, E, actuators, mean, end)
+            W[_TIME] = begin + i * step + 0.5 * length
+            runge_kutta_step(
+                x, mean, measured_thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch
+            )  # fmt: skip
+    W[_TIME] = begin + share * dt
+    derivatives(x, end, thrust_there, wind, gust_there, rho, P, E, C, F, K, T, W, rate)
+    read_sensors(x, W, P, E, dt, sensor, y)
+    W[_TIME] = begin
+
+
+@jit
+def impose(x: Array, held: Array) -> None:
+    """Replace the finite ones of u v w p q r phi theta psi (9,) in the state `x`."""
+    for i in range(3):
+        if np.isfinite(held[i]):
+            x[3 + i] = held[i]
+        if np.isfinite(held[3 + i]):
+            x[10 + i] = held[3 + i]
+    if not (np.isfinite(held[6]) or np.isfinite(held[7]) or np.isfinite(held[8])):
+        return
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+    theta = math.asin(min(max(2.0 * (q0 * q2 - q1 * q3), -1.0), 1.0))
+    psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    phi = held[6] if np.isfinite(held[6]) else phi
+    theta = held[7] if np.isfinite(held[7]) else theta
+    psi = held[8] if np.isfinite(held[8]) else psi
+    cr, sr, cp, sp = math.cos(phi / 2), math.sin(phi / 2), math.cos(theta / 2), math.sin(theta / 2)
+    cy, sy = math.cos(psi / 2), math.sin(psi / 2)
+    x[6] = cr * cp * cy + sr * sp * sy
+    x[7] = sr * cp * cy - cr * sp * sy
+    x[8] = cr * sp * cy + sr * cp * sy
+    x[9] = cr * cp * sy - sr * sp * cy
+
+
+@jit_arrays
+def settle_lift(
+    x: Array, surfaces: Array, thrust: float, rho: float, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
+    T: IntArray, W: Array, rate: Array,
+) -> None:  # fmt: skip
+    """Give the angle that lift feels, where it is NaN, its value in a steady change: alpha - tau alpha'."""
+    if np.isfinite(x[13]):
+        return
+    still = np.zeros(3)
+    alpha = math.atan2(x[5], x[3])
+    x[13] = alpha
+    if E[_SLOW] == 0.0:
+        return
+    for _ in range(4):
+        derivatives(x, surfaces, thrust, still, still, rho, P, E, C, F, K, T, W, rate)
+        x[13] = alpha - E[_SLOW_TAU] * (x[3] * rate[5] - x[5] * rate[3]) / (x[3] ** 2 + x[5] ** 2)
+
+
+@jit_arrays
+def simulate(
+    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
+    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    K: IntArray, T: IntArray, y: Array,
+) -> None:  # fmt: skip
+    """Free-running simulation of samples start ... stop - 1 under recorded inputs.
+
+    x0: (14,) state at sample `start`, its last entry NaN where it is to be found. first: sample at which the actuators
+    are at rest; they run from there to `start`.
+    commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
+    height [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the
+    thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the throttle. rho:
+    (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of that sample (as many simulations
+    do), or that of the sample before (as a vehicle does that reads, then commands).
+    held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
+    where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
+    model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples
+    [m/s], or (0, 3) for still air. y: (stop - start, 19) result, columns CHANNELS. A diverging motion leaves NaN rows.
+    """
+    x = x0.copy()
+    actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
+    W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+    mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
+    slopes = np.zeros(6 if held.shape[0] > 0 else 0)
+    thrust = pull_of(thrust, commands, E)
+    E = effects_flown(E, thrust[first])
+    whole, part = late_by(E, dt)
+    late = whole + part
+    shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
+    heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
+    start_actuators(commands[first], actuators)
+    step = dt / sub_steps
+    W[_TIME] = E[START_TIME]
+    surfaces_at_rest(commands[first], E, end)
+    for k in range(first, start):
+        for i in range(sub_steps):
+            advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+    if heights:
+        x[2] = -commands[start, HEIGHT_COLUMN]
+    settle_lift(x, end, thrust[start], rho[start], P, E, C, F, K, T, W, rate)
+    for k in range(start, stop):
+        if held.shape[0] > 0:
+            impose(x, held[k])
+        if heights:
+            x[2] = -commands[k, HEIGHT_COLUMN]
+        for i in range(4):
+            now[i] = end[i]
+        if command_first:
+            surfaces_after_command(commands, k, dt, E, now)
+        W[_TIME] = E[START_TIME] + (k - start) * dt
+        gust = gusts[k] if gusts.shape[0] > 0 else still
+        derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
+        read_sensors(x, W, P, E, 0.0 if k == start else dt, sensor, y[k - start])
+        if k == start:
+            past_sensor[:] = sensor
+        if k + 1 < stop:
+            middle = 0.5 * (thrust[k] + thrust[k + 1])
+            gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
+            for i in range(slopes.size):
+                slopes[i] = (held[k + 1, i] - held[k, i]) / dt
+            if part > 0.0:
+                share = 1.0 - part
+                there = gusts[k] + share * (gusts[k + 1] - gusts[k]) if gusts.shape[0] > 0 else still
+                glimpse(x, actuators, end, commands, k, dt, sub_steps, share, still, gust, there, rho[k], middle,
+                        thrust[k] + share * (thrust[k + 1] - thrust[k]), slopes, P, E, C, F, K, T, W, scratch, mean,
+                        rate, past_sensor, shown[k + 1 - start])  # fmt: skip
+            tick(x, actuators, commands, k, dt, sub_steps, still, gust, rho[k], middle, slopes, P, E, C, F, K, T, W,
+                 scratch, mean, end)  # fmt: skip
+            if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
+                y[k + 1 - start :] = np.nan
+                break
+    if late > 0.0:
+        delay_channels(y, shown if part > 0.0 else y.copy(), E[_SKEW_GROUP], late)
+
+
+@jit_arrays
+def simulate_variants(
+    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
+    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    K: IntArray, T: IntArray, thrust_shift: Array, y: Array,
+) -> None:  # fmt: skip
+    """`simulate` for n variants of the same stretch in one call.
+
+    x0: (n, 14); E: (n, slots); C: (n, terms); thrust_shift: (n,) N added to the measured thrust. y: (n, N, 19) result.
+    """
+    for i in range(x0.shape[0]):
+        simulate(x0[i], first, start, stop, commands, thrust + thrust_shift[i], rho, dt, sub_steps, command_first, held,
+                 gusts, P, E[i], C[i], F, K, T, y[i])  # fmt: skip
+
+
+@jit_arrays
+def evaluate_path(
+    states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: bool, P: Array,
+    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, coefficients: Array,
+) -> None:  # fmt: skip
+    """Coefficients and accelerations that a model gives along a known motion, no integration.
+
+    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4 or 6: see `simulate`), thrust
+    (M,), rho (M,) on.
+    Elements with memory of the motion itself (a lift that lags) start settled. coefficients: (N, 12) result: the six of
+    AXES, ax ay az [m/s2], p' q' r' [rad/s2], at the centre of gravity.
+    """
+    actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
+    W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
+    thrust = pull_of(thrust, commands, E)
+    E = effects_flown(E, thrust[0])
+    start_actuators(commands[0], actuators)
+    surfaces_at_rest(commands[0], E, end)
+    x[6] = 1.0
+    for k in range(commands.shape[0]):
+        if k >= first:
+            row = k - first
+            impose(x, states[row])
+            if row == 0:
+                x[13] = math.atan2(x[5], x[3])
+            for i in range(4):
+                now[i] = end[i]
+            if command_first:
+                surfaces_after_command(commands, k, dt, E, now)
+            if commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[k, HEIGHT_COLUMN]):
+                x[2] = -commands[k, HEIGHT_COLUMN]
+            W[_TIME] = E[START_TIME] + row * dt
+            derivatives(x, now, thrust[k], still, still, rho[k], P, E, C, F, K, T, W, rate)
+            x[13] += rate[13] * dt
+            for axis in range(6):
+                coefficients[row, axis] = W[_CL + axis]
+                coefficients[row, 6 + axis] = W[_AX + axis]
+        advance_actuators(commands, k, 0.0, dt, dt, P, E, actuators, mean, end)

@@ -1,0 +1,1 @@
+"""Vehicle files: what they say, and as the flat arrays that compiled code takes."""

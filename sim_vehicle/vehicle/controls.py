@@ -1,0 +1,178 @@
+"""Controls: from servo pulse widths to deflections, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_vehicle.vehicle.strict_toml import Table
+
+Array = NDArray[np.float64]
+
+CONTROL_NAMES = ("elevator", "aileron", "rudder", "throttle")
+DEFLECTION_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "throttle"}
+LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
+
+
+@dataclass(frozen=True)
+class Control:
+    """One control and the servos that move it; its deflection is the sum of mix_i times servo i's deflection.
+
+    name: elevator, aileron, rudder or throttle.
+    signal: what SERVO_OUTPUT_RAW carries, "command" sent or measured "position".
+    servos: output numbers, from 1. mix: one weight for each servo.
+    pwm: us, one strictly increasing tuple for each servo.
+    deflection: rad (throttle: 0 to 1) at those pulse widths, strictly monotone.
+    gain_std, bias_std: how well the linkage is known, 1 sigma: share of the deflection, and rad.
+    """
+
+    name: str
+    signal: str
+    servos: tuple[int, ...]
+    mix: tuple[float, ...]
+    pwm: tuple[tuple[float, ...], ...]
+    deflection: tuple[tuple[float, ...], ...]
+    gain_std: float = 0.0
+    bias_std: float = 0.0
+
+    def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
+        """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.
+
+        Linear between the points; a pulse width beyond the first or last point gives that point's deflection,
+        as a linkage at its stop does. NaN stays NaN. Arrays broadcast; the result has their common shape.
+        """
+        if len(pwm) != len(self.servos):
+            raise ValueError(f"{self.name} has {len(self.servos)} servos, {len(pwm)} arrays given")
+        parts = [
+            weight * np.interp(np.asarray(us, dtype=np.float64), xs, ys)
+            for weight, us, xs, ys in zip(self.mix, pwm, self.pwm, self.deflection, strict=True)
+        ]
+        return np.asarray(sum(parts[1:], parts[0]), dtype=np.float64)
+
+    def is_outside(self, *pwm: ArrayLike) -> NDArray[np.bool_]:
+        """Where any servo's pulse width (us) lies beyond its points, so that the deflection is held."""
+        masks = [(np.asarray(us) < xs[0]) | (np.asarray(us) > xs[-1]) for us, xs in zip(pwm, self.pwm, strict=True)]
+        return np.asarray(np.logical_or.reduce(masks))
+
+    def pwm_from_deflection(self, deflection: float) -> tuple[float, ...]:
+        """Pulse width in us of each servo for a deflection of this control alone (the smallest servo travel).
+
+        Where servos are shared with another control (elevons, V-tail) `servo_pwm` adds the deflections.
+        """
+        norm = sum(weight * weight for weight in self.mix)
+        return tuple(
+            _pwm_at(weight * deflection / norm, xs, ys)
+            for weight, xs, ys in zip(self.mix, self.pwm, self.deflection, strict=True)
+        )
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest deflection within every servo's points, rad (throttle: 0 to 1)."""
+        low = sum(min(w * ys[0], w * ys[-1]) for w, ys in zip(self.mix, self.deflection, strict=True))
+        high = sum(max(w * ys[0], w * ys[-1]) for w, ys in zip(self.mix, self.deflection, strict=True))
+        return low, high
+
+
+def _pwm_at(deflection: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    if ys[0] > ys[-1]:
+        xs, ys = xs[::-1], ys[::-1]
+    return float(np.interp(deflection, ys, xs))
+
+
+def mixing_matrix(controls: Mapping[str, Control]) -> tuple[tuple[int, ...], Array]:
+    """Servo numbers (n,) and the (n, m) matrix from the m controls' deflections to the servos' own.
+
+    It is the pseudo-inverse of the mixes, so that the servos together give just the deflections asked for.
+    """
+    servos = tuple(sorted({servo for control in controls.values() for servo in control.servos}))
+    mixes = np.zeros((len(controls), len(servos)))
+    for row, control in enumerate(controls.values()):
+        for servo, weight in zip(control.servos, control.mix, strict=True):
+            mixes[row, servos.index(servo)] = weight
+    return servos, np.asarray(np.linalg.pinv(mixes), dtype=np.float64)
+
+
+def servo_pwm(controls: Mapping[str, Control], deflections: Mapping[str, float]) -> dict[int, float]:
+    """Pulse width in us of every servo for the deflections of all controls, one absent counting as zero."""
+    servos, inverse = mixing_matrix(controls)
+    curves = {
+        servo: (xs, ys)
+        for control in controls.values()
+        for servo, xs, ys in zip(control.servos, control.pwm, control.deflection, strict=True)
+    }
+    travel = inverse @ np.array([deflections.get(name, 0.0) for name in controls])
+    return {servo: _pwm_at(float(value), *curves[servo]) for servo, value in zip(servos, travel, strict=True)}
+
+
+def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
+    """Every control of the table [controls]; doubts are appended to `warnings`, what is impossible raises."""
+    controls = {name: _read_control(table.table(name), name, warnings) for name in CONTROL_NAMES if name in table}
+    for name in CONTROL_NAMES:
+        table.optional(name)
+    table.close()
+    _check_shared(table, controls)
+    return controls
+
+
+def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
+    several = table.is_list("servo")
+    numbers = table.numbers("servo") if several else (table.number("servo"),)
+    if any(value != int(value) or not 1 <= value <= 16 for value in numbers) or len(set(numbers)) < len(numbers):
+        raise table.error("servo", "must be outputs from 1 to 16, each once")
+    signal = table.text("signal", "command", ("command", "position"))
+    nested = several and (table.is_nested("pwm") or len(numbers) > 1)
+    pwm = table.rows("pwm") if nested else (table.numbers("pwm"),)
+    deflection = table.rows("deflection") if nested else (table.numbers("deflection"),)
+    listed = len(numbers) > 1 or table.is_list("mix")
+    mix = table.numbers("mix") if listed else (table.number("mix", 1.0),)
+    gain_std, bias_std = table.number("gain_std", 0.0, low=0.0), table.number("bias_std", 0.0, low=0.0)
+    table.close()
+    for key, rows in (("pwm", pwm), ("deflection", deflection), ("mix", mix)):
+        if len(rows) != len(numbers):
+            raise table.error(key, f"has {len(rows)} entries for {len(numbers)} servos; it needs one for each")
+    if any(weight == 0.0 for weight in mix):
+        raise table.error("mix", "holds a 0: leave that servo out")
+    curves = [_check_curve(table, name, xs, ys, warnings) for xs, ys in zip(pwm, deflection, strict=True)]
+    servos = tuple(int(value) for value in numbers)
+    pulses, travels = tuple(x for x, _ in curves), tuple(y for _, y in curves)
+    return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std)
+
+
+def _check_curve(
+    table: Table, name: str, xs: tuple[float, ...], ys: tuple[float, ...], warnings: list[str]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if len(xs) < 2 or len(xs) != len(ys):
+        raise table.error("pwm", f"has {len(xs)} points and deflection {len(ys)}; give both the same two or more")
+    if xs[0] > xs[-1]:
+        xs, ys = xs[::-1], ys[::-1]
+    if any(b <= a for a, b in pairwise(xs)):
+        raise table.error("pwm", f"is {list(xs)}; it must rise or fall from point to point")
+    if xs[0] <= 0.0 or xs[-1] > LARGEST_PWM_US:
+        raise table.error("pwm", f"is {list(xs)}; a pulse width lies above 0 and below 65535 us")
+    rising = ys[0] < ys[-1]
+    if any((b <= a) if rising else (b >= a) for a, b in pairwise(ys)):
+        raise table.error("deflection", f"is {list(ys)}; it must rise or fall with every point of pwm")
+    if name == "throttle" and (min(ys) < 0.0 or max(ys) > 1.0):
+        raise table.error("deflection", f"is {list(ys)}; a throttle goes from 0 to 1")
+    if name != "throttle" and max(abs(y) for y in ys) > np.pi / 2:
+        warnings.append(f"{table.path('deflection')}: {max(map(abs, ys)):g} rad is beyond 90 deg: given in degrees?")
+    if xs[0] < 300.0 or xs[-1] > 3000.0:
+        warnings.append(f"{table.path('pwm')}: {xs[0]:g} to {xs[-1]:g} us is no usual servo range: given in us?")
+    return xs, ys
+
+
+def _check_shared(table: Table, controls: Mapping[str, Control]) -> None:
+    """A servo that serves two controls has one linkage, and the controls must be separable."""
+    seen: dict[int, tuple[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {}
+    for name, control in controls.items():
+        for servo, xs, ys in zip(control.servos, control.pwm, control.deflection, strict=True):
+            other = seen.setdefault(servo, (name, (xs, ys)))
+            if other[1] != (xs, ys):
+                raise table.error(name, f"gives servo {servo} another pwm and deflection than {other[0]} does")
+    servos, inverse = mixing_matrix(controls)
+    if controls and np.linalg.matrix_rank(inverse) < len(controls):
+        raise table.error("mix", f"over servos {servos} cannot tell the controls apart; check each control's mix")

@@ -1,0 +1,61 @@
+"""The servo outputs: whole microseconds, so that what the estimator reads is what the actuators got."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.manoeuvres.shapes import CONTROLS
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+Array = NDArray[np.float64]
+_OPEN = {"throttle": (0.0, 1.0)}
+
+
+class ServoOutputs:
+    """Turns commands of the four controls into pulse widths of the vehicle's servos, and back."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._controls = vehicle.controls
+        self._servos, self._mixing = vehicle.servo_mixing
+        curves = {
+            servo: (np.array(xs), np.array(ys))
+            for control in vehicle.controls.values()
+            for servo, xs, ys in zip(control.servos, control.pwm, control.deflection, strict=True)
+        }
+        rising = {servo: np.argsort(ys) for servo, (_, ys) in curves.items()}
+        self._curves = {servo: (xs[rising[servo]], ys[rising[servo]]) for servo, (xs, ys) in curves.items()}
+        self._columns = [CONTROLS.index(name) for name in vehicle.controls]
+        self._measured = frozenset(
+            servo for control in vehicle.controls.values() if control.signal == "position" for servo in control.servos
+        )
+
+    @property
+    def limits(self) -> Array:
+        """Smallest and largest command of each control, (4, 2); a control the vehicle lacks stays at 0."""
+        rows = [
+            self._controls[name].limits if name in self._controls else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS
+        ]
+        return np.array(rows)
+
+    def pulses(self, command: Array) -> dict[int, int]:
+        """Pulse width of every servo, whole us, for a command (4,)."""
+        travel = self._mixing @ command[self._columns]
+        return {
+            servo: round(float(np.interp(value, self._curves[servo][1], self._curves[servo][0])))
+            for servo, value in zip(self._servos, travel, strict=True)
+        }
+
+    def command(self, pulses: dict[int, int], asked: Array) -> Array:
+        """Command (4,) that these pulses stand for; a control without servos keeps what was `asked`."""
+        out = asked.copy()
+        for column, control in zip(self._columns, self._controls.values(), strict=True):
+            out[column] = float(control.deflection_from_pwm(*(pulses[servo] for servo in control.servos)))
+        return out
+
+    def told(self, pulses: dict[int, int], surfaces: Array) -> dict[int, int]:
+        """What SERVO_OUTPUT_RAW carries: the pulses sent, or the measured position where the vehicle file says so."""
+        if not self._measured:
+            return pulses
+        position = self.pulses(surfaces)
+        return {servo: position[servo] if servo in self._measured else us for servo, us in pulses.items()}

@@ -1,0 +1,375 @@
+"""The vehicle file: what the user knows about the aircraft before the flight, read and checked."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from sim_vehicle.errors import VehicleFileError
+from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
+from sim_vehicle.vehicle.plausibility import impossible
+from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion
+from sim_vehicle.vehicle.strict_toml import Table
+
+STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
+SEA_LEVEL_DENSITY = 1.225  # kg/m^3, ICAO standard atmosphere
+_SWING_TEST_ERROR = 0.02  # of the moments of inertia: the sum of two may fall short of the third by that much
+# Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
+_WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
+VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass, kg, and moments of inertia about the centre of gravity, kg m^2; Ixz is + integral of x z dm."""
+
+    mass: float
+    Ixx: float
+    Iyy: float
+    Izz: float
+    Ixz: float = 0.0
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Reference area S, m^2, span b, m, and mean chord c, m."""
+
+    S: float
+    b: float
+    c: float
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Where a sensor sits from the centre of gravity, m, its noise (1 sigma, SI) if known, and its kind."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    noise: float | None = None
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Every sensor; one that the file does not name sits at the centre of gravity with unknown noise.
+
+    beta_vane.kind: "sideslip" (asin(v/V)) or "flank" (atan2(v, u)). airspeed.kind: "calibrated" or "true".
+    """
+
+    accelerometer: Sensor = Sensor()
+    gyro: Sensor = Sensor()
+    attitude: Sensor = Sensor()
+    alpha_vane: Sensor = Sensor()
+    beta_vane: Sensor = Sensor(kind="sideslip")
+    alpha2_vane: Sensor = Sensor()
+    beta2_vane: Sensor = Sensor(kind="sideslip")
+    airspeed: Sensor = Sensor(kind="calibrated")
+    thrust: Sensor = Sensor()
+    gps: Sensor = Sensor()
+
+    def __getitem__(self, name: str) -> Sensor:
+        sensor = getattr(self, name, None)
+        if not isinstance(sensor, Sensor):
+            raise KeyError(name)
+        return sensor
+
+
+@dataclass(frozen=True)
+class SignalSource:
+    """Where a signal comes from instead of its usual message: value = scale * message.field + offset, SI.
+
+    name: the `name` the message must carry (NAMED_VALUE_FLOAT), or "". field: "" means the usual one;
+    "data[3]" is an element. scale: None means the usual one of that message and field, 1 where there is none.
+    """
+
+    message: str
+    name: str = ""
+    field: str = ""
+    scale: float | None = None
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class CalibrationSource:
+    """Bench points that turn `source` (as "adc3") into a signal: a CSV, or (reference, reading) pairs."""
+
+    source: str
+    form: str
+    points: Path | tuple[tuple[float, float], ...]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Air density, kg/m^3, None meaning from static pressure and temperature; gravity, m/s^2."""
+
+    air_density: float | None = None
+    gravity: float = STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Speed, m/s, and height above the ground, m, at which the vehicle is flown in trim."""
+
+    airspeed: float
+    altitude: float = 100.0
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Everything a vehicle file says. `warnings` are doubts about it, one line each."""
+
+    name: str
+    mass: MassProperties
+    geometry: Geometry
+    controls: dict[str, Control]
+    propulsion: Propulsion | None
+    sensors: Sensors
+    signals: dict[str, SignalSource]
+    calibration: dict[str, CalibrationSource]
+    environment: Environment
+    flight: Flight
+    path: Path
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def unknown(cls) -> Vehicle:
+        """A vehicle of which nothing is known but what its messages tell: no controls, no calibration, no numbers."""
+        nan = math.nan
+        return cls(
+            name="",
+            mass=MassProperties(nan, nan, nan, nan, nan),
+            geometry=Geometry(nan, nan, nan),
+            controls={},
+            propulsion=None,
+            sensors=Sensors(),
+            signals={},
+            calibration={},
+            environment=Environment(),
+            flight=Flight(nan),
+            path=Path(),
+        )
+
+    @cached_property
+    def servo_mixing(self) -> tuple[tuple[int, ...], Array]:
+        """Servo numbers (n,), and the (n, m) matrix from the controls' deflections to the servos' own."""
+        return mixing_matrix(self.controls)
+
+    def servo_pwm(self, deflections: dict[str, float]) -> dict[int, float]:
+        """Pulse width in us of every servo for the deflections (rad, throttle 0 to 1) of all controls."""
+        return servo_pwm(self.controls, deflections)
+
+
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """Read a vehicle file, or one that comes with the package by its bare name.
+
+    Raises VehicleFileError, one line naming the key: missing file, unknown key, impossible value.
+    """
+    path = _find(name_or_path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise VehicleFileError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise VehicleFileError(f"{path}: is not a TOML file: it holds bytes that are no text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
+    return _read(Table(data, str(path)), path)
+
+
+def _find(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.exists():
+        return path
+    known = sorted(file.stem for file in VEHICLES.glob("*.toml"))
+    if isinstance(name_or_path, str) and name_or_path in known:
+        return VEHICLES / f"{name_or_path}.toml"
+    raise VehicleFileError(f"{name_or_path}: no such vehicle file; vehicles that come with it: {', '.join(known)}")
+
+
+def _read(top: Table, path: Path) -> Vehicle:
+    warnings: list[str] = []
+    name = top.text("name", path.stem)
+    mass = _read_mass(top.table("mass", demanded=True))
+    geometry = _read_geometry(top.table("geometry", demanded=True))
+    controls = read_controls(top.table("controls"), warnings)
+    propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
+    sensors = _read_sensors(top.table("sensors"))
+    signals = _read_signals(top.table("signals"))
+    calibration = _read_calibration(top.table("calibration"), path)
+    table = top.table("environment")
+    environment = Environment(
+        table.optional_number("air_density", above=0.0), table.number("gravity", STANDARD_GRAVITY, above=0.0)
+    )
+    table.close()
+    sizes = {**vars(mass), **vars(geometry), "gravity": environment.gravity}
+    if problem := impossible(sizes, _WING_LOADING, _SMALL_SPAN):
+        raise top.error(*problem)
+    flight = _read_flight(top.table("flight"), mass, geometry, environment)
+    top.close()
+    vehicle = Vehicle(
+        name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path
+    )
+    return Vehicle(**{**vehicle.__dict__, "warnings": (*warnings, *doubts(vehicle))})
+
+
+def _read_mass(table: Table) -> MassProperties:
+    mass = table.number("mass", above=0.0)
+    Ixx, Iyy, Izz = (table.number(key, above=0.0) for key in ("Ixx", "Iyy", "Izz"))
+    Ixz = table.number("Ixz", 0.0)
+    table.close()
+    if Ixz * Ixz >= Ixx * Izz:
+        raise table.error("Ixz", f"is {Ixz:g}; its square must be below Ixx Izz = {Ixx * Izz:g}")
+    smallest, middle, largest = np.linalg.eigvalsh(np.array([[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]))
+    if largest > (smallest + middle) * (1.0 + _SWING_TEST_ERROR):
+        key = ("Ixx", "Iyy", "Izz")[int(np.argmax([Ixx, Iyy, Izz]))]
+        raise table.error(
+            key,
+            f"is too large: a principal moment of inertia ({largest:g}) exceeds the sum of the other two",
+        )
+    return MassProperties(mass, Ixx, Iyy, Izz, Ixz)
+
+
+def _read_geometry(table: Table) -> Geometry:
+    geometry = Geometry(*(table.number(key, above=0.0) for key in ("S", "b", "c")))
+    table.close()
+    return geometry
+
+
+def _read_sensors(table: Table) -> Sensors:
+    kinds = {
+        "beta_vane": ("sideslip", "flank"),
+        "beta2_vane": ("sideslip", "flank"),
+        "airspeed": ("calibrated", "true"),
+    }
+    found: dict[str, Sensor] = {}
+    for name in Sensors.__dataclass_fields__:
+        if not table.optional(name):
+            continue
+        entry = table.table(name)
+        kind = entry.text("kind", kinds[name][0], kinds[name]) if name in kinds else ""
+        found[name] = Sensor(entry.vector("position"), entry.optional_number("noise", above=0.0), kind)
+        entry.close()
+    table.close()
+    return Sensors(**found)
+
+
+def _read_signals(table: Table) -> dict[str, SignalSource]:
+    sources = {}
+    for name in table:
+        entry = table.table(name)
+        message = entry.text("message")
+        label = entry.text("name", "") if "name" in entry else ""
+        field = entry.text("field") if entry.optional("field") else ""
+        sources[name] = SignalSource(message, label, field, entry.optional_number("scale"), entry.number("offset", 0.0))
+        entry.optional("name")
+        entry.close()
+        if sources[name].scale == 0.0:
+            raise entry.error("scale", "is 0; the signal would always read its offset")
+    return sources
+
+
+def _read_calibration(table: Table, path: Path) -> dict[str, CalibrationSource]:
+    sources = {}
+    for name in table:
+        entry = table.table(name)
+        points: Path | tuple[tuple[float, float], ...]
+        if entry.is_text("points"):
+            points = path.parent / entry.text("points")
+            if not points.is_file():
+                raise entry.error("points", f"names {points}, which is no file")
+        else:
+            rows = entry.rows("points")
+            if any(len(row) != 2 for row in rows):
+                raise entry.error("points", "must be a CSV file's name or pairs [reference, reading]")
+            points = tuple((row[0], row[1]) for row in rows)
+        sources[name] = CalibrationSource(entry.text("source"), entry.text("form"), points, entry.text("unit"))
+        entry.close()
+    return sources
+
+
+def _read_flight(table: Table, mass: MassProperties, geometry: Geometry, environment: Environment) -> Flight:
+    density = environment.air_density or SEA_LEVEL_DENSITY
+    # Without a speed the simulator starts at a lift coefficient of 0.5, in the middle of any wing's range.
+    middle = float(np.sqrt(2.0 * mass.mass * environment.gravity / (density * geometry.S * 0.5)))
+    flight = Flight(table.number("airspeed", middle, above=0.0), table.number("altitude", 100.0))
+    table.close()
+    return flight
+
+
+def doubts(vehicle: Vehicle) -> list[str]:
+    """What is possible but hardly meant: a factor of 10 to 1000 that a wrong unit makes. One line each.
+
+    What rests on a mass or an area that is doubted itself is left alone: it would blame the wrong key.
+    """
+    mass, geometry = vehicle.mass, vehicle.geometry
+    of_mass, of_area = _doubted_mass(vehicle), []
+    if not 0.3 < geometry.b**2 / geometry.S < 60.0:
+        low, high = geometry.b**2 / 60.0, geometry.b**2 / 0.3
+        of_area.append(
+            f"geometry.S: {geometry.S:g} m^2 on a span of {geometry.b:g} m is hardly possible, {low:.2g} to {high:.2g}"
+            " m^2 are expected: cm or dm?"
+        )
+    elif not 0.3 < geometry.b * geometry.c / geometry.S < 3.0:
+        mean = geometry.S / geometry.b
+        of_area.append(
+            f"geometry.c: a chord of {geometry.c:g} m is hardly possible, S over the span is {mean:.3g} m: cm or mm?"
+        )
+    # The mass of small aircraft is judged by their area.
+    lines = [*(of_area or of_mass)] if geometry.b <= _SMALL_SPAN else [*of_mass, *of_area]
+    for key, value in () if of_mass else (("Ixx", mass.Ixx), ("Iyy", mass.Iyy), ("Izz", mass.Izz)):
+        ratio = (value / mass.mass) ** 0.5 / geometry.b
+        if not 0.02 < ratio < 1.5:
+            low, high = (mass.mass * (share * geometry.b) ** 2 for share in (0.02, 1.5))
+            lines.append(
+                f"mass.{key}: {value:g} kg m^2 is a radius of gyration of {ratio:.3g} spans, {low:.2g} to {high:.2g}"
+                f" kg m^2 are expected: {key} in g m^2 or kg cm^2?"
+            )
+    return [*lines, *_doubted_equipment(vehicle, rest_on_mass=not (of_mass or of_area))]
+
+
+def _doubted_mass(vehicle: Vehicle) -> list[str]:
+    """The mass against span and, of small aircraft, wing area."""
+    mass, geometry, gravity = vehicle.mass.mass, vehicle.geometry, vehicle.environment.gravity
+    if geometry.b <= _SMALL_SPAN:
+        loading = mass * gravity / geometry.S
+        low, high = _WING_LOADING
+        if low <= loading <= high:
+            return []
+        few, many = (limit * geometry.S / gravity for limit in _WING_LOADING)
+        unit = "grams" if loading > high else "a slipped decimal point"
+        return [
+            f"mass.mass: {mass:g} kg on a wing of {geometry.S:g} m^2 ({loading:.3g} N/m^2) is hardly possible,"
+            f" {few:.2g} to {many:.2g} kg are expected: {unit}?"
+        ]
+    filling = mass / geometry.b**3  # 1 for a MAV, 2 for an airliner, 12 for a fighter, 0.005 for a solar glider
+    if 1e-3 < filling < 100.0:
+        return []
+    unit = "grams" if filling >= 100.0 else "the span in cm"
+    return [f"mass.mass: {mass:g} kg on a span of {geometry.b:g} m is hardly possible: {unit}?"]
+
+
+def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
+    """Sensors, propulsion, environment and speed. rest_on_mass: mass and area are sound enough to judge these by."""
+    mass, geometry, lines = vehicle.mass, vehicle.geometry, []
+    for key in Sensors.__dataclass_fields__:
+        if max(map(abs, vehicle.sensors[key].position)) > 3.0 * geometry.b:
+            lines.append(f"sensors.{key}.position: farther out than three spans: cm or mm?")
+    lift = mass.mass * vehicle.environment.gravity
+    thrust = vehicle.propulsion.max_thrust if vehicle.propulsion else None
+    if rest_on_mass and thrust is not None and not 0.02 < thrust / lift < 10.0:
+        lines.append(f"propulsion.max_thrust: {thrust:g} N is {thrust / lift:.3g} times the weight: gram-force?")
+    if not 9.7 < vehicle.environment.gravity < 9.9:
+        lines.append(f"environment.gravity: {vehicle.environment.gravity:g} m/s^2 is not the Earth's")
+    density = vehicle.environment.air_density
+    if density is not None and not 0.1 < density < 1.7:
+        lines.append(f"environment.air_density: {density:g} kg/m^3 is not the lower atmosphere's")
+    # Divided by nothing, a speed as good as 0 needs a coefficient beyond all bounds.
+    CL = lift / max(0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S, 1e-300)
+    if rest_on_mass and not 0.01 < CL < 4.0:
+        lines.append(f"flight.airspeed: {vehicle.flight.airspeed:g} m/s needs a lift coefficient of {CL:.3g}: km/h?")
+    return lines

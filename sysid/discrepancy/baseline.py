@@ -1,0 +1,154 @@
+"""The model handed in with its own parameters fitted again: what a missing effect must be better than."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from sim_vehicle.effects import EFFECTS
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.discrepancy.candidate_fits import Setting, fitted
+from sysid.discrepancy.lack_of_fit import left_over
+from sysid.errors import EstimationError
+from sysid.filter_error.estimation import build_filter
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.filter_error.thrust_noise import with_thrust_errors
+from sysid.problem.formulation import make_problem, start_model
+from sysid.problem.problem import MAX_RUN_S, Problem, free_coefficients, model_of
+from sysid.signals.preparation import Prepared
+
+Progress = Callable[[float, str], None]
+
+# Sensor errors estimated beside every model: those that change with every power-up, and the vanes', which no effect can
+# be told from. Then what a bench calibration leaves of the airspeed, with its usual size.
+NUISANCE = (
+    "accel_bias_x", "accel_bias_y", "accel_bias_z", "gyro_bias_p", "gyro_bias_q", "gyro_bias_r", "alpha_scale",
+    "alpha_bias", "beta_scale", "beta_bias",
+)  # fmt: skip
+BENCH = {"airspeed_bias": 0.02, "airspeed_scale": 0.002}
+WIND = ("wind_north", "wind_east", "wind_down")
+# Beyond so many times that size it is an effect of its own and must compete with the others.
+BENCH_LIMIT = 5.0
+# Integration steps per sample: with servos that lag, fewer are off by several standard errors of a calm flight.
+SUB_STEPS = 5
+# Log likelihood by which the other timing of the commands must be better.
+_TIMING = 5.0
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What every step of a comparison needs: flights, what kinematics say of them, and the wish to be told."""
+
+    prepared: Sequence[Prepared]
+    compatible: CompatibilityResult
+    vehicle: Vehicle
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The model handed in, and with its own parameters fitted again.
+
+    given: fit of the sensor errors alone. ruled_out: effects that are known not to be what is missing.
+    """
+
+    problem: Problem
+    model: Model
+    names: Sequence[str]
+    effects: Sequence[tuple[str, str]]
+    given: FilterErrorResult
+    before: FilterErrorResult
+    ruled_out: frozenset[str]
+
+    @property
+    def own_values(self) -> dict[str, float]:
+        """Values of the model's own parameters as they were given."""
+        effects = {f"{effect}.{name}": (self.model.effect(effect) or {})[name] for effect, name in self.effects}
+        return self.model.values() | effects
+
+    @property
+    def refitted(self) -> Model:
+        """The model with its parameters fitted again."""
+        return model_of(self.model, self.model.name, self.before, self.names, self.effects, (), self.model.validity)
+
+
+def fitted_again(used: Flights, model: Model, ruled_out: Sequence[str] = ()) -> Baseline:
+    """The model as given and with its own parameters fitted again."""
+    problem = posed(used.prepared, used.vehicle, used.compatible)
+    names = free_coefficients(list(model.coefficients), problem.motion)
+    if not names:
+        raise EstimationError("the baseline model has no coefficient in the axes that these flights excite")
+    effects = [(e.name, key) for e in model.effects for key in e.parameters if _is_fitted(e.name, key)]
+    used.progress(0.15, "its coefficients fitted again")
+    before = _followed(used, problem, model, names, effects)
+    used.progress(0.24, "timing of the commands")
+    problem, before = _timed(problem, model, names, effects, before)
+    if is_beyond_bench(before, problem):
+        problem = without_bench(problem)
+        start = {name: value for name, value in before.values().items() if name not in BENCH}
+        before = fitted(problem, model, names, effects, start, used.compatible.gust_sigma)
+    used.progress(0.28, "the model as given")
+    given = sensors_alone(problem, model, before)
+    return Baseline(problem, model, names, effects, given, before, frozenset(ruled_out))
+
+
+def _followed(
+    used: Flights, problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> FilterErrorResult:
+    """The model's parameters fitted from where they are, or where that loses the flight from equation error's."""
+    gusts = used.compatible.gust_sigma
+    try:
+        return fitted(problem, model, names, effects, {}, gusts)
+    except EstimationError:
+        start = start_model(used.prepared, used.vehicle, used.compatible, model, problem.motion, model)
+        return fitted(problem, start, names, effects, {}, gusts)
+
+
+def _timed(
+    problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]], before: FilterErrorResult
+) -> tuple[Problem, FilterErrorResult]:
+    """The likelier timing of the commands, if it explains the flight: else a delay may be what is missing."""
+    other = replace(problem, command_first=not problem.command_first)
+    try:
+        again = build_filter(other, model, names, effects).solve(before.values(), before.turbulence, known=before)
+        if again.cost > before.cost - _TIMING:
+            return problem, before
+        again = build_filter(other, model, names, effects).solve(again.values(), before.turbulence, brief=True)
+    except EstimationError:
+        return problem, before
+    refitted = model_of(model, model.name, again, names, effects, (), model.validity)
+    return (problem, before) if left_over(other, Setting(refitted, names, effects, again)) else (other, again)
+
+
+def sensors_alone(problem: Problem, model: Model, before: FilterErrorResult) -> FilterErrorResult:
+    """Sensor errors with the model as given, noise and turbulence as known; those of `before` where that diverges."""
+    try:
+        start = {name: before.value(name) for name in problem.sensors}
+        return build_filter(problem, model, ()).solve(start, before.turbulence, known=before)
+    except EstimationError:
+        return before
+
+
+def posed(prepared: Sequence[Prepared], vehicle: Vehicle, compatible: CompatibilityResult) -> Problem:
+    """The flights with the sensor errors that are estimated beside every model."""
+    problem = make_problem(prepared, vehicle, compatible, [*NUISANCE, *BENCH, *WIND], MAX_RUN_S, ground=True)
+    start = {name: 0.0 if name in BENCH else value for name, value in problem.sensors.items()}
+    priors = {name: (0.0, std) for name, std in BENCH.items() if name in start}
+    return with_thrust_errors(replace(problem, sensors=start, priors=priors, sub_steps=SUB_STEPS), prepared)
+
+
+def without_bench(problem: Problem) -> Problem:
+    """The problem with the airspeed taken as it reads."""
+    sensors = {name: value for name, value in problem.sensors.items() if name not in BENCH}
+    return replace(problem, sensors=sensors, priors={})
+
+
+def _is_fitted(effect: str, parameter: str) -> bool:
+    return any(p.name == parameter and p.fitted and not EFFECTS[effect].alias for p in EFFECTS[effect].parameters)
+
+
+def is_beyond_bench(result: FilterErrorResult, problem: Problem) -> bool:
+    """Whether the airspeed is further off than a bench calibration leaves it."""
+    return any(abs(result.value(name)) > BENCH_LIMIT * std for name, std in BENCH.items() if name in problem.sensors)

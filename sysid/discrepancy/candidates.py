@@ -1,0 +1,165 @@
+"""Which effects may explain a disagreement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from sim_vehicle.effects import EFFECTS, Effect, Stage
+from sim_vehicle.model.model_file import Model
+from sysid.discrepancy.event_times import is_in_flight, likely_events
+from sysid.problem.predictor import effect_parameter
+from sysid.problem.problem import Problem
+
+# Half steps that are looked at of a parameter over which the likelihood goes in steps: one is then on the right step.
+_HALF_STEPS = 40
+# Moments tried for something that happens once.
+_EVENTS = 3
+# Above this height nothing is left of the ground's effect.
+_LOW_SPANS = 2.0
+
+# Effects that coefficients imitate to first order alone.
+_SEEN_BY_CURVATURE = ("cg_shift",)
+# A parameter that can be as small as this makes its effect vanish.
+_VANISHES = 1e-3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that the model lacks, with the parameters that would be estimated and values to start from.
+
+    free: names of its fitted parameters. starts: one set of values per hill of the likelihood.
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    starts: tuple[dict[str, float], ...]
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """(effect, parameter) pairs to estimate, empty for a coefficient effect."""
+        return [] if self.effect.is_coefficient else [(self.effect.name, name) for name in self.free]
+
+    @property
+    def coefficients(self) -> list[str]:
+        """Coefficients to estimate, empty for any other effect."""
+        return list(self.free) if self.effect.is_coefficient else []
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Its free parameters less the moments at which it begins."""
+        moments = {p.name for p in self.effect.parameters if p.moment}
+        return tuple(name for name in self.free if name not in moments)
+
+    def is_size(self, name: str) -> bool:
+        """Whether one of its parameters is a size that may be small, not a limit beyond which the effect begins."""
+        return next(p for p in self.effect.parameters if p.name == name).low <= _VANISHES
+
+    def parameter(self, name: str) -> str:
+        """Name of one of its parameters among the estimated ones."""
+        return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
+
+
+def happens_in_flight(candidate: Candidate, values: Mapping[str, float], problem: Problem) -> bool:
+    """Whether the moment of a candidate that has one, at these values by parameter, lies well within some flight."""
+    moments = set(candidate.free) - set(candidate.sizes)
+    return all(is_in_flight(problem.records, values[name]) for name in moments)
+
+
+def alone(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:
+    """The start values with one size of the effect, off the point where it vanishes, and no other one."""
+    parameter = next(p for p in candidate.effect.parameters if p.name == name)
+    values = {key: 0.0 if key in candidate.sizes and candidate.is_size(key) else start[key] for key in start}
+    values[name] = start[name] if start[name] != 0.0 else 0.02 * max(abs(parameter.low), abs(parameter.high))
+    return values
+
+
+def within(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    """Values brought within the bounds of the effect's parameters."""
+    bounds = {p.name: (p.low, p.high) for p in candidate.effect.parameters}
+    return {name: min(max(value, bounds[name][0]), bounds[name][1]) for name, value in values.items()}
+
+
+def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
+    """Whether the flights can show an effect at all."""
+    if model.effect(effect.name) is not None:
+        return False
+    if effect.name == "density_error":
+        # Whoever reads calibrated airspeed sees it; whoever reads true airspeed has it in all coefficients alike.
+        return problem.vehicle.sensors["airspeed"].kind != "true"
+    if effect.name == "wind_shear":
+        return all(record.climbed.size for record in problem.records)
+    if (effect.alias and effect.name not in _SEEN_BY_CURVATURE) or effect.stage is Stage.ENVIRONMENT:
+        return False
+    measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
+    if effect.needs_throttle_thrust and measured_thrust:
+        return False
+    of_throttle = effect.name in ("motor_lag", "battery_sag")
+    if of_throttle and any(record.thrust_source.signal == "rpm" for record in problem.records):
+        return False
+    if effect.name == "thrust_sensor_hysteresis" and not measured_thrust:
+        return False
+    if effect.name == "ground_effect" and not _near_the_ground(problem):
+        return False
+    propulsion = problem.vehicle.propulsion
+    diameter = propulsion.diameter if propulsion is not None else None
+    if effect.name == "p_factor" and not diameter:
+        return False
+    turns = propulsion is not None and (propulsion.CT or (propulsion.max_rpm and propulsion.max_thrust))
+    return effect.name != "propeller_gyroscopic" or bool(turns)
+
+
+def _near_the_ground(problem: Problem) -> bool:
+    """Whether every record's height is known, and one comes within two spans of the ground."""
+    heights = [record.heights for record in problem.records]
+    limit = _LOW_SPANS * problem.vehicle.geometry.b
+    return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
+
+
+def stepping_of(effect: Effect) -> dict[str, float]:
+    """Its parameters over which the likelihood goes in steps, up and down at every sample that they let through: name
+    -> size of a step.
+    """
+    fitted = {p.name: effect_parameter(effect.name, p.name) for p in effect.parameters if p.fitted}
+    return {name: one.step for name, one in fitted.items() if one.is_stepping}
+
+
+def _starts(effect: Effect, events: Sequence[Mapping[str, float]]) -> tuple[dict[str, float], ...]:
+    """Values to start from: the effect's own, or half steps where the likelihood goes in steps."""
+    starts = effect.starts(events)
+    for name, step in stepping_of(effect).items():
+        starts = tuple({**starts[0], name: 0.5 * step * count} for count in range(1, _HALF_STEPS + 1))
+    return starts
+
+
+def candidates(problem: Problem, model: Model) -> list[Candidate]:
+    """Every effect of the catalogue that the model lacks and the flights could show, once for each thing it may choose.
+
+    A choice is the default of the candidate's own effect.
+    """
+    events = likely_events(problem.records, problem.vehicle, _EVENTS)
+    found = []
+    for effect in chain.from_iterable(entry.variants() for entry in EFFECTS.values()):
+        if not _plausible(effect, problem, model):
+            continue
+        if effect.is_coefficient:
+            free = tuple(
+                p.name for p in effect.parameters if p.name not in model.coefficients and problem.motion.takes(p.name)
+            )
+            starts: tuple[dict[str, float], ...] = (dict.fromkeys(free, 0.0),)
+        else:
+            free = tuple(p.name for p in effect.parameters if p.fitted)
+            if not events and any(p.moment for p in effect.parameters):
+                continue
+            starts = _starts(effect, events)
+        if free and starts:
+            found.append(Candidate(effect, free, starts))
+    return found
+
+
+def extended(model: Model, candidate: Candidate, values: dict[str, float]) -> Model:
+    """The model with the effect added at these values."""
+    return model.with_effect(candidate.effect, values)

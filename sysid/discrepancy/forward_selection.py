@@ -1,0 +1,268 @@
+"""The search for missing effects: candidates tried, compared, and the one the data insist on added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sysid.discrepancy.candidate_fits import Setting, finalists, tried, walds
+from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
+from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
+from sysid.discrepancy.identified_effect import Named, imprecise, nearly
+from sysid.discrepancy.score_test import filter_gains
+from sysid.errors import EstimationError
+from sysid.filter_error.estimation import build_filter
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.problem.problem import Problem, Progress, model_of
+
+# None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
+# most so many.
+MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
+# Steps of a fit without what was named before.
+_STEPS_BACK = 12
+
+
+@dataclass
+class Search:
+    """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
+
+    given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
+    ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
+    """
+
+    problem: Problem
+    model: Model
+    coefficients: list[str]
+    effects: list[tuple[str, str]]
+    result: FilterErrorResult
+    named: list[Named] = field(default_factory=list)
+    given: Mapping[str, float] = field(default_factory=dict)
+    dropped: list[str] = field(default_factory=list)
+    ruled_out: frozenset[str] = frozenset()
+    nearly: str = ""
+
+    @property
+    def setting(self) -> Setting:
+        """The model so far with its estimate."""
+        # Beside an effect that is there the fitted parameters are the better ones.
+        given = {} if self.named else self.given
+        return Setting(self.model, list(self.coefficients), list(self.effects), self.result, given)
+
+    @property
+    def imprecise(self) -> float:
+        """Gain (twice the log likelihood) that lags named so far may leave to others."""
+        return imprecise(self.named)
+
+    def imprecise_without(self, left_out: Named) -> float:
+        """The same of all the others."""
+        return imprecise([one for one in self.named if one is not left_out])
+
+
+def extend(search: Search, progress: Progress) -> bool:
+    """Try to add one effect. Returns whether one was significant and has been added."""
+    problem = search.problem
+    choices = [one for one in candidates(problem, search.model) if one.effect.name not in search.ruled_out]
+    search.nearly = ""
+    progress(0.0, f"a first look at {len(choices)} effects")
+    base = search.setting
+    worth = _promising(problem, base, choices)
+    fits: list[tuple[Candidate, FilterErrorResult]] = []
+    for position, (candidate, start) in enumerate(worth):
+        progress((position + 1.0) / (len(worth) + 2.0), f"trying {candidate.effect.name}")
+        begun = tried(problem, base, candidate, start)
+        if begun is not None and _is_possible(problem, candidate, begun):
+            fits.append((candidate, begun))
+    if not fits:
+        return False
+    progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
+    found = finalists(problem, base, sorted(fits, key=lambda item: item[1].cost))
+    found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
+    if not found:
+        return False
+    samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
+    weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
+    top = max(range(len(found)), key=lambda i: weights[i].probability)
+    candidate, result = found[top].candidate, found[top].result
+    if weights[top].gain < search.imprecise:
+        return False
+    if not is_significant(weights[top], len(choices)):
+        if is_unlikely(weights[top], len(choices)):
+            search.nearly = nearly(candidate.effect.name, weights[top], len(choices))
+        return False
+    probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, weights, strict=True)]
+    own = candidate.effect.name
+    alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
+    search.named.append(
+        Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices), weights[top].gain)
+    )
+    _add(search, candidate, result)
+    return True
+
+
+def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResult) -> bool:
+    values = {name: result.value(candidate.parameter(name)) for name in candidate.free}
+    return happens_in_flight(candidate, values, problem)
+
+
+@dataclass(frozen=True)
+class _Without:
+    """The model and its estimate with one named effect left out, and twice the log likelihood that this costs."""
+
+    coefficients: list[str]
+    effects: list[tuple[str, str]]
+    model: Model
+    result: FilterErrorResult
+    gain: float
+
+
+def drop_replaced(search: Search) -> None:
+    """Take out, one by one, the effect that costs least where it is not needed beside the others.
+
+    One effect alone can stand for two others together until both are there: lag and misplacement of a vane look like a
+    late vane. What stays is judged by what the likelihood gains with it beside all that stays.
+    """
+    while len(search.named) > 1:
+        asked = [(one, _without(search, one)) for one in search.named]
+        told = {one.effect: without.gain for one, without in asked if without is not None}
+        search.named = [
+            replace(one, weight=_weighed(one, told[one.effect])) if one.effect in told else one for one in search.named
+        ]
+        needless = [
+            (without, one)
+            for one, (_, without) in zip(search.named, asked, strict=True)
+            if without is not None
+            and not (is_significant(one.weight, one.tried) and without.gain > search.imprecise_without(one))
+        ]
+        if not needless:
+            return
+        without, one = min(needless, key=lambda item: item[0].gain)
+        _leave_out(search, one, without, "not needed beside the others")
+
+
+def _weighed(one: Named, gain: float) -> Weight:
+    """The weight of an effect with another gain, its probability among its alternatives as it was."""
+    return replace(weigh([gain], [len(one.candidate.free)], 1.0)[0], probability=one.weight.probability)
+
+
+def _without(search: Search, one: Named) -> _Without | None:
+    """What is left where an effect is left out; None where the filter then loses the flights."""
+    own = {one.candidate.parameter(name) for name in one.candidate.free}
+    coefficients = [name for name in search.coefficients if name not in own]
+    effects = [pair for pair in search.effects if pair not in one.candidate.names]
+    model = replace(
+        search.model,
+        coefficients={name: value for name, value in search.model.coefficients.items() if name not in own},
+        effects=tuple(e for e in search.model.effects if one.candidate.coefficients or e.name != one.effect),
+        correlation=None,
+    )
+    flight = build_filter(search.problem, model, coefficients, effects)
+    known = search.result
+    start = {name: value for name, value in known.values().items() if name not in own}
+    try:
+        result = flight.solve(start, known.turbulence, known=known, max_iterations=_STEPS_BACK)
+        if 2.0 * (result.cost - known.cost) < MIN_PROMISE:
+            result = min(result, flight.solve(result.values(), known.turbulence, near=result, brief=True), key=_cost)
+    except EstimationError:
+        return None
+    return _Without(coefficients, effects, model, result, 2.0 * (result.cost - known.cost))
+
+
+def _leave_out(search: Search, one: Named, without: _Without, why: str) -> None:
+    """Take an effect out of the model, and out of what others might be instead."""
+    search.named = [
+        replace(other, alternatives=tuple(item for item in other.alternatives if item[0] != one.effect))
+        for other in search.named
+        if other is not one
+    ]
+    search.coefficients, search.effects, search.model = without.coefficients, without.effects, without.model
+    search.dropped.append(f"{one.effect}: named for a while, {why}")
+    settle(search, without.result)
+
+
+def _cost(result: FilterErrorResult) -> float:
+    return result.cost
+
+
+def sharpen(search: Search) -> None:
+    """Estimate once more where turbulence is, noise and turbulence together with everything else.
+
+    Gains that are held fixed make standard errors of sideslip's derivatives up to three times too small
+    (sysid.filter_error.joint_score). What cannot be scored stays as it is.
+    """
+    flight = build_filter(search.problem, search.model, search.coefficients, search.effects)
+    with suppress(EstimationError):
+        settle(search, flight.solve(search.result.values(), search.result.turbulence))
+
+
+def drop_unborne(search: Search) -> None:
+    """Take out, one by one, the effect whose sizes are least beyond what chance gives, by the standard errors of
+    `sharpen` (Wald's test).
+
+    With the gusts held fixed the likelihood gains where it only trades one noise for another; coefficients and gusts
+    then explain the flight. Where nothing was sharpened, or a parameter is no size, the likelihood must be enough.
+    """
+    while search.named and search.result.together:
+        borne = [(one, walds(one.candidate, search.result)) for one in search.named]
+        doubtful = [
+            (statistic, one)
+            for one, statistic in borne
+            if statistic is not None and not is_significant(_weighed(one, statistic), one.tried)
+        ]
+        if not doubtful:
+            return
+        _, one = min(doubtful, key=lambda item: item[0])
+        without = _without(search, one)
+        if without is None:
+            return
+        _leave_out(search, one, without, "but its size is within its standard error")
+        sharpen(search)
+
+
+def settle(search: Search, result: FilterErrorResult) -> None:
+    """Take another estimate of the same model."""
+    search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
+    search.result = result
+    search.model = model_of(
+        search.model, search.model.name, result, search.coefficients, search.effects, (), search.model.validity
+    )
+
+
+def values_of(candidate: Candidate, result: FilterErrorResult) -> dict[str, tuple[float, float]]:
+    """Values and standard errors of a candidate's parameters."""
+    return {
+        name: (result.value(candidate.parameter(name)), result.std(candidate.parameter(name)))
+        for name in candidate.free
+    }
+
+
+def _add(search: Search, candidate: Candidate, result: FilterErrorResult) -> None:
+    """Make an effect part of the search's model."""
+    values = values_of(candidate, result)
+    extension = search.model.with_effect(
+        candidate.effect, {name: v for name, (v, _) in values.items()}, {name: s for name, (_, s) in values.items()}
+    )
+    search.coefficients += candidate.coefficients
+    search.effects += candidate.names
+    search.model = model_of(
+        extension, extension.name, result, search.coefficients, search.effects, (), extension.validity
+    )
+    search.result = result
+    # What was named before is known better beside what is new.
+    search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
+
+
+def _promising(
+    problem: Problem, base: Setting, choices: Sequence[Candidate]
+) -> list[tuple[Candidate, dict[str, float]]]:
+    """Candidates worth a fit, with the start each promises most from."""
+    gains = filter_gains(problem, base.model, base.coefficients, base.effects, base.result, choices)
+    order = sorted(range(len(choices)), key=lambda i: -gains[i][0])
+    best = gains[order[0]][0] if order else 0.0
+    if best < MIN_PROMISE:
+        return []
+    limit = max(0.5 * MIN_PROMISE, PROMISE_SHARE * best)
+    return [(choices[i], gains[i][1]) for i in order[:MAX_TRIED] if gains[i][0] >= limit]

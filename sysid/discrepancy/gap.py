@@ -1,0 +1,85 @@
+"""The gap of one set of flights at every stage of a comparison: as given, fitted again, with the effect, and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.flat_model import flatten
+from sysid.arrays import Array
+from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.numerics.dryden import Turbulence
+from sysid.numerics.smoothing import noise_sigma
+from sysid.problem.free_run import Fixed, gap, noise_floor
+from sysid.problem.problem import Estimates, Motion, Problem, split_runs
+from sysid.signals.preparation import MAX_STRETCH_S, Prepared
+from sysid.signals.record import OUTPUTS, Record
+from sysid.signals.sensor_errors import SENSOR_ERRORS
+
+
+def fixed_model(problem: Problem, model: Model, result: Estimates, compatible: CompatibilityResult) -> Fixed:
+    """A model with the sensor errors of its fit; of outputs outside the fit those of the compatibility check."""
+    outside = {
+        name: error.value
+        for name, error in compatible.parameters.items()
+        if name in SENSOR_ERRORS and SENSOR_ERRORS[name][0] not in problem.motion.outputs
+    }
+    errors = outside | {name: result.value(name) for name in problem.sensors}
+    return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
+
+
+def widening(prepared: Sequence[Prepared], before: Fixed, after: Fixed) -> float:
+    """How many times as wide as before the gap on these flights is after: the quadratic mean over the outputs."""
+    records = [stretch.record for flight in prepared for stretch in flight.stretches]
+    least, most = (gap(records, prepared[0].layout, model) for model in (before, after))
+    ratios = [most[name] / value for name, value in least.items() if value > 0.0 and math.isfinite(value)]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
+
+
+def stage_gaps(
+    motion: Motion,
+    prepared: Sequence[Prepared],
+    stages: Mapping[str, Fixed],
+    compatible: CompatibilityResult,
+    air: Turbulence,
+    generator: np.random.Generator,
+) -> dict[str, dict[str, float]]:
+    """Gap of every stage on these flights, and the noise floor of the last in air of this turbulence."""
+    stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    records = [stretch.record for stretch in stretches]
+    layout = prepared[0].layout
+    found: dict[str, dict[str, float]] = {}
+    for stage, fixed in stages.items():
+        found[stage] = {name: value for name, value in gap(records, layout, fixed).items() if math.isfinite(value)}
+    thrust_noise = [noise_sigma(s.data["thrust"], s.data.interval_s) for s in stretches if "thrust" in s.data]
+    thrust_sigma = 0.0 if not thrust_noise else float(np.median(thrust_noise)) * _thrust_noise_left(records)
+    runs, starts = [], []
+    for stretch, states in zip(stretches, compatible.states, strict=True):
+        full = dict(states)
+        full.setdefault("psi", stretch.data.columns.get("psi", np.zeros(stretch.record.length)))
+        part_runs, paths = split_runs(stretch.record, full, motion, MAX_STRETCH_S)
+        runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
+        starts += [path[0] for path in paths]
+    last = list(stages.values())[-1]
+    floor = noise_floor(runs, starts, layout, last, _output_noise(records), thrust_sigma, air, generator)
+    found["noise_floor"] = {name: value for name, value in floor.items() if math.isfinite(value)}
+    return found
+
+
+def _thrust_noise_left(records: Sequence[Any]) -> float:
+    """Share of a thrust cell's noise that its smoothing lets through: that of the mean."""
+    return 1.0 / math.sqrt(max(len(records[0].thrust), 1))
+
+
+def _output_noise(records: Sequence[Record]) -> Array:
+    """(15,) noise of the outputs from the measurement alone: a wrong model would hide in its own residuals."""
+    sigma = np.zeros(len(OUTPUTS))
+    for j in range(len(OUTPUTS)):
+        noise = [noise_sigma(r.z[:, j], r.interval_s) for r in records if np.isfinite(r.z[:, j]).all()]
+        sigma[j] = float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
+    return sigma

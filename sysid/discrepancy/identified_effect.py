@@ -1,0 +1,87 @@
+"""An effect that was named, and how a result tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sim_vehicle.effects import EFFECTS, Effect
+from sim_vehicle.model.model_file import Coefficient
+from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.evidence import Weight
+from sysid.discrepancy.wording import chance_text
+from sysid.filter_error.linearised_flight import LAGGING
+
+# Play of servos and of the thrust sensor, whose state between samples nobody records.
+_PLAY = ("thrust_sensor_hysteresis", "servo_deadband", "actuator_backlash", "sensor_time_skew")
+# A memory that is known only nearly leaves this share of what it gains for others to pick up.
+_IMPRECISE = 0.03
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that was added: its candidate, its weight, the alternatives, the estimates, among how many effects
+    it was the likeliest, and what the likelihood gained (twice its logarithm) when it came in.
+    """
+
+    candidate: Candidate
+    weight: Weight
+    alternatives: tuple[tuple[str, float], ...]
+    values: Mapping[str, tuple[float, float]]
+    tried: int
+    came_with: float
+
+    @property
+    def effect(self) -> str:
+        """Name of its effect."""
+        return self.candidate.effect.name
+
+    @property
+    def lags(self) -> bool:
+        """Whether it has a memory that the filter knows only nearly."""
+        return self.candidate.effect.name in (*LAGGING, *_PLAY)
+
+
+def imprecise(named: Sequence[Named]) -> float:
+    """Gain (twice the log likelihood) that memories known only nearly may leave to others.
+
+    It is of what each came in with: beside others that explain the rest of the flight, noise is so small that a memory
+    gains hundreds of times as much, and a share of that would hide every other effect.
+    """
+    return _IMPRECISE * max((one.came_with for one in named if one.lags), default=0.0)
+
+
+def reason(named: Named) -> str:
+    """What it was named for, in words."""
+    weight = named.weight
+    return (
+        f"{named.candidate.effect.name}: the likelihood gains {weight.gain:.0f} ({chance_text(weight.p_value)}, "
+        f"{named.tried} effects looked at)"
+    )
+
+
+def nearly(effect: str, weight: Weight, tried: int) -> str:
+    """That an effect is likely but stands out by too little for a name, in words."""
+    return (
+        f"{effect}: the likelihood would gain {weight.gain:.0f} ({chance_text(weight.p_value)}, {tried} effects looked "
+        "at); not named below five standard errors"
+    )
+
+
+def effect_json(named: Named) -> dict[str, Any]:
+    """It as an entry of `effects` in a result file (schema discrepancy/1)."""
+    effect = named.candidate.effect
+    return {
+        "name": effect.name,
+        "title": effect.title,
+        "probability": round(min(named.weight.probability, 0.9999), 4),
+        "parameters": {name: Coefficient(value, std).to_json() for name, (value, std) in named.values.items()},
+        "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
+        "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),
+    }
+
+
+def _separating(effect: Effect, alternatives: Sequence[str]) -> str:
+    """The manoeuvre that tells an effect from the likeliest of its alternatives, or in general where it has none."""
+    return effect.manoeuvre_against(EFFECTS[alternatives[0]]) if alternatives else effect.separated_by

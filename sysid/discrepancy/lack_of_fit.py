@@ -1,0 +1,64 @@
+"""Whether a model explains a flight: what its residuals hold beyond the sensors' noise and gusts."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from sim_vehicle.effects import CoefficientEffect, Parameter, Stage
+from sysid.discrepancy.candidate_fits import Setting
+from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.score_test import filter_gains
+from sysid.discrepancy.wording import chance_text
+from sysid.equation_error.coefficients import AXES
+from sysid.filter_error.estimation import build_filter
+from sysid.numerics.autoregression import autocorrelation
+from sysid.problem.problem import Problem
+from sysid.signals.record import OUTPUTS
+
+# Noise of an output over what its highest frequencies show, and how many samples of its innovations are
+# alike (1 where they are white), beyond which something is called unexplained.
+_NOISIER, _COLOURED = 1.3, 1.5
+# Chance of smooth terms of an axis gaining so much where nothing is missing, over all axes.
+_CHANCE = 1e-4
+# Smooth terms that no single effect of the catalogue is, by which whatever is missing shows.
+_LONGITUDINAL = ("alpha2", "alpha3", "q", "alpha_q", "de2", "alpha_de", "beta2", "alphadot")
+_LATERAL = ("beta3", "alpha_beta", "alpha_p", "alpha_r", "alpha_da", "alpha_dr", "beta2", "alpha", "q", "de")
+
+
+def smooth_terms(problem: Problem, setting: Setting) -> list[Candidate]:
+    """Per axis, smooth terms that the model lacks: whatever acts on an axis looks somewhat like them."""
+    found = []
+    for axis in AXES:
+        terms = _LONGITUDINAL if axis in ("CL", "CD", "Cm") else _LATERAL
+        names = [f"{axis}_{term}" for term in terms]
+        free = tuple(n for n in names if n not in setting.model.coefficients and problem.motion.takes(n))
+        if free:
+            parameters = tuple(Parameter(name, "1", -1.0, 1.0, (0.0,)) for name in free)
+            effect = CoefficientEffect(axis, f"smooth terms of {axis}", Stage.AERODYNAMICS, parameters, "")
+            found.append(Candidate(effect, free, (dict.fromkeys(free, 0.0),)))
+    return found
+
+
+def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[str, str]:
+    """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
+    coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
+
+    least: gain of an axis (twice its log likelihood) that is no matter.
+    """
+    result = setting.result
+    found: dict[str, str] = {}
+    noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
+    for j, variance in zip(noise.columns, noise.noise, strict=True):
+        read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
+        colour = float(np.sum(autocorrelation([one / float(np.nanstd(one)) for one in read])))
+        ratio = float(result.sigma[j] / np.sqrt(variance))
+        if ratio > _NOISIER and colour > _COLOURED:
+            found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"
+    choices = smooth_terms(problem, setting)
+    gains = filter_gains(problem, setting.model, setting.coefficients, setting.effects, result, choices)
+    for choice, (gain, _) in zip(choices, gains, strict=True):
+        chance = float(special.chdtrc(len(choice.free), max(gain, 0.0)))
+        if chance * len(choices) < _CHANCE and gain > least:
+            found[choice.effect.name] = f"smooth terms gain {gain:.0f}, {chance_text(chance)}"
+    return found

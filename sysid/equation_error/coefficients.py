@@ -1,0 +1,118 @@
+"""Nondimensional force and moment coefficients from corrected flight data.
+
+Lift and drag in stability axes, side force along body y, moments about the centre of gravity, each
+less what the propulsion gives (Jolly, Unhelkar, Arya, section III; Klein & Morelli, chapter 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.compatibility.kinematics import to_centre_of_gravity
+from sysid.errors import SignalError
+from sysid.signals.flight import FlightData
+
+AXES = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+
+
+@dataclass(frozen=True)
+class Body:
+    """What is known of the aircraft before the flight.
+
+    mass: kg. Ixx, Iyy, Izz, Ixz: kg m^2 about the centre of gravity, Ixz = + integral of x z dm.
+    S: m^2. b, c: m.
+    thrust_point: a point of the thrust line from the centre of gravity, m. thrust_direction: unit vector, body axes.
+    torque_sign: of the moment along it by which the airframe answers the propeller's torque: -1 clockwise from behind.
+    accelerometer: position from the centre of gravity, m; used only on data not yet moved there.
+    air_density: kg/m^3, taken where the flight has no `air_density` column.
+    """
+
+    mass: float
+    Ixx: float
+    Iyy: float
+    Izz: float
+    Ixz: float
+    S: float
+    b: float
+    c: float
+    thrust_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    thrust_direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    torque_sign: float = -1.0
+    accelerometer: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    air_density: float = 1.225
+
+
+def dynamic_pressure(data: FlightData, body: Body) -> Array:
+    """(N,) Pa, from true airspeed `V` (m/s) and density."""
+    density = data.columns.get("air_density", body.air_density)
+    return np.asarray(0.5 * density * data["V"] ** 2, dtype=np.float64)
+
+
+def off_centre(data: FlightData, body: Body) -> bool:
+    """Whether specific forces are those at an accelerometer away from the centre of gravity."""
+    return data.notes.get("reference") != "centre of gravity" and any(body.accelerometer)
+
+
+def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[str, Array]:
+    """Coefficients of every axis at every sample.
+
+    data: corrected (sysid.compatibility.reconstruction.correct): ax ay az (m/s^2), p q r (rad/s), alpha (rad), V (m/s),
+    thrust (N),
+        and torque (N m) where the propeller's is known.
+        Without the note that correction leaves, the accelerometer's lever arm is taken off here.
+    body: mass, inertia, geometry. rate_derivatives: (N, 3) p' q' r', rad/s^2.
+    Returns CL CD CY Cl Cm Cn, (N,) each.
+    Raises SignalError for a missing signal; a flight without measured thrust needs its estimate in `thrust`.
+    """
+    missing = [name for name in ("ax", "ay", "az", "p", "q", "r", "alpha", "V", "thrust") if name not in data]
+    if missing:
+        raise SignalError(f"{data.name}: coefficients need {', '.join(missing)}, which the flight lacks")
+    force = np.column_stack([data[name] for name in ("ax", "ay", "az")])
+    rates = np.column_stack([data[name] for name in ("p", "q", "r")])
+    if off_centre(data, body):
+        force = to_centre_of_gravity(force, rates, rate_derivatives, body.accelerometer)
+    direction = np.asarray(body.thrust_direction) / np.linalg.norm(body.thrust_direction)
+    push = np.outer(data["thrust"], direction)
+    moment = np.cross(np.asarray(body.thrust_point), push)
+    if "torque" in data:
+        moment = moment + body.torque_sign * np.outer(data["torque"], direction)
+    x, y, z = (body.mass * force - push).T
+    alpha = data["alpha"]
+    qs = dynamic_pressure(data, body) * body.S
+    p, q, r = rates.T
+    pdot, qdot, rdot = rate_derivatives.T
+    roll = body.Ixx * pdot - body.Ixz * (rdot + p * q) + (body.Izz - body.Iyy) * q * r
+    pitch = body.Iyy * qdot + (body.Ixx - body.Izz) * p * r + body.Ixz * (p**2 - r**2)
+    yaw = body.Izz * rdot - body.Ixz * (pdot - q * r) + (body.Iyy - body.Ixx) * p * q
+    return {
+        "CL": (x * np.sin(alpha) - z * np.cos(alpha)) / qs,
+        "CD": -(x * np.cos(alpha) + z * np.sin(alpha)) / qs,
+        "CY": y / qs,
+        "Cl": (roll - moment[:, 0]) / (qs * body.b),
+        "Cm": (pitch - moment[:, 1]) / (qs * body.c),
+        "Cn": (yaw - moment[:, 2]) / (qs * body.b),
+    }
+
+
+def body_of(vehicle: Vehicle) -> Body:
+    """Mass, inertia, geometry and thrust line of the vehicle file."""
+    mass, geometry, propulsion = vehicle.mass, vehicle.geometry, vehicle.propulsion
+    body = Body(
+        mass.mass, mass.Ixx, mass.Iyy, mass.Izz, mass.Ixz, geometry.S, geometry.b, geometry.c,
+        accelerometer=vehicle.sensors.accelerometer.position,
+    )  # fmt: skip
+    if propulsion is None:
+        return body
+    angle = propulsion.inclination
+    return Body(
+        **{
+            **vars(body),
+            "thrust_point": propulsion.line,
+            "thrust_direction": (float(np.cos(angle)), 0.0, -float(np.sin(angle))),
+            "torque_sign": -1.0 if propulsion.rotation == "cw" else 1.0,
+        }
+    )

@@ -1,0 +1,1 @@
+"""Identification of one or more flights, from signals to the result file."""

@@ -1,0 +1,279 @@
+"""Identification of one or more flights: from signals to the result file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
+from sysid.equation_error.coefficients import body_of
+from sysid.equation_error.dead_surfaces import frozen_commands
+from sysid.errors import EstimationError
+from sysid.identification.command_alignment import commands_in_time, refined_delays, with_late_commands
+from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
+from sysid.identification.linear_model import LinearModel
+from sysid.identification.method_choice import MaximumLikelihood, maximum_likelihood
+from sysid.identification.method_choice import systematic as systematic_effects
+from sysid.identification.result_model import equation_model, linear_model, once, quiet, validity_of, with_extra
+from sysid.numerics.parallel import begun
+from sysid.problem.coefficient_residuals import moment_noise
+from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
+from sysid.problem.model_structure import default_structure
+from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
+from sysid.signal_check.check import SignalCheck, check_signals, flights_named, in_time
+from sysid.signal_check.remedies import named_cures
+from sysid.signals.delay import commands_std
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, unmeasured_thrust
+from sysid.signals.record import SURFACES
+from sysid.signals.sensor_errors import SENSOR_ERRORS
+from sysid.uncertainty.bench_errors import bench_errors
+from sysid.uncertainty.reconstruction_errors import held_errors
+from sysid.validation.held_out import comparison, judge, validation_of
+from sysid.validation.residual_series import Comparison
+from sysid.validation.statistics import Validation
+
+METHODS = ("auto", "ee", "oe", "fe")
+# How often a flight is corrected for what the whole motion told of single sensors.
+_CORRECTED = 3
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything an identification found. See `result_json` for the file.
+
+    linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
+    it is judged by, or where there are none those that it comes from.
+    """
+
+    flights: tuple[Prepared, ...]
+    compatibility: CompatibilityResult
+    model: Model
+    sensor_errors: Mapping[str, tuple[float, float, str]]
+    refused: tuple[Refusal, ...]
+    validation: Validation | None
+    validation_flights: tuple[str, ...]
+    likeliest: MaximumLikelihood | None
+    equation_error: EquationEstimate | None
+    linear: LinearModel | str
+    warnings: tuple[str, ...]
+    check: SignalCheck = field(default_factory=SignalCheck)
+    compared: Comparison | None = None
+
+
+def identify(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    *,
+    validate_on: Sequence[FlightSignals] = (),
+    structure: Model | None = None,
+    prior: Model | None = None,
+    method: str = "auto",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    sensors: Sequence[str] | None = None,
+    systematic: bool = True,
+    progress: Progress = lambda share, text: None,
+    check: SignalCheck | None = None,
+    delays: bool = True,
+) -> Identification:
+    """Identify a model.
+
+    flights: one or more, estimated together. validate_on: flights the model is judged by. structure: a model whose
+    coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
+    before the flight, with its correlations (sysid.numerics.gaussian); start values alone where it has none.
+    method: "ee" equation error, "oe" output error, "fe" filter error; "auto" is "oe", and "fe" in turbulence.
+    start_s, stop_s: the part to take, s.
+    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
+    check: what is known of mistakes in the signals already; None looks for them.
+    delays: whether those that the whole motion tells (sysid.output_error.delay_selection) are looked for.
+    systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
+    Raises SysidError subclasses in one line.
+    """
+    if method not in METHODS:
+        raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
+    progress(0.02, "signals on one time base")
+    prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
+    compatible = None
+    if check is None:
+        progress(0.05, "units, signs, axes and delays")
+        # Of signals that come in time, as they mostly do, it is the one that is wanted.
+        with begun(lambda: check_compatibility(prepared)) as ahead:
+            check = check_signals(prepared, vehicle)
+            compatible = None if check.delays else ahead.result()
+    posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress, compatible)
+    if method == "ee":
+        found = _by_equations(posed, systematic)
+    else:
+        for turn in range(_CORRECTED + 1):
+            likeliest = _likeliest(posed, method, sensors, delays, turn < _CORRECTED, progress)
+            if not likeliest.mistakes:
+                break
+            check = check.joined(named_cures(likeliest.mistakes, prepared, vehicle), flights_named(prepared))
+            posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
+        found = _by_likelihood(posed, likeliest, systematic, progress)
+    warnings = list(posed.warnings)
+    warnings += [*found.warnings, *(one.sentence for one in found.check.findings())]
+    progress(0.88, "validation")
+    judges = [judge(flight, vehicle, found.check, warnings) for flight in validate_on]
+    compared = comparison(judges or found.prepared, vehicle, found.model, found.errors, found.command_first)
+    validation = validation_of(compared) if judges else None
+    progress(1.0, "done")
+    compatible = posed.compatible
+    return Identification(
+        tuple(found.prepared), compatible, found.model, found.errors,
+        once((*found.refused, *compatible.refused), found.errors), validation,
+        tuple(flight.name for flight in validate_on), found.likeliest, found.equations,
+        linear_model(vehicle, found.model, found.prepared, compatible, found.likeliest),
+        tuple(dict.fromkeys(warnings)), found.check, compared,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Posed:
+    """Prepared flights with the problem to solve.
+
+    start: start values; late_start: the same with commands as late as they seem, in rough air. names: coefficients that
+    the flight moves. refused: those it does not. dead: surfaces that were not recorded, and what was said of them.
+    """
+
+    vehicle: Vehicle
+    prepared: Sequence[Prepared]
+    check: SignalCheck
+    compatible: CompatibilityResult
+    problem: Problem
+    start: Model
+    late_start: Model | None
+    names: list[str]
+    refused: list[Refusal]
+    warnings: list[str]
+    dead: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What an estimation told. errors: value, standard error and unit of every sensor error."""
+
+    prepared: Sequence[Prepared]
+    check: SignalCheck
+    model: Model
+    errors: Mapping[str, tuple[float, float, str]]
+    refused: list[Refusal]
+    warnings: Sequence[str]
+    command_first: bool
+    likeliest: MaximumLikelihood | None = None
+    equations: EquationEstimate | None = None
+
+
+def _pose(
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    check: SignalCheck,
+    structure: Model | None,
+    prior: Model | None,
+    method: str,
+    sensors: Sequence[str] | None,
+    delays: bool,
+    progress: Progress,
+    compatible: CompatibilityResult | None = None,
+) -> _Posed:
+    """compatible: what the data compatibility of the prepared flights is known to be."""
+    prepared = in_time(prepared, vehicle, check)
+    progress(0.10, "data compatibility")
+    if compatible is None:
+        compatible = check_compatibility(prepared)
+    warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
+    warnings += unmeasured_thrust(prepared)
+    # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.
+    calm = compatible.gust_sigma == 0.0
+    surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
+    if structure is None:
+        structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
+    late: dict[str, float] = {}
+    parts, told = corrected_parts(prepared, vehicle, compatible), tuple(structure.coefficients)
+    dead: dict[str, str] = {}
+    if calm:
+        noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
+        dead = frozen_commands(parts, body_of(vehicle), noise, surfaces)
+        warnings += dead.values()
+    if delays and structure.effect("actuator_delay") is None:
+        prepared, check, late = commands_in_time(prepared, vehicle, check, parts, told, method, calm)
+    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None, dead=dead)
+    problem = replace(problem, known=known_before(prior, structure, warnings), delays=late)
+    progress(0.30, "equation error")
+    start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
+    late_start = None
+    if late and not calm:
+        tried = with_late_commands(prepared, vehicle, late)
+        late_start = start_model(tried, vehicle, compatible, structure, problem.motion, prior)
+    names = free_coefficients(list(structure.coefficients), problem.motion)
+    carried = () if problem.known is None else problem.known.names
+    refused = quiet([name for name in structure.coefficients if name not in carried], names, list(dead))
+    return _Posed(vehicle, prepared, check, compatible, problem, start, late_start, names, refused, warnings, dead)
+
+
+def _by_equations(posed: _Posed, systematic: bool) -> _Found:
+    problem, compatible = posed.problem, posed.compatible
+    equations = estimate_by_equations(
+        posed.prepared, posed.vehicle, compatible, posed.names, problem.command_first, problem.known, corrected_parts,
+        systematic, commands_std(posed.check.delays),
+    )  # fmt: skip
+    refused = [*posed.refused, *equations.refused]
+    model = equation_model(posed.start, equations, refused, validity_of(posed.prepared, compatible))
+    model = with_extra(model, "systematic", equations.systematic)
+    return _Found(
+        posed.prepared, posed.check, model, _kinematic_errors(compatible), refused, equations.warnings,
+        problem.command_first, equations=equations,
+    )  # fmt: skip
+
+
+def _likeliest(
+    posed: _Posed, method: str, sensors: Sequence[str] | None, delays: bool, singles: bool, progress: Progress
+) -> MaximumLikelihood:
+    """The estimate; singles: whether to ask for mistakes of single sensors, which kinematics did not find any of."""
+    progress(0.40, "maximum likelihood")
+    vehicle, compatible = posed.vehicle, posed.compatible
+
+    def turbulent() -> Problem:
+        problem = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
+        return replace(problem, known=posed.problem.known)
+
+    return maximum_likelihood(
+        posed.problem, turbulent, posed.start, posed.names, _free_effects(posed),
+        compatible, bench_errors(posed.prepared, vehicle), held=held_errors(compatible, posed.problem),
+        delays=posed.check.delays if delays else None,
+        singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,
+        progress=lambda s, t: progress(0.4 + 0.45 * s, t),
+    )  # fmt: skip
+
+
+def _free_effects(posed: _Posed) -> list[tuple[str, str]]:
+    return [(e.name, key) for e in posed.start.effects for key, entry in e.parameters.items() if entry.std]
+
+
+def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood, systematic: bool, progress: Progress) -> _Found:
+    vehicle, compatible, start, names = posed.vehicle, posed.compatible, posed.start, posed.names
+    free_effects = _free_effects(posed)
+    problem, result = likeliest.problem, likeliest.estimate
+    prepared, check = refined_delays(posed.prepared, vehicle, posed.check, likeliest.delays)
+    odd = unbelieved(result, names)
+    unsure = refusals(result, [name for name in names if name not in {entry.name for entry in odd}])
+    refused = [*posed.refused, *odd, *unsure, *likeliest.refused]
+    validity = validity_of(prepared, compatible)
+    model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
+    model = with_extra(model, "bench", likeliest.from_bench)
+    if systematic:
+        progress(0.85, "systematic errors")
+        model = with_extra(model, "systematic", systematic_effects(likeliest, start, names, free_effects))
+    likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
+    unclear = {refusal.name for refusal in likeliest.refused}
+    errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}
+    for name in problem.sensors:
+        errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
+    return _Found(prepared, check, model, errors, refused, likeliest.warnings, problem.command_first, likeliest)
+
+
+def _kinematic_errors(compatible: CompatibilityResult) -> dict[str, tuple[float, float, str]]:
+    return {name: (error.value, error.std, error.unit) for name, error in compatible.parameters.items()}

@@ -1,0 +1,130 @@
+"""The result file of an identification (schema identification/1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from sysid.compatibility.reconstruction import CompatibilityResult, SensorError
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.identification.identify import Identification
+from sysid.identification.linear_model import LinearModel
+from sysid.signal_check.sensor_assessment import verdicts
+from sysid.validation.largest_residual import told
+from sysid.validation.residual_series import series_json
+from sysid.validation.statistics import Validation
+
+
+def result_json(found: Identification) -> dict[str, Any]:
+    """JSON values of an identification; what is not a finite number is null."""
+    compatible = found.compatibility
+    segments = [
+        {
+            "flight": flight.data.name,
+            "start": round(stretch.segment.start_s, 3),
+            "end": round(stretch.segment.end_s, 3),
+            "kind": stretch.segment.kind,
+            "reason": stretch.segment.reason,
+        }
+        for flight in found.flights
+        for stretch in flight.stretches
+    ]
+    result = {
+        "schema": "identification/1",
+        "flights": [flight.data.name for flight in found.flights],
+        "thrust": {flight.data.name: str(flight.thrust_source) for flight in found.flights},
+        "sensor_errors": {
+            name: {"value": value, "std": std, "unit": unit} for name, (value, std, unit) in found.sensor_errors.items()
+        },
+        "compatibility": {
+            "before": {name: vars(fit) for name, fit in compatible.before.items()},
+            "after": {name: vars(fit) for name, fit in compatible.after.items()},
+            "compatible": compatible.compatible,
+            "incompatible": compatible.incompatible,
+            "turbulence": compatible.gust_sigma,
+            "verdicts": [one.to_json() for one in verdicts(_finally(found), found.check.findings())],
+        },
+        "mistakes": [one.to_json() for one in found.check.findings()],
+        "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},
+        **_method(found),
+        "model": found.model.to_json(),
+        **_linear(found.linear),
+        **({} if found.equation_error is None else {"regression": found.equation_error.report}),
+        "validation": _validation(found.validation, found.validation_flights),
+        **_series(found),
+        "refused": [vars(refusal) for refusal in found.refused],
+        "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
+        "warnings": list(found.warnings),
+    }
+    clean: dict[str, Any] = finite_json(result)
+    return clean
+
+
+def _finally(found: Identification) -> CompatibilityResult:
+    """The compatibility check with the sensor errors that the whole estimate ended with."""
+    errors = {name: SensorError(*error) for name, error in found.sensor_errors.items()}
+    return replace(found.compatibility, parameters=errors, refused=list(found.refused))
+
+
+def _method(found: Identification) -> dict[str, Any]:
+    """How the coefficients were estimated, and in what turbulence."""
+    if found.likeliest is None:
+        return {"method": "ee", "turbulence": None}
+    result = found.likeliest.result
+    if not isinstance(result, FilterErrorResult):
+        return {"method": found.likeliest.method, "turbulence": None}
+    names = {"horizontal": "m/s", "vertical": "m/s", "length": "m"}
+    values = {name: {"value": getattr(result.turbulence, name), "unit": unit} for name, unit in names.items()}
+    return {"method": found.likeliest.method, "turbulence": values}
+
+
+def _linear(linear: LinearModel | str) -> dict[str, Any]:
+    """Modes and state space about the flight's mean airspeed, or why there are none."""
+    if isinstance(linear, str):
+        return {"modes": {"refused": linear}, "state_space": None, "frequency_responses": []}
+    return {
+        "modes": [mode.to_json() for mode in linear.modes()],
+        "state_space": linear.system.to_json(),
+        "frequency_responses": linear.responses_json(),
+    }
+
+
+def _series(found: Identification) -> dict[str, Any]:
+    """Curves for a report."""
+    if found.compared is None:
+        return {}
+    use = "estimation" if found.validation is None else "validation"
+    return {"series": series_json(found.compared, use, found.likeliest)}
+
+
+def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:
+    if validation is None:
+        return None
+    return {
+        "flights": list(flights),
+        "outputs": {name: output.to_json() | _largest(validation, name) for name, output in validation.outputs.items()},
+        "acceptable": validation.acceptable,
+        "limit": validation.limit,
+        "reason": validation.reason,
+        "outliers": told(validation.largest),
+    }
+
+
+def _largest(validation: Validation, name: str) -> dict[str, Any]:
+    """The output's largest residual, and when; nothing where its noise is unknown."""
+    found = validation.largest.get(name)
+    return {} if found is None else {"largest_over_noise": found.over_noise, "largest_at": vars(found)}
+
+
+def finite_json(value: Any) -> Any:
+    """The same with numpy numbers made plain and numbers that are not finite made None."""
+    if isinstance(value, dict):
+        return {key: finite_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_json(item) for item in value]
+    if isinstance(value, bool | str | int) or value is None:
+        return value
+    if hasattr(value, "item"):
+        return finite_json(value.item())
+    return float(value) if math.isfinite(value) else None

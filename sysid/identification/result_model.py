@@ -1,0 +1,107 @@
+"""What an identification tells of its estimates: the model with its refusals, ranges and what stands beside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.compatibility.reconstruction import CompatibilityResult, Refusal
+from sysid.equation_error.dead_surfaces import part_of
+from sysid.identification.equation_error import EquationEstimate
+from sysid.identification.linear_model import LinearModel, linearise
+from sysid.identification.method_choice import MaximumLikelihood
+from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
+from sysid.signals.preparation import Prepared
+
+
+def once(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
+    """Every refusal once, and none of what another method could tell after all."""
+    return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in told}.values())[::-1]
+
+
+def linear_model(
+    vehicle: Vehicle,
+    model: Model,
+    prepared: Sequence[Prepared],
+    compatible: CompatibilityResult,
+    likeliest: MaximumLikelihood | None,
+) -> LinearModel | str:
+    """The model about the flights' mean airspeed and density, or in words why it cannot be had."""
+    airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
+    stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    density = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
+    covariance = None
+    if likeliest is not None:
+        result = likeliest.estimate
+        names = [parameter.name for parameter in result.parameters]
+        covariance = (names, result.covariance[: len(names), : len(names)])
+    try:
+        return linearise(vehicle, model, airspeed, density, covariance)
+    except SimVehicleError as error:
+        return str(error)
+
+
+def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with something told beside each estimate under `key`."""
+
+    def beside(name: str, entry: Coefficient) -> Coefficient:
+        if entry.value is None or not found.get(name):
+            return entry
+        return replace(entry, extra={**entry.extra, key: dict(found[name])})
+
+    effects = tuple(
+        replace(e, parameters={key: beside(f"{e.name}.{key}", entry) for key, entry in e.parameters.items()})
+        for e in model.effects
+    )
+    entries = {name: beside(name, entry) for name, entry in model.coefficients.items()}
+    return replace(model, coefficients=entries, effects=effects)
+
+
+def quiet(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:
+    """Refusals of what no surface excited, or one that was not recorded (`dead`, of de, da, dr)."""
+    lost: dict[str, list[str]] = {}
+    for surface in dead:
+        lost.setdefault(part_of(surface), []).append(surface)
+    refused = []
+    for name in structure:
+        surfaces = " and ".join(lost.get("longitudinal" if is_longitudinal(name) else "lateral", []))
+        if name not in names and surfaces:
+            reason = f"the channel of {surfaces} is dead, and what it did to the motion would pass for this"
+            refused.append(Refusal(name, reason, f"the same with {surfaces} recorded"))
+        elif name not in names:
+            refused.append(Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name)))
+    return refused
+
+
+def equation_model(
+    start: Model, found: EquationEstimate, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]
+) -> Model:
+    """The model that equation error tells."""
+    reasons = {entry.name: entry.reason for entry in refused}
+    joint = found.joint.of([name for name in found.joint.names if name not in reasons])
+    told = {} if joint is None else joint.entries()
+    entries = {
+        name: Coefficient(None, refused=reasons[name])
+        if name in reasons
+        else Coefficient(*told[name])
+        if name in told
+        else entry
+        for name, entry in start.coefficients.items()
+    }
+    correlation = None if joint is None else joint.correlation()
+    return replace(start, coefficients=entries, validity=validity, correlation=correlation)
+
+
+def validity_of(prepared: Sequence[Prepared], compatible: CompatibilityResult) -> dict[str, tuple[float, float]]:
+    """Range of angle of attack and airspeed that the stretches covered (1st to 99th percentile)."""
+    alpha = np.concatenate([states["alpha"] for states in compatible.states])
+    speed = np.concatenate([states["V"] for states in compatible.states])
+    return {
+        "alpha": (round(float(np.percentile(alpha, 1)), 4), round(float(np.percentile(alpha, 99)), 4)),
+        "airspeed": (round(float(np.percentile(speed, 1)), 2), round(float(np.percentile(speed, 99)), 2)),
+    }

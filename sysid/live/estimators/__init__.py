@@ -1,0 +1,1 @@
+"""Recursive regressions in the time and the frequency domain, and changes of the aircraft."""

@@ -1,0 +1,145 @@
+"""Has the model changed? The last seconds' equations under the coefficients that were known before.
+
+For each coefficient j of an axis the residuals e of the last seconds are explained by a step d of that coefficient
+alone: d = sum(x_j e) / sum(x_j^2), and d^2 over its variance is the generalised likelihood ratio, twice its logarithm.
+A change is told where the likeliest one is beyond doubt, is a large share of the coefficient, and explains most of the
+residuals, twice in a row. Its time is where the likelihood of "from here on" is largest (the CUSUM's own estimate).
+Source: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, sections 2.2 and 2.4.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.arrays import Array
+from sysid.live.estimators.recursive_least_squares import RATE_HZ
+
+WINDOW_S = 2.5
+_MEMORY_S = 8.0
+_BEFORE_S = 3.0  # what is known counts as it was this long ago
+_LEARNED_S = 6.0  # of flight, before which standard errors are too young to call anything known
+_RATIO = 60.0
+_SHARE = 0.1
+_EXPLAINED = 0.6
+_KNOWN = 0.15  # relative standard error of a coefficient whose change can be told
+_NOISE_MEMORY = 100.0
+# A term tells of its coefficient where its power is so many times that of its noise, and of this rms.
+_MOVED = 10.0
+_STILL = 1e-4
+
+
+# Of the constants only that of drag is one that ice changes and no bias of a sensor does.
+_DRAG, _DRAG_SHARE = "CD_0", 0.2
+_SETTLES_S = 0.2
+
+
+@dataclass(frozen=True)
+class Change:
+    """A coefficient that has changed. before, after: its values. time_s: since when."""
+
+    time_s: float
+    axis: str
+    coefficient: str
+    before: float
+    after: float
+
+
+class ChangeDetector:
+    """Watches one axis. names: P coefficients, the constant's among them."""
+
+    def __init__(self, axis: str, names: Sequence[str]) -> None:
+        self._axis, self._names = axis, tuple(names)
+        self.restart()
+
+    def restart(self) -> None:
+        """What is known begins anew."""
+        self._samples: deque[tuple[float, Array]] = deque(maxlen=round(_MEMORY_S * RATE_HZ))
+        self._known: deque[tuple[float, Array, Array]] = deque()
+        self._variance = np.nan
+        self._suspect = ""
+        self._begun = np.inf
+
+    def add(self, time_s: float, columns: Array) -> None:
+        """Take one decimated sample: terms, weight, left side."""
+        self._begun = min(self._begun, time_s)
+        self._samples.append((time_s, columns))
+
+    def check(self, time_s: float, values: Array, covariance: Array, noise: Array) -> Change | None:
+        """What has changed by now, if anything; values, covariance: the coefficients as known now.
+
+        noise: (P,) variance of the white noise in each term's samples.
+        """
+        self._known.append((time_s, values, covariance))
+        while len(self._known) > 1 and self._known[1][0] <= time_s - _BEFORE_S:
+            self._known.popleft()
+        at, theta, P = self._known[0]
+        if at < self._begun + _LEARNED_S or at > time_s - _BEFORE_S + 0.5 or len(self._samples) < RATE_HZ * WINDOW_S:
+            return None
+        times = np.array([entry[0] for entry in self._samples])
+        columns = np.array([entry[1] for entry in self._samples])
+        X, residuals = columns[:, :-2], columns[:, -1] - columns[:, :-2] @ theta
+        recent = times > time_s - WINDOW_S
+        if 2 * np.count_nonzero(recent) < RATE_HZ * WINDOW_S:  # behind a gap
+            return None
+        self._learn_noise(residuals[times < time_s - _BEFORE_S])
+        if not np.isfinite(self._variance):
+            return None
+        found = self._likeliest(X[recent], residuals[recent], theta, P, noise)
+        if found is None:
+            self._suspect = ""
+            return None
+        j, step = found
+        suspect, self._suspect = self._suspect, self._names[j]
+        if suspect != self._names[j]:
+            return None
+        since = self._since(times, X[:, j], residuals, step)
+        # The window has begun before, and the filter holds what was before for a while.
+        x, e = _about_means(self._names[j], *(values[times > since + _SETTLES_S] for values in (X[:, j], residuals)))
+        if float(x @ x) > 0.2 * float(X[recent, j] @ X[recent, j]):
+            step = float(x @ e) / float(x @ x)
+        return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step))
+
+    def _learn_noise(self, residuals: Array) -> None:
+        if residuals.size < RATE_HZ:
+            return
+        now = float(np.mean(residuals**2))
+        self._variance = now if np.isnan(self._variance) else self._variance + (now - self._variance) / _NOISE_MEMORY
+
+    def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array) -> tuple[int, float] | None:
+        total = float(residuals @ residuals)
+        best: tuple[float, int, float, float] = (_RATIO, -1, 0.0, 0.0)
+        for j, name in enumerate(self._names):
+            known = np.sqrt(P[j, j]) < _KNOWN * abs(theta[j])
+            if not known or (name.endswith("_0") and name != _DRAG):
+                continue
+            x, e = _about_means(name, X[:, j], residuals)
+            power = float(x @ x)
+            # What hardly moves is noise, and the coefficient times it is the residual: a step to nothing.
+            if power < _MOVED * x.size * max(noise[j], _STILL**2):
+                continue
+            step = float(x @ e) / power
+            uncertain = X.T @ x / power
+            ratio = step**2 / (self._variance / power + float(uncertain @ P @ uncertain))
+            explained = step**2 * power / max(float(e @ e), 1e-300)
+            if ratio > best[0]:
+                best = (ratio, j, step, explained)
+        # The likeliest one is told or none: beside a small change of one coefficient a large one of another whose
+        # motion is alike explains nearly as much.
+        _, j, step, explained = best
+        if j < 0 or total < 4.0 * self._variance * residuals.size:
+            return None
+        share = _DRAG_SHARE if self._names[j] == _DRAG else _SHARE
+        return (j, step) if abs(step) > share * abs(theta[j]) and explained > _EXPLAINED else None
+
+    def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
+        gain = residuals**2 - (residuals - step * x) ** 2 - self._variance
+        return float(times[int(np.argmax(np.cumsum(gain[::-1])[::-1]))])
+
+
+def _about_means(name: str, x: Array, e: Array) -> tuple[Array, Array]:
+    """A term's samples and the residuals, each about its mean; those of a constant as they are."""
+    return (x, e) if name == _DRAG or not x.size else (x - np.mean(x), e - np.mean(e))

@@ -1,0 +1,1 @@
+"""Samples as they come: one time base, sensors' noise and errors, the motion through the air."""

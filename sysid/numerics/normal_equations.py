@@ -1,0 +1,169 @@
+"""Gauss-Newton steps and covariances from normal equations, in scaled unknowns.
+
+Information matrix and gradient of a record's sensitivities (part of it compiled).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_vehicle.jit import jit
+from sysid.arrays import Array, IntArray
+from sysid.errors import EstimationError
+
+Mask = NDArray[np.bool_]
+
+# A part of the weighted rows that stays in the processor's cache: a quarter of a megabyte of doubles.
+_CACHED_NUMBERS = 1 << 15
+
+
+def damped_step(information: Array, downhill: Array, damping: float, flight: str) -> Array:
+    """(P,) Levenberg-Marquardt step from information (P, P) and gradient downhill (P,); damping 0 is Gauss-Newton's.
+
+    flight: its name, for the message. Raises EstimationError where either is no number, which it is where the
+    simulation diverges next to the values tried: with such slopes there is no direction to go in.
+    """
+    require_numbers(flight, information, downhill)
+    scale = _scale(information)
+    scaled = information * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += damping
+    try:
+        step: Array = np.linalg.lstsq(scaled, downhill * scale, rcond=1e-13)[0] * scale
+    except np.linalg.LinAlgError:
+        raise EstimationError(_no_step(flight)) from None
+    return step
+
+
+def hold(information: Array, downhill: Array, places: Mask, std: Array) -> None:
+    """Take unknowns that go in steps out of normal equations, in place: they stay, known to `std` (P,)."""
+    information[places, :] = information[:, places] = 0.0
+    information[places, places] = 1.0 / std[places] ** 2
+    downhill[places] = 0.0
+
+
+def require_numbers(flight: str, *values: Array) -> None:
+    """Raise EstimationError where anything in the normal equations of a flight is not finite."""
+    if not all(np.isfinite(one).all() for one in values):
+        raise EstimationError(_no_step(flight))
+
+
+def inverse(M: Array) -> Array:
+    """Inverse of the information matrix, scaled; directions without information get a huge variance."""
+    scale = _scale(M)
+    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
+    values = np.maximum(values, 1e-14)
+    inverse: Array = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    return inverse
+
+
+def _scale(M: Array) -> Array:
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(M), 1e-30)))
+
+
+def _no_step(flight: str) -> str:
+    return (
+        f"{flight}: the motion simulated from these signals nearly diverges, so that no estimate can be improved:"
+        " check units, signs and delays of the signals, or give a shorter part (--from, --to) or --method ee"
+    )
+
+
+@jit
+def _weigh(
+    s: Array, residual: Array, columns: IntArray, sigma: Array, first: int, last: int, rows: Array, target: Array
+) -> int:
+    """Put sensitivities and residuals of samples first ... last - 1 over their noise one below the other, missing
+    samples left out; how many rows there are."""
+    count = 0
+    for k in range(first, last):
+        for c in range(columns.size):
+            j = columns[c]
+            if np.isfinite(residual[k, j]):
+                weight = 1.0 / sigma[j]
+                for i in range(s.shape[2]):
+                    rows[count, i] = weight * s[k, j, i]
+                target[count] = weight * residual[k, j]
+                count += 1
+    return count
+
+
+@jit
+def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
+    """Add the squares of residuals (N, outputs) to `sums` (outputs,), and how many are no NaN to `counts`."""
+    for k in range(residual.shape[0]):
+        for j in range(residual.shape[1]):
+            value = residual[k, j]
+            if np.isfinite(value):
+                sums[j] += value * value
+                counts[j] += 1
+
+
+def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
+    """Information matrix S' R^-1 S and gradient S' R^-1 nu of one record; missing samples count for nothing.
+
+    s: (N, outputs, unknowns), residual: (N, outputs), of which `columns` count. Parts of the record are weighted and
+    multiplied one after the other, so that a part never leaves the processor's cache.
+    """
+    unknowns = s.shape[2]
+    M, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    size = max(1, _CACHED_NUMBERS // max(columns.size * unknowns, 1))
+    rows, target = np.empty((size * columns.size, unknowns)), np.empty(size * columns.size)
+    for begin in range(0, s.shape[0], size):
+        count = _weigh(s, residual, columns, sigma, begin, min(begin + size, s.shape[0]), rows, target)
+        part = rows[:count]
+        # Slopes that diverge are no numbers, and named where a step is asked for.
+        with np.errstate(over="ignore", invalid="ignore"):
+            M += part.T @ part
+            g += target[:count] @ part
+    return M, g
+
+
+def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
+    """What further unknowns share with those of `gram`: S' R^-1 N, (unknowns, further unknowns).
+
+    more: N, (samples, outputs, further unknowns), in memory in this order; the rest as `gram` has it.
+    """
+    n, count = s.shape[2], more.shape[2]
+    across = np.zeros((n, count))
+    size = max(1, _CACHED_NUMBERS // max(columns.size * (n + count), 1))
+    rows, others = np.empty((size * columns.size, n)), np.empty((size * columns.size, count))
+    target = np.empty(size * columns.size)
+    for begin in range(0, s.shape[0], size):
+        end = min(begin + size, s.shape[0])
+        _weigh(s, residual, columns, sigma, begin, end, rows, target)
+        used = _weigh(more, residual, columns, sigma, begin, end, others, target)
+        with np.errstate(over="ignore", invalid="ignore"):
+            across += rows[:used].T @ others[:used]
+    return across
+
+
+@jit
+def single_pulls(s: Array, residual: Array, columns: IntArray, sigma: Array, alone: Array, across: Array) -> None:
+    """Add to `across` (outputs, kinds, unknowns) what S' R^-1 d is for further unknowns that act on one output each.
+
+    alone: (samples, outputs, kinds) slopes d of the output by each of its further unknowns.
+    """
+    for k in range(s.shape[0]):
+        for c in range(columns.size):
+            j = columns[c]
+            if not np.isfinite(residual[k, j]):
+                continue
+            weight = 1.0 / (sigma[j] * sigma[j])
+            for kind in range(alone.shape[2]):
+                weighted = weight * alone[k, j, kind]
+                if weighted != 0.0:
+                    for i in range(s.shape[2]):
+                        across[j, kind, i] += weighted * s[k, j, i]
+
+
+@jit
+def single_gram(residual: Array, columns: IntArray, sigma: Array, alone: Array, own: Array, pulled: Array) -> None:
+    """Add to `own` and `pulled` (outputs, kinds) what d' R^-1 d and d' R^-1 nu are of `single_pulls`."""
+    for k in range(residual.shape[0]):
+        for c in range(columns.size):
+            j = columns[c]
+            if np.isfinite(residual[k, j]):
+                for kind in range(alone.shape[2]):
+                    weighted = alone[k, j, kind] / (sigma[j] * sigma[j])
+                    own[j, kind] += weighted * alone[k, j, kind]
+                    pulled[j, kind] += weighted * residual[k, j]

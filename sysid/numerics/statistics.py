@@ -1,0 +1,65 @@
+"""Statistics of residuals that several estimators share."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, linalg
+
+from sysid.arrays import Array
+
+
+def autocorrelation(values: Array, lags: int) -> Array:
+    """Normalised autocorrelation about the mean at lag 0..lags; values: (N,) finite. Returns (lags + 1,)."""
+    centred = values - values.mean()
+    size = fft.next_fast_len(centred.size + lags, real=True)
+    sums = fft.irfft(np.abs(fft.rfft(centred, size)) ** 2, size)[: lags + 1]
+    return np.asarray(sums / sums[0], dtype=np.float64) if sums[0] > 0.0 else np.eye(1, lags + 1)[0]
+
+
+def whiten(values: Array, order: int | None = None) -> Array:
+    """Innovations of an autoregressive model fitted to a residual (Yule-Walker), order by AIC if None.
+
+    values: (N,) finite. Returns (N - order,).
+    """
+    centred = values - values.mean()
+    highest = min(max(values.size // 10, 1), 20) if order is None else order
+    rho = autocorrelation(values, highest)
+    chosen, best = 0, 0.0
+    if order is None:
+        for p in range(1, highest + 1):
+            weights = linalg.solve_toeplitz(rho[:p], rho[1 : p + 1])
+            gain = 1.0 - float(weights @ rho[1 : p + 1])
+            score = values.size * np.log(max(gain, 1e-12)) + 2.0 * p
+            if score < best - 1e-9:
+                chosen, best = p, score
+    else:
+        chosen = order
+    if chosen == 0:
+        return np.asarray(centred, dtype=np.float64)
+    weights = linalg.solve_toeplitz(rho[:chosen], rho[1 : chosen + 1])
+    innovation = centred[chosen:].copy()
+    for lag in range(1, chosen + 1):
+        innovation -= weights[lag - 1] * centred[chosen - lag : centred.size - lag]
+    return np.asarray(innovation, dtype=np.float64)
+
+
+def gaussian_p(values: Array) -> float | None:
+    """Probability of a residual's whitened values, if Gaussian, of looking at least as little like it.
+
+    D'Agostino & Pearson's K^2 on the whitened series: the test assumes independent samples, and residuals of
+    flight data are not. None for fewer than 20 samples or a constant.
+    """
+    finite = values[np.isfinite(values)]
+    if finite.size < 40 or np.ptp(finite) == 0.0:
+        return None
+    from scipy import stats  # slow to import, and wanted for this alone
+
+    return float(stats.normaltest(whiten(finite)).pvalue)
+
+
+def effective_count(values: Array) -> float:
+    """Number of independent samples a correlated series is worth for its mean (initial positive sequence)."""
+    rho = autocorrelation(values, max(values.size // 5, 1))
+    negative = np.flatnonzero(rho < 0.0)
+    stop = int(negative[0]) if negative.size else rho.size
+    return float(values.size / (1.0 + 2.0 * rho[1:stop].sum()))

@@ -1,0 +1,1 @@
+"""Output error: maximum likelihood of a free-running simulation."""

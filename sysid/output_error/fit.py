@@ -1,0 +1,67 @@
+"""From a problem and a model to the output-error estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from sim_vehicle.model.model_file import Model
+from sysid.arrays import Array
+from sysid.output_error.estimator import MAX_ITERATIONS, OutputError, OutputErrorResult
+from sysid.problem.delay_parameters import COMMAND_DELAY
+from sysid.problem.predictor import free_states
+from sysid.problem.problem import Problem, Progress, known_of, predictor_of, start_values
+
+
+def build(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]] = (),
+    sigma: Array | None = None,
+) -> OutputError:
+    """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
+    if COMMAND_DELAY in problem.delays:
+        # A command that changes between samples asks for more steps.
+        problem = replace(problem, sub_steps=2 * problem.sub_steps)
+    predictor = predictor_of(problem, model, coefficients, effects)
+    return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, known_of(problem, predictor))
+
+
+def warmed(problem: Problem, result: OutputErrorResult) -> Problem:
+    """The problem with the initial states of an earlier result of it as guesses."""
+    guesses, place = [], len(result.parameters)
+    for record, guess in zip(problem.records, problem.guesses, strict=True):
+        free = free_states(record)
+        warm = guess.copy()
+        warm[free] = result.theta[place : place + len(free)]
+        place += len(free)
+        guesses.append(warm)
+    return replace(problem, guesses=tuple(guesses))
+
+
+def fit(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]] = (),
+    start: Mapping[str, float] | None = None,
+    progress: Progress = lambda share, text: None,
+    max_iterations: int = MAX_ITERATIONS,
+    give_up_above: float = math.inf,
+) -> OutputErrorResult:
+    """Estimate coefficients, effect parameters, sensor errors and initial states together.
+
+    start: values by parameter name that differ from the model's and from problem.sensors. give_up_above: see
+    `OutputError.solve`.
+    """
+    values = start_values(problem, model, coefficients, effects) | dict(start or {})
+    return build(problem, model, coefficients, effects).solve(
+        values, told_by_step(progress), max_iterations, give_up_above
+    )
+
+
+def told_by_step(progress: Progress) -> Callable[[int, float], None]:
+    """What output error calls after every step, from what a job calls."""
+    return lambda step, cost: progress(min(1.0, step / 10.0), f"output error, step {step}")

@@ -1,0 +1,1 @@
+"""The estimation problem: free parameters, simulation of what they predict, sensitivities."""

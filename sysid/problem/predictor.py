@@ -1,0 +1,366 @@
+"""Which numbers are estimated, and how they enter the simulation and the sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.effects import EFFECTS, slot
+from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.simulation import simulate_variants
+from sim_vehicle.vehicle.flat_model import FlatModel
+from sysid.arrays import Array
+from sysid.problem.delay_parameters import (
+    COMMAND_DELAY,
+    DELAY_STEP_S,
+    LONGEST_S,
+    commands_of,
+    delay_derivative,
+    late_readings,
+)
+from sysid.problem.sensitivities import Inputs, Lane, has_tangents, tangents
+from sysid.signals.record import (
+    OUTPUT_PLACES,
+    OUTPUTS,
+    Record,
+    angle_wrap,
+    held_by_dead_band,
+    simulated_effects,
+    thrust_without_airspeed,
+    with_other_inputs,
+)
+from sysid.signals.sensor_errors import SENSOR_ERRORS
+
+_STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
+
+# Followed by a row of `Record.thrust_doubt`: an error of the thrust that is estimated.
+THRUST_ERROR = "thrust_error_"
+
+STILL_AIR = np.zeros((0, 3))
+# Up to this interval one integration step per sample follows the fast modes of small aircraft, s.
+_CLOSE_SAMPLES_S = 0.021
+
+
+# A parameter with a larger step moves the outputs in steps of about that size.
+_SMOOTH_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimated number.
+
+    kind: "coefficient", "effect", "sensor", "delay", "input". low, high: bounds. prior_std: standard deviation of a
+    Gaussian prior about `prior_mean`, infinite for none. difference: step for difference quotients, where the kind's
+    usual one does not do.
+    """
+
+    name: str
+    kind: str
+    low: float = -math.inf
+    high: float = math.inf
+    prior_mean: float = 0.0
+    prior_std: float = math.inf
+    difference: float | None = None
+
+    @property
+    def step(self) -> float:
+        """Step for difference quotients, absolute."""
+        if self.difference is not None:
+            return self.difference
+        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6, "delay": DELAY_STEP_S}[self.kind]
+
+    @property
+    def is_stepping(self) -> bool:
+        """Whether the outputs go in steps over it, so that no slope leads anywhere."""
+        return self.difference is not None and self.difference > _SMOOTH_STEP
+
+
+def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:
+    """An aerodynamic coefficient, with a prior where one is given."""
+    return Parameter(name, "coefficient", prior_mean=mean, prior_std=std)
+
+
+def sensor_error(name: str) -> Parameter:
+    """A sensor error of SENSOR_ERRORS."""
+    return Parameter(name, "sensor")
+
+
+def delay_parameter(name: str) -> Parameter:
+    """A delay of sysid.problem.delay_parameters.DELAYS, s."""
+    return Parameter(name, "delay", -LONGEST_S, LONGEST_S)
+
+
+def thrust_error(index: int) -> Parameter:
+    """How much of an error of the thrust there is (a row of `Record.thrust_doubt`), in its standard deviations."""
+    return Parameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
+
+
+def effect_parameter(effect: str, parameter: str) -> Parameter:
+    """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
+    for entry in EFFECTS[effect].parameters:
+        if entry.name == parameter:
+            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
+    raise KeyError(parameter)
+
+
+def _state_vector(states: Array) -> Array:
+    """(14,) simulation state from u v w p q r phi theta psi."""
+    x0 = np.zeros(14)
+    x0[3:6] = states[:3]
+    x0[10:13] = states[3:6]
+    x0[6:10] = quaternion(*(float(angle) for angle in states[6:9]))
+    x0[13] = math.nan
+    return x0
+
+
+def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
+    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias, no delays."""
+    return with_placed_errors(y[:, OUTPUT_PLACES], errors)
+
+
+def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
+    """Readings (N, 15) from ideal OUTPUTS (N, 15): (1 + scale) true + bias."""
+    out = y.copy()
+    for name, value in errors.items():
+        if name not in SENSOR_ERRORS:
+            continue
+        output, form, _, _ = SENSOR_ERRORS[name]
+        column = OUTPUTS.index(output)
+        out[:, column] += value * y[:, column] if form == "scale" else value
+    return out
+
+
+def error_gains(errors: Mapping[str, float]) -> Array:
+    """(15,) what one unit of each true output reads."""
+    return np.array([1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS])
+
+
+def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
+    """Derivative of the outputs by one sensor error, added to `out` (N, outputs)."""
+    output, form, _, _ = SENSOR_ERRORS[name]
+    column = OUTPUTS.index(output)
+    if form == "bias":
+        out[:, column] += 1.0
+        return
+    bias, scale = errors.get(f"{output}_bias", 0.0), errors.get(f"{output}_scale", 0.0)
+    out[:, column] += (predicted[:, column] - bias) / (1.0 + scale)
+
+
+def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tuple[Array, Array]:
+    """Effects (as in `flat.E`) at the record's own time, and its commands with their delay that is estimated.
+
+    commands: (M, 4), or (M, 6) with the other inputs that an effect needs.
+    """
+    commands, late = commands_of(record, errors)
+    effects = simulated_effects(flat, record)
+    commands = with_other_inputs(held_by_dead_band(commands, record, effects), record, effects)
+    if late > 0.0:
+        effects[slot("actuator_delay")] = 1.0
+        effects[slot("actuator_delay", "delay")] = late
+    return effects, commands
+
+
+def free_states(record: Record) -> list[int]:
+    """Which of the nine initial states are estimated: those that the record does not impose."""
+    return [i for i in range(9) if not (record.held.size and np.isfinite(record.held[record.start, i]))]
+
+
+class Predictor:
+    """Outputs of records as a function of the parameters.
+
+    flat: the model everything else is taken from. parameters: what is estimated, P of them. Every record adds nine
+    initial states, of which those imposed by `Record.held` are left out. sub_steps: integration steps per sample.
+    tangent_steps: the same for the derivatives; None takes half of them where samples are close together, which moves
+    the derivatives of small aircraft by less than a thousandth, and estimates by as much of their standard error.
+    command_first: see sim_vehicle.physics.simulation.simulate.
+    """
+
+    def __init__(
+        self,
+        flat: FlatModel,
+        parameters: Sequence[Parameter],
+        records: Sequence[Record],
+        *,
+        sub_steps: int = 2,
+        tangent_steps: int | None = None,
+        command_first: bool = False,
+    ) -> None:
+        self.flat = flat
+        self.parameters = tuple(parameters)
+        self.records = tuple(records)
+        self.sub_steps = sub_steps
+        self.tangent_steps = tangent_steps
+        self.command_first = command_first
+        self._place = {name: i for i, name in enumerate(flat.names)}
+        self.free_states = [free_states(record) for record in self.records]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: parameters and initial states."""
+        return len(self.parameters) + sum(len(free) for free in self.free_states)
+
+    def state_slice(self, index: int) -> slice:
+        """Where the initial states of a record stand among the unknowns."""
+        begin = len(self.parameters) + sum(len(free) for free in self.free_states[:index])
+        return slice(begin, begin + len(self.free_states[index]))
+
+    def initial_states(self, index: int, theta: Array, guess: Array) -> Array:
+        """All nine initial states of a record: the free ones from `theta`, the others from `guess`."""
+        states = guess.copy()
+        states[self.free_states[index]] = theta[self.state_slice(index)]
+        return states
+
+    def apply(self, theta: Array) -> tuple[FlatModel, dict[str, float]]:
+        """Model and sensor errors, delays among them, at `theta` (its first P entries)."""
+        flat = self.flat.copy()
+        errors: dict[str, float] = {}
+        for parameter, value in zip(self.parameters, theta[: len(self.parameters)], strict=True):
+            if parameter.kind == "coefficient":
+                flat.C[self._place[parameter.name]] = value
+            elif parameter.kind == "effect":
+                effect, _, name = parameter.name.partition(".")
+                flat.E[slot(effect)] = 1.0
+                flat.E[slot(effect, name)] = value
+            else:
+                errors[parameter.name] = float(value)
+        return flat, errors
+
+    def outputs(
+        self, index: int, flat: FlatModel, errors: dict[str, float], states: Array, gusts: Array = STILL_AIR
+    ) -> Array:
+        """Predicted OUTPUTS (N, 15) of a record from nine initial states u v w p q r phi theta psi.
+
+        gusts: (M, 3) body-axis velocity of the air at every sample of the commands, m/s; (0, 3) for still air.
+        """
+        record = self.records[index]
+        y = np.empty((1, record.length, len(CHANNELS)))
+        shift = np.array([self.thrust_shift(record, errors)])
+        timed, commands = _timed(flat, record, errors)
+        self._simulate(record, commands, _state_vector(states)[None], flat, timed[None], flat.C[None], shift, gusts, y)
+        return late_readings(with_errors(y[0], errors), errors, record.interval_s)
+
+    def thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
+        """What an accelerometer's bias adds to the thrust of a motor that hangs on the cell, N."""
+        return -record.moving_mass * errors.get("accel_bias_x", 0.0)
+
+    def _simulate(
+        self, record: Record, commands: Array, x0: Array, flat: FlatModel, E: Array, C: Array, shift: Array,
+        gusts: Array, y: Array,
+    ) -> None:  # fmt: skip
+        simulate_variants(
+            x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
+            record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
+            flat.T, shift, y,
+        )  # fmt: skip
+
+    def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:
+        """Derivatives of a record's outputs by the parameters and its own free initial states.
+
+        Returns (N, outputs, P + states): `out`, if that is given, written over.
+        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors and
+        their delays enter in closed form, parameters of effects and the commands' delay by forward differences, all
+        else by tangents of the simulation. Where lift lags there are differences alone.
+        """
+        record, count = self.records[index], len(self.parameters)
+        flat, errors = self.apply(theta)
+        unknowns = count + len(self.free_states[index])
+        exact = has_tangents(flat, record.interval_s)
+        shape = (record.length, len(OUTPUTS), unknowns)
+        by_sample = np.empty(shape) if out is None else out
+        if not exact:
+            by_sample[:] = 0.0
+        result = np.moveaxis(by_sample, 2, 0)
+        simulated = [
+            i
+            for i in range(unknowns)
+            if i >= count
+            or self.parameters[i].kind in ("coefficient", "effect")
+            or (self.parameters[i].name == "accel_bias_x" and record.moving_mass > 0.0)
+        ]
+        if exact:
+            differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
+            self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
+            late = late_readings(by_sample, errors, record.interval_s)
+            if late is not by_sample:
+                by_sample[:] = late
+        else:
+            differences = simulated
+        self._differences(index, theta, states, predicted, differences, result)
+        for i, parameter in enumerate(self.parameters):
+            if parameter.kind == "sensor":
+                sensor_derivative(parameter.name, predicted, errors, result[i])
+            elif parameter.name == COMMAND_DELAY:
+                later = {**errors, COMMAND_DELAY: errors[COMMAND_DELAY] + parameter.step}
+                result[i] += angle_wrap(self.outputs(index, flat, later, states) - predicted) / parameter.step
+            elif parameter.kind == "delay":
+                delay_derivative(parameter.name, predicted, record.interval_s, result[i])
+        return by_sample
+
+    def _tangents(
+        self, index: int, flat: FlatModel, errors: Mapping[str, float], states: Array, places: Sequence[int], out: Array
+    ) -> None:
+        """Exact derivatives by the unknowns at `places`, into `out` (N, outputs, P + states); initial states last."""
+        record, count = self.records[index], len(self.parameters)
+        lanes = []
+        for i in places:
+            if i >= count:
+                lanes.append(Lane(i))
+            elif self.parameters[i].kind == "sensor":
+                lanes.append(Lane(i, thrust=-record.moving_mass))
+            else:
+                lanes.append(Lane(i, term=self._place[self.parameters[i].name]))
+        steps = self.tangent_steps or self.sub_steps
+        if self.tangent_steps is None and record.interval_s <= _CLOSE_SAMPLES_S:
+            steps = (self.sub_steps + 1) // 2
+        flat = flat.copy()
+        flat.E[:], commands = _timed(flat, record, errors)
+        inputs = Inputs(
+            record.start, record.start + record.length, commands,
+            thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
+            self.command_first, record.held,
+        )  # fmt: skip
+        gains = error_gains(errors).tolist()
+        tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)
+
+    def _differences(
+        self, index: int, theta: Array, states: Array, predicted: Array, places: Sequence[int], result: Array
+    ) -> None:
+        """Forward differences by the unknowns at `places`, added to `result`, in one compiled call."""
+        if not places:
+            return
+        record, count = self.records[index], len(self.parameters)
+        flat, errors = self.apply(theta)
+        flat.E[:], commands = _timed(flat, record, errors)
+        base, base_shift = _state_vector(states), self.thrust_shift(record, errors)
+        # Per variant: the step, state, effects, coefficients, thrust.
+        variants: list[tuple[float, Array, Array, Array, float]] = []
+        for i in places:
+            if i >= count:
+                state = self.free_states[index][i - count]
+                step = float(_STATE_STEP[state])
+                moved_states = states.copy()
+                moved_states[state] += step
+                variants.append((step, _state_vector(moved_states), flat.E, flat.C, base_shift))
+            elif self.parameters[i].kind == "sensor":
+                # The thrust that a bias feigns, beside the bias itself.
+                variants.append((1e-4 / record.moving_mass, base, flat.E, flat.C, base_shift - 1e-4))
+            else:
+                step = self.parameters[i].step * max(1.0, abs(theta[i]))
+                step = -step if theta[i] + step > self.parameters[i].high else step
+                shifted = theta.copy()
+                shifted[i] += step
+                moved, _ = self.apply(shifted)
+                variants.append((step, base, _timed(moved, record, errors)[0], moved.C, base_shift))
+        steps, x0, E, C, shift = zip(*variants, strict=True)
+        y = np.empty((len(variants), record.length, len(CHANNELS)))
+        self._simulate(record, commands, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
+        for i, step, outputs in zip(places, steps, y, strict=True):
+            result[i] += (late_readings(with_errors(outputs, errors), errors, record.interval_s) - predicted) / step
+
+    def state_steps(self, index: int) -> Array:
+        """Steps for difference quotients of the free initial states."""
+        return _STATE_STEP[self.free_states[index]]

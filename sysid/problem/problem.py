@@ -1,0 +1,280 @@
+"""From stretches of flight to coefficients and sensor errors: the one-step estimate and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.compatibility.selection import Refusal
+from sysid.numerics.gaussian import Gaussian
+from sysid.problem.model_structure import (
+    PRIOR_SHARE,
+    REFUSED_SHARE,
+    helpful_manoeuvre,
+    is_longitudinal,
+    not_believed,
+    usual_size,
+)
+from sysid.problem.predictor import (
+    Parameter,
+    Predictor,
+    coefficient,
+    delay_parameter,
+    effect_parameter,
+    sensor_error,
+    thrust_error,
+)
+from sysid.signals.record import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record
+from sysid.signals.sensor_errors import SENSOR_ERRORS
+
+# Longest free run between two starts: turbulence and the slow modes carry a longer one away.
+MAX_RUN_S = 20.0
+# A surface that moves by less than this (peak to peak) has excited nothing, rad.
+QUIET_SURFACE = math.radians(0.6)
+# One that moves by less than this stood still, rad.
+STILL_SURFACE = math.radians(0.05)
+LONGITUDINAL_STATES = ("u", "w", "q", "theta")
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Which part of the motion is simulated freely; the other part's states are taken from the measurement.
+
+    still: surfaces (of de, da, dr) that never moved; nothing they multiply can be told. ground: whether velocity over
+    ground counts, with the wind unknown: where a vane is missing it tells the flow's direction.
+    """
+
+    longitudinal: bool
+    lateral: bool
+    still: frozenset[str] = frozenset()
+    ground: bool = False
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Outputs that enter the likelihood."""
+        own = (*(LONGITUDINAL if self.longitudinal else ()), *(LATERAL if self.lateral else ()))
+        return (*own, *GROUND) if self.ground else own
+
+    def takes(self, name: str) -> bool:
+        """Whether a coefficient belongs to this motion."""
+        if self.still & set(parse_term(name).factors):
+            return False
+        return self.longitudinal if is_longitudinal(name) else self.lateral
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything an estimation needs besides the choice of parameters.
+
+    records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi. paths: per
+    record (N, 9) the same at every sample, reconstructed from the measurements.
+    sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
+    known: coefficients and effect parameters known before the flight. delays: those of
+    sysid.problem.delay_parameters.DELAYS to estimate, with start values, s. thrust_errors: rows of every record's
+    `thrust_doubt`, if filter error is to estimate them.
+    """
+
+    vehicle: Vehicle
+    records: tuple[Record, ...]
+    guesses: tuple[Array, ...]
+    motion: Motion
+    sensors: Mapping[str, float]
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    command_first: bool = False
+    sub_steps: int = 2
+    known: Gaussian | None = None
+    paths: tuple[Array, ...] = ()
+    delays: Mapping[str, float] = field(default_factory=dict)
+    thrust_errors: int = 0
+
+
+def excited_motion(records: Sequence[Record], lost: Collection[str] = ()) -> Motion:
+    """Which surfaces moved enough to tell anything; longitudinal motion alone if none did.
+
+    lost: "longitudinal" or "lateral" where a surface that steers it was not recorded; both parts may be left out then.
+    """
+    travel = np.max([np.ptp(record.commands[:, :3], axis=0) for record in records], axis=0)
+    lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
+    still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
+    longitudinal = (bool(travel[0] > QUIET_SURFACE) or not lateral) and "longitudinal" not in lost
+    lateral = lateral and "lateral" not in lost
+    wanted = (*(("alpha",) if longitudinal else ()), *(("beta",) if lateral else ()))
+    ground = any(not _measured(record, wanted) and _measured(record, (*GROUND, "psi")) for record in records)
+    return Motion(longitudinal, lateral, still, ground)
+
+
+def _measured(record: Record, names: Sequence[str]) -> bool:
+    return all(np.isfinite(record.z[:, OUTPUTS.index(name)]).any() for name in names)
+
+
+def split_runs(
+    record: Record, states: Mapping[str, Array], motion: Motion, run_s: float = MAX_RUN_S
+) -> tuple[list[Record], list[Array]]:
+    """Cut a stretch into runs of at most `run_s` seconds, each with its reconstructed states (N, 9).
+
+    states: name of STATES -> (N,) reconstructed motion of the stretch, relative to the air.
+    """
+    path = np.stack([states[name] for name in STATES], axis=1)
+    held = np.zeros((0, 9))
+    if not (motion.longitudinal and motion.lateral):
+        held = np.full((record.start + record.length, 9), np.nan)
+        for j, name in enumerate(STATES):
+            if (name in LONGITUDINAL_STATES) != motion.longitudinal:
+                held[record.start :, j] = path[:, j]
+                held[: record.start, j] = path[0, j]
+    record = replace(record, held=held)
+    # From first to last sample: a stretch of just `run_s` is one run.
+    count = max(1, math.ceil((record.length - 1) * record.interval_s / run_s - 1e-6))
+    edges = np.linspace(0, record.length, count + 1).astype(int)
+    runs = [record.window(int(a), int(b)) for a, b in pairwise(edges)]
+    return runs, [path[int(a) : int(b)].copy() for a, b in pairwise(edges)]
+
+
+def relevant_sensors(names: Sequence[str], motion: Motion) -> list[str]:
+    """Those sensor errors whose output is in the likelihood."""
+    return [name for name in names if name in SENSOR_ERRORS and SENSOR_ERRORS[name][0] in motion.outputs]
+
+
+def free_coefficients(names: Sequence[str], motion: Motion) -> list[str]:
+    """Coefficients that the motion lets one estimate."""
+    return [name for name in names if motion.takes(name)]
+
+
+def known_of(problem: Problem, predictor: Predictor) -> Gaussian | None:
+    return None if problem.known is None else problem.known.of([entry.name for entry in predictor.parameters])
+
+
+def predictor_of(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
+) -> Predictor:
+    """Outputs of the problem's records as a function of those parameters that are free."""
+    parameters: list[Parameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
+    parameters += [effect_parameter(effect, name) for effect, name in effects]
+    for name in problem.sensors:
+        entry = sensor_error(name)
+        mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
+        parameters.append(replace(entry, prior_mean=mean, prior_std=std))
+    parameters += [delay_parameter(name) for name in problem.delays]
+    parameters += [thrust_error(k) for k in range(problem.thrust_errors)]
+    return Predictor(
+        flatten(problem.vehicle, model),
+        parameters,
+        problem.records,
+        command_first=problem.command_first,
+        sub_steps=problem.sub_steps,
+    )
+
+
+def start_values(
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> dict[str, float]:
+    """Where an estimation starts: the model's values, and the sensor errors and delays of the problem."""
+    values = {name: model.values()[name] for name in coefficients}
+    values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
+    return values | dict(problem.sensors) | dict(problem.delays)
+
+
+class Estimates(Protocol):
+    """Values and standard errors by name: of an estimate, or predicted."""
+
+    def value(self, name: str) -> float:
+        """Value of a parameter."""
+
+    def std(self, name: str) -> float:
+        """Standard error of a parameter."""
+
+
+class Likeliest(Estimates, Protocol):
+    """A maximum-likelihood estimate, whatever method found it; the parameters stand first in theta and covariance."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What was estimated, P of them."""
+
+    @property
+    def theta(self) -> Array:
+        """(P or more,) estimates."""
+
+    @property
+    def covariance(self) -> Array:
+        """Their covariance."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration ended."""
+
+
+def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
+    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
+    refused = []
+    for name in names:
+        value, std = result.value(name), result.std(name)
+        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+            usual = usual_size(name)
+            reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+            refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+    return refused
+
+
+def unbelieved(result: Estimates, names: Sequence[str]) -> list[Refusal]:
+    """Coefficients with a value that no aircraft has; the others were estimated beside it."""
+    reasons = ((name, not_believed(name, result.value(name))) for name in names)
+    return [Refusal(name, why, helpful_manoeuvre(name)) for name, why in reasons if why is not None]
+
+
+def model_of(
+    base: Model,
+    name: str,
+    result: Likeliest,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    refused: Sequence[Refusal],
+    validity: Mapping[str, tuple[float, float]],
+    known: Gaussian | None = None,
+) -> Model:
+    """Model file of an estimate: `base` with its estimated entries replaced, refused ones without a value.
+
+    known: what was known before; coefficients that the flight did not move stay as known, updated by their
+    correlations.
+    """
+    reasons = {entry.name: entry.reason for entry in refused}
+    told = [*coefficients, *(f"{effect}.{key}" for effect, key in effects)]
+    joint = estimated(result, [name for name in told if name not in reasons])
+    if joint is not None and known is not None:
+        joint = known.updated(joint)
+    values = {} if joint is None else joint.entries()
+    entries: dict[str, Coefficient] = {}
+    for key, old in base.coefficients.items():
+        if key in reasons:
+            entries[key] = Coefficient(None, refused=reasons[key])
+        elif key in values:
+            entries[key] = Coefficient(*values[key])
+        else:
+            entries[key] = old
+    model_effects = []
+    for effect in base.effects:
+        parameters = dict(effect.parameters)
+        for key in parameters:
+            if (effect.name, key) in effects:
+                parameters[key] = Coefficient(*values[f"{effect.name}.{key}"])
+        model_effects.append(ModelEffect(effect.name, parameters))
+    return Model(name, entries, tuple(model_effects), validity, None if joint is None else joint.correlation())
+
+
+def estimated(result: Likeliest, names: Sequence[str]) -> Gaussian | None:
+    """Estimates of some parameters with their covariance; None without names."""
+    every = [parameter.name for parameter in result.parameters]
+    place = [every.index(name) for name in names]
+    return Gaussian(tuple(names), result.theta[place], result.covariance[np.ix_(place, place)]) if place else None

@@ -1,0 +1,117 @@
+"""Exact derivatives of a simulated flight's outputs by coefficients, thrust and initial states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
+from sim_vehicle.derivatives.sensor_jacobian import READINGS
+from sim_vehicle.derivatives.tangent_simulation import simulate_tangents
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
+from sim_vehicle.physics.simulation import late_by
+from sim_vehicle.vehicle.flat_model import FlatModel
+from sysid.arrays import Array
+
+_STILL_AIR = np.zeros((0, 3))
+# Lag of a sensor -> what it reads.
+_LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One unknown: its place in the result, and what it is.
+
+    term: of the flat model, the coefficient it is; thrust: change of measured thrust [N] by it. An initial state is
+    neither.
+    """
+
+    place: int
+    term: int = -1
+    thrust: float = 0.0
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the simulation is driven by: samples start ... stop - 1; see `sim_vehicle.physics.simulation.simulate`."""
+
+    start: int
+    stop: int
+    commands: Array
+    thrust: Array
+    rho: Array
+    interval_s: float
+    sub_steps: int
+    command_first: bool
+    held: Array
+
+
+def has_tangents(flat: FlatModel, interval_s: float) -> bool:
+    """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
+    come late by a part of a sample.
+    """
+    _, part = late_by(flat.E, interval_s)
+    return bool(flat.E[slot("unsteady_lift")] == 0.0 and flat.E[slot("ground_effect")] == 0.0 and part == 0.0)
+
+
+def tangents(
+    flat: FlatModel,
+    inputs: Inputs,
+    x0: Array,
+    states: Sequence[int],
+    lanes: Sequence[Lane],
+    outputs: Sequence[str],
+    gains: Sequence[float],
+    out: Array,
+) -> None:
+    """Derivatives of `outputs` times `gains` by the unknowns, into `out` (N, outputs, unknowns), 0 at other places.
+
+    x0: (14,) state at the start. states: which of the nine initial states u v w p q r phi theta psi the last lanes are.
+    outputs: names among READINGS.
+    """
+    axes = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
+    terms = np.array([lane.term for lane in lanes], dtype=np.int64)
+    columns = np.full(len(lanes), -1, dtype=np.int64)
+    shares = np.ones(out.shape[2])
+    measured = bool(np.isfinite(inputs.thrust[inputs.start]))
+    for i, lane in enumerate(lanes):
+        if lane.term >= 0:
+            columns[i] = STATE_COLUMNS + axes[lane.term]
+        elif lane.thrust != 0.0 and measured:
+            columns[i] = THRUST_COLUMN
+            shares[lane.place] = lane.thrust
+    places = np.array([lane.place for lane in lanes], dtype=np.int64)
+    rows = np.array([READINGS.index(name) for name in outputs], dtype=np.int64)
+    simulate_tangents(
+        x0, 0, inputs.start, inputs.stop, inputs.commands, inputs.thrust, inputs.rho, inputs.interval_s,
+        inputs.sub_steps, inputs.command_first, inputs.held, _STILL_AIR, flat.P, flat.E, flat.C, flat.F, flat.K,
+        flat.T, terms, columns, places, np.array(states, dtype=np.int64), rows, np.array(gains, dtype=np.float64), out,
+    )  # fmt: skip
+    for place in np.nonzero(shares != 1.0)[0]:
+        out[:, :, place] *= shares[place]
+    for effect, names in _LAGS.items():
+        if flat.E[slot(effect)] != 0.0:
+            for name in names:
+                if name in outputs:
+                    _lag(out[:, list(outputs).index(name), :], inputs.interval_s, float(flat.E[slot(effect, "tau")]))
+    late = float(flat.E[slot("sensor_time_skew", "delay")]) / inputs.interval_s
+    if flat.E[slot("sensor_time_skew")] != 0.0 and late > 0.0:
+        for i, row in enumerate(rows):
+            if is_late(int(row), float(flat.E[slot("sensor_time_skew", "group")])):
+                out[:, i, :] = delay_rows(np.ascontiguousarray(out[:, i, :]), late)
+
+
+def _lag(series: Array, interval_s: float, tau: float) -> None:
+    """Pass (N, unknowns) in place through the first-order lag that sensors have (`ramp_lag`), at rest at the start."""
+    if tau <= 0.0:
+        return
+    from scipy.signal import lfilter  # slow to import, and seldom wanted
+
+    decay = np.exp(-interval_s / tau)
+    lead = tau / interval_s * (1.0 - decay)
+    now, before = 1.0 - lead, lead - decay
+    # At rest: the first output is the first input.
+    series[:] = lfilter([now, before], [1.0, -decay], series, axis=0, zi=(lead * series[:1]))[0]

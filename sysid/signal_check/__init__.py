@@ -1,0 +1,1 @@
+"""Wrong units, signs, axes, scales and delays of the sensors: found, named, put right."""

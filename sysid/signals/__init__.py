@@ -1,0 +1,1 @@
+"""From recorded signals to prepared stretches of flight: calibration, time base, segments, thrust, delays."""

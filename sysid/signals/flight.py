@@ -1,0 +1,80 @@
+"""What a flight is to the estimators: signals on their own time stamps, and the same on one time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sysid.arrays import Array
+from sysid.errors import SignalError
+
+if TYPE_CHECKING:
+    from sysid.signals.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One measured quantity on the stamps of the messages that carried it.
+
+    time_s: (N,) seconds from the flight's first stamp, vehicle's clock, non-decreasing.
+    values: (N,) SI units, radians; NaN where the sensor said it has no value.
+    unit: unit of `values`, as "rad/s".
+    source: where it came from, as "HIGHRES_IMU.xgyro".
+    calibration: the bench curve it went through, if any.
+    """
+
+    time_s: Array
+    values: Array
+    unit: str
+    source: str
+    calibration: Calibration | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean sample rate, 0 for fewer than two samples."""
+        if self.time_s.size < 2 or self.time_s[-1] <= self.time_s[0]:
+            return 0.0
+        return float((self.time_s.size - 1) / (self.time_s[-1] - self.time_s[0]))
+
+
+@dataclass(frozen=True)
+class FlightSignals:
+    """Every signal of one flight, by the names of the signal table (ax, alpha, servo2, de, ...), before resampling."""
+
+    name: str
+    signals: dict[str, Signal]
+    warnings: tuple[str, ...] = ()
+
+    def require(self, *names: str) -> None:
+        """Raise SignalError naming every signal of `names` that the flight does not have."""
+        missing = [name for name in names if name not in self.signals]
+        if missing:
+            there = ", ".join(self.signals)
+            raise SignalError(f"{self.name}: no signal {', '.join(missing)}; the recording has {there}")
+
+
+@dataclass(frozen=True)
+class FlightData:
+    """One flight on one uniform time base.
+
+    time_s: (N,) uniform, step `interval_s`.
+    columns: name -> (N,) values; NaN where no sample is near enough to be trusted.
+    """
+
+    name: str
+    interval_s: float
+    time_s: Array
+    columns: dict[str, Array]
+    warnings: tuple[str, ...] = ()
+    notes: dict[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def window(self, start: int, stop: int) -> FlightData:
+        """The samples start..stop-1 as a flight of its own (views, nothing copied)."""
+        columns = {name: values[start:stop] for name, values in self.columns.items()}
+        return FlightData(self.name, self.interval_s, self.time_s[start:stop], columns, self.warnings, self.notes)

@@ -1,0 +1,266 @@
+"""Stretches of flight as the estimators use them: inputs, measured outputs, and where they came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
+from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SignalError
+from sysid.numerics.smoothing import fourier_smooth
+from sysid.signals.flight import FlightData
+from sysid.signals.height import height_above_ground, height_in_flight
+from sysid.signals.thrust_denoising import NO_NOISE, AirspeedLaw, Passed, denoised_thrust, way_of
+from sysid.signals.thrust_source import (
+    MEASURED,
+    THRUST_BY_SQUARE,
+    ThrustSource,
+    filled,
+    rotor_speed,
+    thrust_of_speed,
+    thrust_source,
+    with_rotor_speed,
+)
+
+OUTPUTS = (*CHANNELS[:12], "vn", "ve", "vd")
+# Where they stand among what the simulation gives.
+OUTPUT_PLACES = np.array([CHANNELS.index(name) for name in OUTPUTS])
+ANGLES = ("phi", "theta", "psi")
+LONGITUDINAL = ("airspeed", "alpha", "q", "theta", "ax", "az")
+LATERAL = ("beta", "p", "r", "phi", "psi", "ay")
+GROUND = ("vn", "ve", "vd")
+SURFACES = ("de", "da", "dr")
+# Commands before a stretch that may still be under way in the actuators when it starts, s.
+PRE_ROLL_S = 0.6
+# Actuators forget what was commanded longer ago, s.
+MEMORY_S = 1.5
+# But what a dead band holds may be as old as this, s.
+_HELD_S = 30.0
+STANDARD_DENSITY = 1.225
+# Density follows height, and no small aircraft climbs faster than this band.
+_DENSITY_BAND_HZ = 1.0
+
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
+
+
+def angle_wrap(residual: Array) -> Array:
+    """Residuals (N, 15) with those of phi and psi brought to [-pi, pi]."""
+    for name in ("phi", "psi"):
+        j = OUTPUTS.index(name)
+        residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
+    return residual
+
+
+@dataclass(frozen=True)
+class Record:
+    """One stretch of one flight for a free-running simulation.
+
+    commands: (M, 4) de, da, dr [rad] and throttle, held from each sample on, from `first` of the flight's samples on.
+    thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 15) measured OUTPUTS of the samples
+    `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s.
+    held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
+    measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
+    leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
+    rotor_doubt: (L, M) the same that a counter's noise leaves in the throttle, where that stands for the propeller's
+    measured speed; where thrust follows from that speed, rows of the same number are one error.
+    thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
+    part of it; else (0,). law: how thrust follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that
+    it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, and climbed: (M,) m above the
+    middle of the flight, each (0,) where nothing tells it. way: (M,) the way in which the thrust sensor's reading moves
+    (`sysid.signals.thrust_denoising`); (0,) without one. earlier: (L, 3) commands of the surfaces before those above,
+    which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
+    """
+
+    flight: str
+    interval_s: float
+    time_s: Array
+    start: int
+    commands: Array
+    thrust: Array
+    rho: Array
+    z: Array
+    held: Array
+    moving_mass: float = 0.0
+    thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    rotor_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    stretch: int = 0
+    thrust_source: ThrustSource = MEASURED
+    thrust_read: Array = field(default_factory=lambda: np.zeros(0))
+    law: AirspeedLaw | None = None
+    airspeed: Array = field(default_factory=lambda: np.zeros(0))
+    heights: Array = field(default_factory=lambda: np.zeros(0))
+    climbed: Array = field(default_factory=lambda: np.zeros(0))
+    way: Array = field(default_factory=lambda: np.zeros(0))
+    earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    thrust_noise: Passed = NO_NOISE
+
+    @property
+    def length(self) -> int:
+        """Number of output samples N."""
+        return int(self.z.shape[0])
+
+    def window(self, begin: int, end: int) -> Record:
+        """The output samples begin ... end - 1 as a record of its own, actuators running from MEMORY_S before."""
+        cut = max(0, self.start + begin - round(MEMORY_S / self.interval_s))
+        kept = slice(cut, self.start + end)
+        before = np.concatenate((self.earlier, self.commands[:cut, :3]))[-round(_HELD_S / self.interval_s) :]
+        return replace(
+            self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
+            thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
+            held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
+            rotor_doubt=self.rotor_doubt[:, kept], thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept],
+            heights=self.heights[kept], climbed=self.climbed[kept], way=self.way[kept], earlier=before,
+        )  # fmt: skip
+
+
+def thrust_without_airspeed(record: Record) -> Array:
+    """(M,) N, the thrust of a record without what the simulated airspeed adds to it."""
+    return record.thrust if record.law is None else record.thrust - record.law.along(record.airspeed)
+
+
+def simulated_effects(flat: FlatModel, record: Record) -> Array:
+    """The effect vector for a record whose thrust follows the airspeed of the simulation."""
+    effects = effects_at(flat, record)
+    if record.law is not None:
+        effects[[THRUST_AIRSPEED, THRUST_SLOPE, THRUST_BEND]] = record.law.about, record.law.slope, record.law.bend
+    return effects
+
+
+def effects_at(flat: FlatModel, record: Record) -> Array:
+    """The effect vector for a record: at its own time, and without what its way of telling thrust holds already."""
+    effects = flat.E.copy()
+    effects[START_TIME] = record.time_s[0]
+    if record.thrust_source.signal == "rpm":
+        effects[slot("battery_sag")] = 0.0
+    return effects
+
+
+def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
+    """Commands (M, 4) of a record, their first row what servos with a dead band had accepted until then.
+
+    The actuators are at rest there; what lags behind them has forgotten that row when the record's samples begin.
+    """
+    half = 0.5 * float(effects[slot("servo_deadband", "width")])
+    if effects[slot("servo_deadband")] == 0.0 or half == 0.0 or not record.earlier.size:
+        return commands
+    commands = commands.copy()
+    for channel in range(3):
+        accepted, *rest = record.earlier[:, channel].tolist()
+        for command in (*rest, float(commands[0, channel])):
+            accepted = command if abs(command - accepted) > half else accepted
+        commands[0, channel] = accepted
+    return commands
+
+
+def height_for(record: Record, effects: Array) -> Array:
+    """(M,) m, the height of a record that an effect depends on, (0,) where none does: above the ground where that acts,
+    else above the middle of the flight, so that the wind's shear there is no steady wind.
+
+    Raises SignalError where nothing tells it.
+    """
+    if effects[slot("ground_effect")] != 0.0:
+        if not record.heights.size:
+            raise SignalError(
+                f"{record.flight}: the model has ground_effect, but nothing tells the height above the ground: record "
+                "a rangefinder's height (DISTANCE_SENSOR), or altitude from before take-off on"
+            )
+        return record.heights
+    if effects[slot("wind_shear")] == 0.0:
+        return np.zeros(0)
+    if not record.climbed.size:
+        raise SignalError(
+            f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude (HIGHRES_IMU, "
+            "VFR_HUD) or the vertical velocity (GLOBAL_POSITION_INT, LOCAL_POSITION_NED)"
+        )
+    return record.climbed
+
+
+def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
+    """Commands (M, 4) of a record with its height and its thrust's way behind them, (M, 6), if an effect needs one.
+
+    Raises SignalError where nothing tells the height that an effect needs.
+    """
+    heights = height_for(record, effects)
+    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0:
+        return commands
+    heights = heights if heights.size else np.full(commands.shape[0], np.nan)
+    way = record.way if record.way.size else np.zeros(commands.shape[0])
+    return np.ascontiguousarray(np.column_stack((commands, heights, way)))
+
+
+def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
+    if values.size < 16 or not np.isfinite(values).all() or np.ptp(values) == 0.0:
+        return np.ascontiguousarray(values)
+    return np.ascontiguousarray(fourier_smooth(values, interval_s, cutoff_hz).values)
+
+
+def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Record:
+    """Record of the samples start ... stop - 1 of a flight. Raises SignalError where an input is missing."""
+    return make_records(data, vehicle, [(start, stop)])[0]
+
+
+def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, int]]) -> list[Record]:
+    """Records of several spans start, stop of one flight, as `make_record` makes them."""
+    if "de" not in data and "da" not in data and "dr" not in data:
+        raise SignalError(
+            f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
+        )
+    n = data.time_s.size
+    columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
+    commands = np.stack(columns, axis=1)
+    heights = (height_above_ground(data), height_in_flight(data))
+    return [_make_record(data, vehicle, start, stop, commands, heights) for start, stop in spans]
+
+
+def _make_record(
+    data: FlightData, vehicle: Vehicle, start: int, stop: int, all_commands: Array, heights: tuple[Array, Array]
+) -> Record:
+    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, of the same."""
+    n = data.time_s.size
+    first = max(0, start - round(PRE_ROLL_S / data.interval_s))
+    commands = all_commands[first:stop].copy()
+    earlier = all_commands[max(0, first - round(_HELD_S / data.interval_s)) : first, :3]
+    # Inputs enter as they are: noise on them would act on the aircraft as if the air were rough.
+    moving_mass, way = 0.0, np.zeros(0)
+    source = thrust_source(data, vehicle)
+    speed = rotor_speed(data, first, stop)
+    commands, rotor_doubt = with_rotor_speed(commands, speed, vehicle, data.interval_s)
+    airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
+    thrust = np.full(stop - first, np.nan)
+    if source.signal == "thrust":
+        thrust = filled(data["thrust"])[first:stop]
+        way = way_of(thrust, data.interval_s)
+        if vehicle.propulsion is not None and vehicle.propulsion.moving_mass > 0.0 and "ax" in data:
+            # The motor hangs on the cell: add what accelerates it, so that thrust is the propeller's. The noise of ax
+            # is in the output ax as well. It meets itself there by the motor's share of the mass times the share of
+            # terms that the smoothing passes: with 0.08 kg in 1 kg and 70 terms of 1150 by 0.5 %, and by less than
+            # 0.03 % where the throttle explains the thrust. That is left out.
+            moving_mass = vehicle.propulsion.moving_mass
+            thrust = thrust + moving_mass * filled(data["ax"])[first:stop]
+    if speed is not None and source.law == THRUST_BY_SQUARE:
+        denoised = thrust_of_speed(speed, vehicle)
+    else:
+        denoised = denoised_thrust(thrust, commands[:, 3], data.interval_s, airspeed)
+    if vehicle.environment.air_density is not None:
+        rho = np.full(n, vehicle.environment.air_density)
+    elif "air_density" in data:
+        rho = filled(data["air_density"])
+    else:
+        rho = np.full(n, STANDARD_DENSITY)
+    z = np.full((stop - start, len(OUTPUTS)), np.nan)
+    for j, name in enumerate(OUTPUTS):
+        if name in data:
+            z[:, j] = data[name][start:stop]
+    above, climbed = (height[first:stop] for height in heights)
+    return Record(
+        data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
+        denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
+        denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
+        climbed=climbed, way=way, earlier=earlier, thrust_noise=denoised.noise,
+    )  # fmt: skip

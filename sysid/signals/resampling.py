@@ -1,0 +1,230 @@
+"""Signals on their own stamps -> one uniform time base, without a phase shift between any two of them.
+
+Timing is the largest single error source of the whole chain: 10 ms between the elevator and the rates moves
+Cm_alpha by several percent. So samples that already sit on the grid are taken as they are (their noise stays white),
+all others are interpolated on their own stamps, and a held command is held, not interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.arrays import Array
+from sysid.errors import SignalError
+from sysid.signals.flight import FlightData, FlightSignals, Signal
+from sysid.signals.outliers import outliers
+
+IMU = ("ax", "ay", "az", "p", "q", "r")
+ANGLES = ("phi", "theta", "psi")
+# A satellite receiver's samples are outputs to compare with, never regressors: between them there is nothing.
+SPARSE = ("lat", "lon", "vn", "ve", "vd")
+HELD = ("de", "da", "dr", "throttle")
+GAP_S = 0.1
+# No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.
+LARGEST = 1e9
+# Longest flight put on a grid, s: two days.
+_LONGEST_S = 2e5
+# Share of the interval by which a stamp may miss its grid point and still be that grid point's sample (jitter), and
+# by which all stamps together may (offset): an offset is a timing error, jitter averages out.
+JITTER = 0.1
+OFFSET = 0.02
+
+
+def is_held(name: str) -> bool:
+    """Whether the signal is a command that stays as sent until the next one (zero-order hold)."""
+    return name in HELD or name.startswith("servo")
+
+
+def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[str] | None = None) -> FlightData:
+    """Put the signals of a flight on one uniform time base.
+
+    The base is the fastest IMU signal's: its own stamps where these are uniform within 10 % of the interval
+    (the interval of the result is then the source's own, which may differ from the one asked for by 2 %), else a
+    uniform grid of `interval_s`, or of the source's mean interval where that is longer.
+
+    signals: signals on their own stamps, s.
+    interval_s: step asked for, s.
+    names: signals to take; None takes all.
+    Returns columns of (N,) values, NaN in gaps longer than 0.1 s (or 2.5 intervals of a slower source). Angles are
+    unwrapped, commands held, sources at least twice as fast low-pass filtered without phase, GPS left at its
+    own samples with NaN between.
+    Raises SignalError for constant stamps, no IMU signal, or a name the flight does not have.
+    """
+    if not interval_s > 0.0:
+        raise SignalError(f"{signals.name}: the interval must be above 0 s, not {interval_s}")
+    wanted = tuple(signals.signals) if names is None else tuple(names)
+    signals.require(*wanted)
+    warnings: list[str] = list(signals.warnings)
+    clean = {name: _clean(signals.name, name, signals.signals[name], warnings) for name in wanted}
+    imu = [name for name in IMU if name in clean] or [name for name in IMU if name in signals.signals]
+    if not imu:
+        raise SignalError(f"{signals.name}: no IMU signal ({' '.join(IMU)}) to take the time base from")
+    base_name = _base(signals, imu)
+    base = clean.get(base_name)
+    if base is None:
+        base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
+    grid, interval = _grid(signals.name, base_name, base, interval_s, warnings)
+    columns = {name: _on_grid(name, clean[name], grid, interval) for name in wanted}
+    for name, values in columns.items():
+        lost = int(np.count_nonzero(np.isnan(values)))
+        if lost and name not in SPARSE:
+            warnings.append(f"{name}: {lost * interval:.2f} s of {grid.size * interval:.1f} s without samples")
+    return FlightData(signals.name, interval, grid, columns, tuple(dict.fromkeys(warnings)))
+
+
+def _base(signals: FlightSignals, imu: Sequence[str]) -> str:
+    """The fastest IMU signal; of several alike the one whose stamps most signals share, which need no interpolation."""
+    fastest = max(signals.signals[name].rate_hz for name in imu)
+    alike = [name for name in imu if signals.signals[name].rate_hz > 0.99 * fastest]
+
+    def shared(name: str) -> int:
+        time = signals.signals[name].time_s
+        return sum(np.array_equal(other.time_s, time, equal_nan=True) for other in signals.signals.values())
+
+    return max(alike or list(imu), key=shared)
+
+
+def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signal:
+    """Finite samples with strictly increasing stamps."""
+    finite = np.isfinite(source.time_s) & np.isfinite(source.values)
+    absurd = finite & ((np.abs(source.values) > LARGEST) | (np.abs(source.time_s) > LARGEST))
+    if absurd.any():
+        warnings.append(f"{name}: {int(absurd.sum())} reading(s) beyond {LARGEST:g} left out")
+        finite &= ~absurd
+    time = np.ascontiguousarray(source.time_s[finite], dtype=np.float64)
+    values = np.ascontiguousarray(source.values[finite], dtype=np.float64)
+    if time.size < 2:
+        raise SignalError(f"{flight}: {name} ({source.source}) has {time.size} finite samples, two are the least")
+    if np.ptp(time) <= 0.0:
+        raise SignalError(f"{flight}: every stamp of {name} ({source.source}) is {time[0]:.6g} s; it has no clock")
+    highest = np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1]])
+    forward = time > highest
+    dropped = int(time.size - np.count_nonzero(forward))
+    if dropped:
+        warnings.append(f"{name}: {dropped} samples with a repeated or backward stamp left out")
+        time, values = time[forward], values[forward]
+        if time.size < 2:
+            raise SignalError(f"{flight}: the stamps of {name} ({source.source}) go backward; check its clock")
+    if name in ANGLES:
+        values = np.unwrap(values)
+    if not is_held(name):
+        bad = outliers(values)
+        if bad.any():
+            warnings.append(f"{name}: {int(bad.sum())} reading(s) far off their neighbours left out")
+            time, values = time[~bad], values[~bad]
+    return Signal(time, values, source.unit, source.source)
+
+
+def _grid(flight: str, name: str, base: Signal, interval_s: float, warnings: list[str]) -> tuple[Array, float]:
+    steps = np.diff(base.time_s)
+    typical = float(np.median(steps))
+    if base.time_s[-1] - base.time_s[0] > _LONGEST_S:
+        raise SignalError(
+            f"{flight}: the stamps of {name} span {base.time_s[-1] - base.time_s[0]:.3g} s, more than a flight lasts;"
+            " cut the recording, or check its clock"
+        )
+    if typical > 1.5 * interval_s:
+        warnings.append(f"{name} comes at {1.0 / typical:.1f} Hz, slower than {1.0 / interval_s:.0f} Hz asked for")
+        usual = steps[(steps > 0.5 * typical) & (steps < 1.5 * typical)]
+        interval_s = float(np.mean(usual)) if usual.size else typical
+    # The source's own clock against ours: the slope of the stamps over their whole-number index.
+    for interval in (interval_s, _own_interval(base.time_s, typical)):
+        if abs(interval - interval_s) > 0.02 * interval_s:
+            continue
+        index = np.rint((base.time_s - base.time_s[0]) / interval)
+        offset = float(np.median(base.time_s - index * interval))
+        miss = np.abs(base.time_s - offset - index * interval)
+        if np.quantile(miss, 0.99) <= JITTER * interval and np.all(np.diff(index) > 0):
+            return offset + interval * np.arange(int(index[-1]) + 1, dtype=np.float64), interval
+    count = int(np.floor((base.time_s[-1] - base.time_s[0]) / interval_s * (1.0 + 1e-12))) + 1
+    if count < 2:
+        raise SignalError(f"{flight}: {name} lasts less than two intervals of {interval_s} s")
+    return base.time_s[0] + interval_s * np.arange(count, dtype=np.float64), interval_s
+
+
+def _own_interval(time: Array, typical: float) -> float:
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(time) / typical), 1.0))])
+    return float(np.polyfit(index, time, 1)[0]) if time.size > 2 else typical
+
+
+def _on_grid(name: str, source: Signal, grid: Array, interval: float) -> Array:
+    if is_held(name):
+        return _hold(source, grid, interval)
+    typical = float(np.median(np.diff(source.time_s)))
+    if name in SPARSE and typical > 1.5 * interval:
+        return _nearest_only(source, grid, interval)
+    if typical < 0.6 * interval:
+        source = _low_pass(source, typical, interval)
+    elif (nearest := _already_there(source, grid, interval)) is not None:
+        return nearest
+    values = np.interp(grid, source.time_s, source.values)
+    return _blank_gaps(values, source.time_s, grid, max(GAP_S, 2.5 * typical), interval)
+
+
+def _already_there(source: Signal, grid: Array, interval: float) -> Array | None:
+    """The samples themselves where each sits on a grid point; None where they have to be interpolated."""
+    index = np.rint((source.time_s - grid[0]) / interval).astype(np.int64)
+    inside = (index >= 0) & (index < grid.size)
+    if np.count_nonzero(inside) < 2:
+        return None
+    index, time, values = index[inside], source.time_s[inside], source.values[inside]
+    miss = time - grid[index]
+    uniform = np.quantile(np.abs(miss), 0.99) <= JITTER * interval and abs(np.median(miss)) <= OFFSET * interval
+    if not uniform or np.any(np.diff(index) <= 0):
+        return None
+    # A few lost messages are bridged by a line; the gap rule blanks the long ones.
+    bridged = np.interp(grid, time, values)
+    bridged[index] = values
+    return _blank_gaps(bridged, grid[index], grid, GAP_S, interval)
+
+
+def _blank_gaps(values: Array, time: Array, grid: Array, gap_s: float, interval: float) -> Array:
+    """NaN at grid points inside a gap of the stamps, and more than one interval outside the signal."""
+    after = np.searchsorted(time, grid, side="left").clip(0, time.size - 1)
+    before = np.searchsorted(time, grid, side="right").clip(1, time.size) - 1
+    outside = (grid < time[0] - interval) | (grid > time[-1] + interval)
+    gap = (time[after] - time[before] > gap_s) & (grid > time[before]) & (grid < time[after])
+    return np.where(outside | gap, np.nan, values)
+
+
+def _hold(source: Signal, grid: Array, interval: float) -> Array:
+    """Zero-order hold; a stamp that misses its grid point by jitter alone still belongs to it."""
+    index = np.searchsorted(source.time_s, grid + JITTER * interval, side="right") - 1
+    first = index.clip(0)
+    values = source.values[first]
+    typical = float(np.median(np.diff(source.time_s)))
+    age = grid - source.time_s[first]
+    stale = (age > max(GAP_S, 2.5 * typical)) | ((index < 0) & (age < -interval))
+    return np.where(stale, np.nan, values)
+
+
+def _nearest_only(source: Signal, grid: Array, interval: float) -> Array:
+    values = np.full(grid.size, np.nan)
+    index = np.rint((source.time_s - grid[0]) / interval).astype(np.int64)
+    inside = (index >= 0) & (index < grid.size)
+    values[index[inside]] = source.values[inside]
+    return values
+
+
+def _low_pass(source: Signal, typical: float, interval: float) -> Signal:
+    """Zero-phase FIR below the grid's Nyquist frequency, on a uniform grid of the source's own interval."""
+    count = int(np.floor((source.time_s[-1] - source.time_s[0]) / typical)) + 1
+    time = source.time_s[0] + typical * np.arange(count, dtype=np.float64)
+    values = np.interp(time, source.time_s, source.values)
+    half = int(np.ceil(4.0 * interval / typical))
+    if count <= 2 * half + 1:
+        return Signal(time, values, source.unit, source.source)
+    from scipy import signal as scipy_signal  # slow to import, and seldom wanted
+
+    taps = scipy_signal.firwin(2 * half + 1, 0.8 * typical / interval, window="hamming")
+    # Odd reflection about the end points keeps value and slope there.
+    head = 2.0 * values[0] - values[half:0:-1]
+    tail = 2.0 * values[-1] - values[-2 : -half - 2 : -1]
+    filtered = np.convolve(np.concatenate([head, values, tail]), taps, mode="valid")
+    # Gaps of the source must stay gaps.
+    near = np.abs(time - source.time_s[np.searchsorted(source.time_s, time).clip(0, source.time_s.size - 1)])
+    previous = source.time_s[(np.searchsorted(source.time_s, time, side="right") - 1).clip(0)]
+    keep = np.minimum(near, np.abs(time - previous)) <= typical
+    return Signal(time[keep], filtered[keep], source.unit, source.source)

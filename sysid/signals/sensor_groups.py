@@ -1,0 +1,19 @@
+"""Which signals come from one sensor: names of groups, and groups in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+ACCEL, GYRO, ATTITUDE, VANES, GROUND = (
+    ("ax", "ay", "az"), ("p", "q", "r"), ("phi", "theta", "psi"), ("alpha", "beta"), ("vn", "ve", "vd"),
+)  # fmt: skip
+IMU = (*ACCEL, *GYRO)
+GROUPS: dict[str, tuple[str, ...]] = {
+    "accelerometers": ACCEL, "gyros": GYRO, "imu": IMU, "attitude": ATTITUDE, "vanes": VANES,
+    "air_data": ("airspeed",), "gps": GROUND,
+}  # fmt: skip
+
+
+def joined(names: Sequence[str]) -> str:
+    """`ax, ay and az`."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

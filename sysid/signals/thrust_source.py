@@ -1,0 +1,143 @@
+"""Where a flight's thrust comes from: a sensor, else the propeller's speed, else the throttle, by [propulsion]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.vehicle.propulsion import rotor_scale
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SignalError
+from sysid.numerics.filters import first_order_lag
+from sysid.signals.flight import FlightData
+from sysid.signals.thrust_denoising import Denoised, denoised_thrust
+
+THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
+# Share of the flight through which a signal must be there to be used as an input.
+_PRESENT = 0.9
+
+
+@dataclass(frozen=True)
+class ThrustSource:
+    """signal: "thrust" (measured), "rpm" or "throttle". law: how thrust follows from it, "" where it is measured."""
+
+    signal: str
+    law: str = ""
+
+    @property
+    def measured(self) -> bool:
+        return self.signal == "thrust"
+
+    def __str__(self) -> str:
+        return "measured" if self.measured else f"from {self.signal} by {self.law}"
+
+
+MEASURED = ThrustSource("thrust")
+
+
+def _present(data: FlightData, name: str) -> bool:
+    return name in data and float(np.isfinite(data[name]).mean()) > _PRESENT
+
+
+def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
+    """Where thrust comes from. Raises SignalError in one line where nothing tells it."""
+    propulsion = vehicle.propulsion
+    if _present(data, "thrust"):
+        return MEASURED
+    if propulsion is not None and propulsion.by_rpm and _present(data, "rpm"):
+        return ThrustSource("rpm", propulsion.by_rpm)
+    if propulsion is not None and propulsion.by_throttle and _present(data, "throttle"):
+        return ThrustSource("throttle", propulsion.by_throttle)
+    there = [name for name in ("rpm", "throttle") if _present(data, name)]
+    if there:
+        needs = "CT with diameter (and max_rpm, if there is no rpm), or max_thrust"
+        raise SignalError(
+            f"{data.name}: thrust is unknown: the flight has {' and '.join(there)}, the vehicle file no law for it: "
+            f"give [propulsion] {needs}"
+        )
+    raise SignalError(
+        f"{data.name}: thrust is unknown: the flight has neither a thrust signal nor rpm nor a throttle; "
+        "record one, or give [controls.throttle] its servo"
+    )
+
+
+def filled(values: Array) -> Array:
+    """Gaps of an input filled by the last value before them (a held command stays where it was)."""
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    if not good.any():
+        return np.zeros_like(values)
+    index = np.where(good, np.arange(values.size), 0)
+    np.maximum.accumulate(index, out=index)
+    filled: Array = values[index]
+    filled[: int(np.argmax(good))] = values[int(np.argmax(good))]
+    return filled
+
+
+def rotor_speed(data: FlightData, first: int, stop: int) -> Denoised | None:
+    """Measured speed of the propeller, 1/min, of the samples first ... stop - 1, without the counter's noise; steps of
+    the throttle stay sharp. None where the flight has no counter.
+    """
+    if not _present(data, "rpm"):
+        return None
+    rpm = filled(data["rpm"])[first:stop]
+    throttle = filled(data["throttle"])[first:stop] if "throttle" in data else np.zeros(rpm.size)
+    return denoised_thrust(rpm, throttle, data.interval_s)
+
+
+def thrust_of_speed(speed: Denoised, vehicle: Vehicle) -> Denoised:
+    """(N,) N, by max_thrust (rpm / max_rpm)^2: a propeller at one advance ratio."""
+    propulsion = vehicle.propulsion
+    if propulsion is None or propulsion.max_thrust is None or propulsion.max_rpm is None:
+        raise SignalError("thrust from rpm needs [propulsion] max_thrust and max_rpm")
+    share = np.abs(speed.values) / propulsion.max_rpm
+    slope = 2.0 * propulsion.max_thrust * share / propulsion.max_rpm
+    # One size for the whole series: where the speed swings by a tenth, so does that of its noise.
+    noise = replace(speed.noise, sigma=float(np.sqrt(np.mean(slope**2))) * speed.noise.sigma)
+    return Denoised(0.5 * slope * speed.values, np.ascontiguousarray(slope * speed.doubt), noise=noise)
+
+
+def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
+    """(M,) throttle behind the motor's lag at the samples of held commands (M, 4), at rest at the first."""
+    throttle = commands[:, 3]
+    kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
+    before = np.append(throttle[0], throttle[:-1])
+    return first_order_lag(before, kept, float(throttle[0]))
+
+
+def with_rotor_speed(
+    commands: Array, speed: Denoised | None, vehicle: Vehicle, interval_s: float
+) -> tuple[Array, Array]:
+    """Commands (M, 4) whose throttle gives the measured propeller speed, and the errors (K, M) that the counter's noise
+    leaves in that throttle, each of one standard deviation.
+
+    The simulation passes a held throttle through the motor's lag; here that lag is undone, so that the propeller turns
+    as measured at every sample. Without a counter the throttle stays as commanded; where CQ is known but nothing tells
+    the propeller's speed, it counts as standing, without torque.
+    """
+    propulsion = vehicle.propulsion
+    exact = np.zeros((0, commands.shape[0]))
+    if propulsion is None or not (propulsion.CT or propulsion.CQ):
+        return commands, exact
+    commands = commands.copy()
+    if speed is None:
+        if not propulsion.max_rpm:
+            commands[:, 3] = 0.0
+        return commands, exact
+    share = 2.0 * np.pi / 60.0 / rotor_scale(propulsion)
+    commands[:, 3] = _before_lag(share * speed.values, interval_s, propulsion.tau)
+    return commands, _before_lag(share * speed.doubt, interval_s, propulsion.tau)
+
+
+def _before_lag(share: Array, interval_s: float, tau: float) -> Array:
+    """The held command (..., M) behind which, after the motor's lag, the propeller turns at `share` (..., M)."""
+    after = np.concatenate((share[..., 2:], share[..., -1:]), axis=-1)
+    if tau <= 0.0:
+        return np.concatenate((share[..., 1:2], after), axis=-1)
+    kept = float(np.exp(-interval_s / tau))
+    # At rest at the first command, so the lag is undone from the second sample on.
+    now = np.concatenate((share[..., :1], share[..., 2:]), axis=-1)
+    return np.concatenate((share[..., :1], (after - kept * now) / (1.0 - kept)), axis=-1)

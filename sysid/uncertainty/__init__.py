@@ -1,0 +1,1 @@
+"""What the statistical standard error leaves out: bench, inputs, reconstruction, vehicle file."""

@@ -1,0 +1,236 @@
+"""The bench's own errors, carried into the standard errors of the estimates.
+
+A calibration curve and a linkage are known from the bench only as well as their points scatter. What the flight itself
+estimates (a vane's scale, a pitot's bias) absorbs its part of such an error; the rest moves the coefficients. Each
+independent part of a bench error, of one standard deviation, moves the estimate by one Gauss-Newton step d; the bench
+and the flight's noise are independent, so the covariance of the estimate grows by the sum of d d' (consider
+covariance: S. F. Schmidt, Advances in Control Systems 3, 1966; B. D. Tapley et al., Statistical Orbit Determination,
+ch. 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.filter_error.estimation import build_filter
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.output_error.estimator import OutputError, OutputErrorResult
+from sysid.output_error.fit import build
+from sysid.output_error.linearisation import Linearised
+from sysid.problem.delay_parameters import COMMAND_DELAY, with_late_commands
+from sysid.problem.problem import Problem
+from sysid.signals.calibration import Calibration
+from sysid.signals.preparation import Prepared
+from sysid.signals.record import OUTPUTS, STANDARD_DENSITY, SURFACES, Record, angle_wrap
+from sysid.signals.redundant_vanes import PAIRS
+
+MEASURED = ("alpha", "beta", "airspeed")
+
+
+@dataclass(frozen=True)
+class BenchError:
+    """One independent part of a bench error, of one standard deviation.
+
+    source: what was on the bench. record: a record as it would read with the error.
+    """
+
+    source: str
+    record: Callable[[Record], Record]
+
+
+def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchError]:
+    """Every part of every bench error that the flights rest on."""
+    found: list[BenchError] = []
+    curves = {(name, flight.data.name): curve for flight in prepared for name, curve in flight.calibrations.items()}
+    shares = {flight.data.name: flight.shares for flight in prepared}
+    for name in dict.fromkeys(name for name, _ in curves):
+        output = {second: first for first, second in PAIRS.items()}.get(name, name)
+        mine = {
+            flight: (curve, shares[flight].get(name, 1.0 if output == name else 0.0))
+            for (signal, flight), curve in curves.items()
+            if signal == name
+        }
+        if output not in (*MEASURED, "thrust"):
+            continue
+        parts = max(len(curve.coefficients) for curve, _ in mine.values())
+        found += [BenchError(name, _misread(output, mine, part, vehicle)) for part in range(parts)]
+    for name, control in vehicle.controls.items():
+        column = (*SURFACES, "throttle").index(DEFLECTION_SIGNALS[name])
+        if control.gain_std:
+            found.append(BenchError(name, _moved(column, control.gain_std, 0.0)))
+        if control.bias_std:
+            found.append(BenchError(name, _moved(column, 0.0, control.bias_std)))
+    return found
+
+
+def _misread(
+    name: str, curves: Mapping[str, tuple[Calibration, float]], part: int, vehicle: Vehicle
+) -> Callable[[Record], Record]:
+    """The change of one measured signal by one part of its curve's error."""
+
+    def change(record: Record) -> Record:
+        if record.flight not in curves:
+            return record
+        curve, share = curves[record.flight]
+        if share == 0.0 or part >= len(curve.coefficients):
+            return record
+        if name == "thrust":
+            return replace(record, thrust=record.thrust + curve.error_modes(record.thrust)[part])
+        z = record.z.copy()
+        column = z[:, OUTPUTS.index(name)]
+        factor = np.ones(column.size)
+        if name == "airspeed" and vehicle.sensors.airspeed.kind == "true":
+            # The curve gives calibrated airspeed.
+            factor = np.sqrt(STANDARD_DENSITY / record.rho[record.start : record.start + record.length])
+        read = column / factor
+        if name == "airspeed" and curve.si_unit == "Pa":
+            pressure = 0.5 * STANDARD_DENSITY * read * np.abs(read)
+            column += factor * curve.error_modes(pressure)[part] / np.maximum(STANDARD_DENSITY * np.abs(read), 1e-6)
+        else:
+            column += share * factor * curve.error_modes(read)[part]
+        return replace(record, z=z)
+
+    return change
+
+
+def late_commands(delay_s: float) -> BenchError:
+    """What is left, s, of a delay of the commands that the data were corrected for; no bench's, but carried alike."""
+    return BenchError(COMMAND_DELAY, lambda record: with_late_commands(record, delay_s))
+
+
+def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
+    def change(record: Record) -> Record:
+        commands = record.commands.copy()
+        commands[:, column] += gain * commands[:, column] + bias
+        return replace(record, commands=commands)
+
+    return change
+
+
+@dataclass(frozen=True)
+class Misled:
+    """A bench error with what it feigns, and what it adds to the residuals (N, 15) of each record."""
+
+    error: BenchError
+    feigned: Feigned
+    added: list[Array]
+
+
+def misled(errors: Sequence[BenchError], here: Linearised) -> list[Misled]:
+    """What each of the bench errors, of one standard deviation, does at an estimate."""
+    return [_misled(error, here) for error in errors]
+
+
+def _misled(error: BenchError, here: Linearised) -> Misled:
+    problem = here.problem
+    changed = replace(problem, records=tuple(map(error.record, problem.records)))
+    false = feigned(changed, problem)
+    if not false.inputs_changed:
+        return Misled(error, false, [angle_wrap(change) for change in false.outputs])
+    other = build(changed, here.model, here.coefficients, here.effects, here.result.sigma)
+    after = other.residuals(other.predict(here.result.theta))
+    return Misled(error, false, [angle_wrap(new - old) for new, old in zip(after, here.residuals, strict=True)])
+
+
+def carry(
+    every: Sequence[Misled], here: Linearised, result: OutputErrorResult
+) -> tuple[OutputErrorResult, dict[str, dict[str, float]]]:
+    """The result with the bench errors in its covariance, and what each of them contributes.
+
+    here: the estimate, or one so near to `result` that the same slopes hold. A reported sensor error is that of the
+    signal as it was used, bench error included, so its own curve's error does not widen it.
+    Returns parameter -> source -> standard deviation beside the result.
+    """
+    shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
+    if not every:
+        return result, shares
+    information, _ = here.normal
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
+    inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
+    covariance, white = result.covariance.copy(), result.covariance_white.copy()
+    for one, pull in zip(every, here.pulls([one.added for one in every]).T, strict=True):
+        pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
+        step = inverse @ pull
+        for i, parameter in enumerate(result.parameters):
+            step[i] -= one.feigned.sensors.get(parameter.name, 0.0)
+            moved = shares[parameter.name].get(one.error.source, 0.0)
+            shares[parameter.name][one.error.source] = float(np.hypot(moved, step[i]))
+        covariance += np.outer(step, step)
+        white += np.outer(step, step)
+    return replace(result, covariance=covariance, covariance_white=white), shares
+
+
+@dataclass(frozen=True)
+class Feigned:
+    """What a bench error does: to each record's outputs, whether to its inputs, and to the sensor errors estimated."""
+
+    outputs: list[Array]
+    inputs_changed: bool
+    sensors: dict[str, float]
+
+
+def feigned(changed: Problem, problem: Problem) -> Feigned:
+    """What the difference of two sets of records feigns: `changed` after a bench error, `problem` as measured."""
+    pairs = list(zip(changed.records, problem.records, strict=True))
+    outputs = [new.z - old.z for new, old in pairs]
+    inputs = any(
+        new.thrust is not old.thrust or new.commands is not old.commands or new.held is not old.held
+        for new, old in pairs
+    )
+    sensors: dict[str, float] = {}
+    for name in MEASURED:
+        column = OUTPUTS.index(name)
+        change = np.concatenate([one[:, column] for one in outputs])
+        free = [key for key in (f"{name}_scale", f"{name}_bias") if key in problem.sensors]
+        good = np.isfinite(change)
+        if not free or not np.any(change[good]):
+            continue
+        read = np.concatenate([old.z[:, column] for _, old in pairs])[good]
+        design = np.column_stack([read if key.endswith("_scale") else np.ones(read.size) for key in free])
+        absorbed = np.linalg.lstsq(design, change[good], rcond=None)[0]
+        sensors |= dict(zip(free, absorbed.tolist(), strict=True))
+    return Feigned(outputs, inputs, sensors)
+
+
+def _prior_pull(estimation: OutputError, problem: Problem, sensors: Mapping[str, float]) -> Array:
+    """A prior that came from the same readings moves with their error."""
+    shift = np.zeros(len(estimation.prior_mean))
+    for i, parameter in enumerate(estimation.predictor.parameters):
+        if parameter.name in problem.priors:
+            shift[i] = sensors.get(parameter.name, 0.0)
+    return np.asarray(estimation.prior_information @ shift)
+
+
+def carry_filtered(
+    errors: Sequence[BenchError],
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: FilterErrorResult,
+) -> tuple[FilterErrorResult, dict[str, dict[str, float]]]:
+    """The result with bench errors in its covariance, and what each contributes (see
+    sysid.uncertainty.bench_errors.carry).
+    """
+    shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
+    if not errors:
+        return result, shares
+    unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
+    covariance, white = result.covariance.copy(), result.covariance_white.copy()
+    for error in errors:
+        changed = replace(problem, records=tuple(map(error.record, problem.records)))
+        step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
+        false = feigned(changed, problem).sensors
+        for i, parameter in enumerate(result.parameters):
+            step[i] -= false.get(parameter.name, 0.0)
+            moved = shares[parameter.name].get(error.source, 0.0)
+            shares[parameter.name][error.source] = float(np.hypot(moved, step[i]))
+        covariance, white = covariance + np.outer(step, step), white + np.outer(step, step)
+    return replace(result, covariance=covariance, covariance_white=white), shares

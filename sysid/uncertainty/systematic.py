@@ -1,0 +1,212 @@
+"""What errors of the vehicle file would do to the coefficients: the column beside the statistical error.
+
+Each perturbation changes what the estimator was told, not what was measured. Where the changed model fits as well as
+the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a thousandth of the change gives where
+the estimate would move, to first order: the change moves the residuals, and hardly the sensitivities. Late commands do
+not fit, which moves the weights of the outputs as well: there the estimation is repeated, on runs from all over a long
+flight, since how far it moves hardly depends on how long one flew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.propulsion import scaled
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import EstimationError
+from sysid.filter_error.estimation import build_filter
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.numerics.fractional_delay import held_back
+from sysid.numerics.normal_equations import damped_step, gram
+from sysid.output_error.fit import build, fit, warmed
+from sysid.output_error.linearisation import Linearised
+from sysid.problem.problem import Problem
+from sysid.signals.record import SURFACES, Record, angle_wrap
+from sysid.signals.thrust_source import THRUST_BY_SQUARE
+
+DELAY_S = 0.010
+SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """A change of what the estimator is told: SHARE of what its name in results says."""
+
+    name: str
+    vehicle: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle
+    record: Callable[[Record], Record] = lambda record: record
+
+
+def _heavier(vehicle: Vehicle) -> Vehicle:
+    return replace(vehicle, mass=replace(vehicle.mass, mass=(1.0 + 0.01 * SHARE) * vehicle.mass.mass))
+
+
+def _slower_to_turn(vehicle: Vehicle) -> Vehicle:
+    mass = vehicle.mass
+    inertia = {name: (1.0 + 0.05 * SHARE) * getattr(mass, name) for name in ("Ixx", "Iyy", "Izz", "Ixz")}
+    return replace(vehicle, mass=replace(mass, **inertia))
+
+
+def _denser(record: Record) -> Record:
+    return replace(record, rho=(1.0 + 0.02 * SHARE) * record.rho)
+
+
+def _more_travel(record: Record) -> Record:
+    commands = record.commands.copy()
+    commands[:, : len(SURFACES)] *= 1.0 + 0.05 * SHARE
+    return replace(record, commands=commands)
+
+
+def _stronger(vehicle: Vehicle) -> Vehicle:
+    motor = vehicle.propulsion
+    if motor is None:
+        return vehicle
+    gain = 1.0 + 0.05 * SHARE
+    thrust = None if motor.max_thrust is None else gain * motor.max_thrust
+    return replace(vehicle, propulsion=replace(motor, max_thrust=thrust, CT=scaled(motor.CT, gain)))
+
+
+def _stronger_known(record: Record) -> Record:
+    """Thrust that followed from the propeller's speed before the simulation."""
+    if record.thrust_source.law != THRUST_BY_SQUARE:
+        return record
+    return replace(record, thrust=(1.0 + 0.05 * SHARE) * record.thrust)
+
+
+def _later_commands(record: Record) -> Record:
+    """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
+    return replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
+
+
+LINEAR = (
+    Perturbation("mass_1pct", vehicle=_heavier),
+    Perturbation("inertia_5pct", vehicle=_slower_to_turn),
+    Perturbation("density_2pct", record=_denser),
+    Perturbation("linkage_5pct", record=_more_travel),
+)
+# Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
+THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
+LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
+_REPEATED_STEPS = 12
+# Seconds of flight on which an estimation is repeated.
+_REPEATED_S = 60.0
+# What these runs tell of each parameter, over what as much of the whole flight tells in the mean, at least.
+_LEAST_TOLD = 0.3
+
+
+def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
+    """Those that move the estimate linearly: the thrust's only where it was not measured."""
+    return LINEAR if all(record.thrust_source.measured for record in records) else (*LINEAR, THRUST)
+
+
+def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
+    """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
+
+    At the estimate before the noise of thrust and propeller speed is taken out, which hardly moves the slopes. NaN for
+    late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
+    """
+    result, theta = here.result, here.result.theta
+    values = {parameter.name: float(v) for parameter, v in zip(result.parameters, theta, strict=False)}
+    start = warmed(here.problem, result)
+    moved: dict[str, dict[str, float]] = {name: {} for name in values}
+    information, _ = here.normal
+    changes = perturbations(start.records)
+    shifts = []
+    for change in changes:
+        changed = replace(
+            start, vehicle=change.vehicle(start.vehicle), records=tuple(map(change.record, start.records))
+        )
+        after = build(changed, here.model, here.coefficients, here.effects, result.sigma).predict(theta)
+        shifts.append(_shifts(start, here.predicted, after))
+    for change, downhill in zip(changes, here.pulls(shifts).T, strict=True):
+        step = damped_step(information, downhill, 0.0, start.records[0].flight)
+        for i, name in enumerate(values):
+            moved[name][change.name] = float(step[i]) / SHARE
+    late = _moved_by_late_commands(_some_runs(here, start), start, here.model, here.coefficients, here.effects, values)
+    for name in values:
+        moved[name][LATE.name] = late.get(name, math.nan)
+    return moved
+
+
+def _moved_by_late_commands(
+    some: Problem,
+    whole: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    values: dict[str, float],
+) -> dict[str, float]:
+    """Change of every parameter, estimated on `some` runs of the `whole`; none where that does not come to an end."""
+    late = replace(some, records=tuple(map(LATE.record, some.records)))
+    try:
+        if some is not whole:
+            prompt = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+            if not prompt.converged:
+                return {}
+            values = {name: prompt.value(name) for name in values}
+        again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+    except EstimationError:
+        return {}
+    return {name: again.value(name) - value for name, value in values.items()} if again.converged else {}
+
+
+def _some_runs(here: Linearised, problem: Problem) -> Problem:
+    """The problem with runs of some _REPEATED_S, evenly spread over its flights.
+
+    The problem itself comes back where it is no longer, or where those runs do not tell of every parameter what they
+    should: one axis may have been flown in the others.
+    """
+    total_s = sum(record.length * record.interval_s for record in problem.records)
+    if total_s <= _REPEATED_S:
+        return problem
+    count, share = len(problem.records), _REPEATED_S / total_s
+    kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * share))).round().astype(int))
+    columns, sigma, p = here.estimation.columns, here.result.sigma, len(here.result.parameters)
+    told = sum(np.diag(gram(here.S[k], problem.records[k].z, columns, sigma)[0])[:p] for k in kept)
+    all_told = np.diag(here.normal[0])[:p] - np.diag(here.estimation.prior_information)
+    if np.any(told < _LEAST_TOLD * share * all_told):
+        return problem
+    return replace(
+        problem,
+        records=tuple(problem.records[k] for k in kept),
+        guesses=tuple(problem.guesses[k] for k in kept),
+        paths=tuple(problem.paths[k] for k in kept) if problem.paths else (),
+    )
+
+
+def _shifts(problem: Problem, before: Sequence[Array], after: Sequence[Array]) -> list[Array]:
+    """What a change of the predictions adds to the residuals of each record; NaN where nothing was measured."""
+    return [
+        np.where(np.isfinite(record.z), angle_wrap(old - new), np.nan)
+        for record, old, new in zip(problem.records, before, after, strict=True)
+    ]
+
+
+def systematic_in_turbulence(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    result: FilterErrorResult,
+) -> dict[str, dict[str, float]]:
+    """Change of every estimated parameter under each error of the vehicle file (sysid.uncertainty.systematic), to first
+    order.
+    """
+    names = [parameter.name for parameter in result.parameters]
+    # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
+    unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
+    moved: dict[str, dict[str, float]] = {name: {} for name in names}
+    for change, share in (*((one, SHARE) for one in LINEAR), (LATE, 1.0)):
+        changed = replace(
+            problem, vehicle=change.vehicle(problem.vehicle), records=tuple(map(change.record, problem.records))
+        )
+        step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
+        for name, value in zip(names, step, strict=True):
+            moved[name][change.name] = float(value) / share
+    return moved

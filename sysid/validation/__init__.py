@@ -1,0 +1,1 @@
+"""Model against other flights: residuals and their statistics."""

@@ -1,0 +1,72 @@
+"""A model beside flights: those it is judged by, or where there are none those that it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.problem.coefficient_residuals import residual_noise
+from sysid.problem.free_run import Fixed
+from sysid.signal_check.check import SignalCheck, check_signals, in_time
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.record import SURFACES
+from sysid.validation.largest_residual import Stretch, largest_residual
+from sysid.validation.residual_series import Comparison
+from sysid.validation.statistics import Validation, validate
+
+
+def judge(signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str]) -> Prepared:
+    """A flight to judge the model by, in time, its mistakes told."""
+    flight = prepare(signals, vehicle)
+    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
+    return in_time([flight], vehicle, check)[0]
+
+
+def comparison(
+    flights: Sequence[Prepared],
+    vehicle: Vehicle,
+    model: Model,
+    errors: Mapping[str, tuple[float, float, str]],
+    command_first: bool,
+) -> Comparison:
+    """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
+    told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
+    known = replace(model, coefficients=told, effects=tuple(e for e in model.effects if not e.refused()))
+    axes = sorted({name.partition("_")[0] for name in known.coefficients})
+    values = {name: value for name, (value, _, _) in errors.items()}
+    return Comparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))
+
+
+def validation_of(compared: Comparison) -> Validation:
+    """Coefficients measured on other flights against the model's."""
+    paths = [path for flight in compared.paths for path in flight]
+    z = {axis: np.concatenate([path.measured[axis] for path in paths]) for axis in compared.axes}
+    y = {axis: np.concatenate([path.predicted[axis] for path in paths]) for axis in compared.axes}
+    every = [
+        residual_noise(stretch.record, flight.layout, compared.vehicle, compared.model)
+        for flight in compared.flights
+        for stretch in flight.stretches
+    ]
+    noise = {axis: float(np.median([one[axis] for one in every])) for axis in z}
+    found = {axis: largest_residual(axis, noise[axis], _stretches(compared)) for axis in z if axis in noise}
+    return replace(validate(z, y, noise), largest={axis: one for axis, one in found.items() if one is not None})
+
+
+def _stretches(compared: Comparison) -> list[Stretch]:
+    """Residuals of every stretch beside the surfaces' commands."""
+    return [
+        Stretch(
+            flight.data.name,
+            path.time_s,
+            np.column_stack([path.variables[name] for name in SURFACES]),
+            {axis: path.measured[axis] - path.predicted[axis] for axis in compared.axes},
+        )
+        for flight, paths in zip(compared.flights, compared.paths, strict=True)
+        for path in paths
+    ]

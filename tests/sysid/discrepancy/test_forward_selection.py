@@ -1,0 +1,127 @@
+"""What the search for missing effects takes back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from sim_vehicle.effects import EFFECTS
+from sim_vehicle.model.model_file import Model
+from sysid.discrepancy import forward_selection
+from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.evidence import Weight
+from sysid.discrepancy.forward_selection import Search, drop_replaced, drop_unborne
+from sysid.discrepancy.identified_effect import Named
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.numerics.dryden import Turbulence
+from sysid.problem.predictor import effect_parameter
+from sysid.problem.problem import Problem
+
+
+def result_of(names: tuple[str, ...], values: list[float], stds: list[float], together: bool) -> FilterErrorResult:
+    """An estimate of one parameter of each named effect, independent of each other."""
+    covariance = np.diag(np.square(stds))
+    parameters = tuple(effect_parameter(*name.split(".")) for name in names)
+    return FilterErrorResult(
+        parameters, np.array(values), covariance, covariance, np.zeros(15), Turbulence(0.2, 0.2), (), -1000.0,
+        -900.0 if together else np.nan, 1, True,
+    )  # fmt: skip
+
+
+def searched(sizes: dict[str, tuple[float, float]], *, together: bool) -> Search:
+    """A search that has named effects, each for a great gain. sizes: "effect.parameter" -> (value, standard error)."""
+    named = []
+    for i, (name, (value, std)) in enumerate(sizes.items()):
+        effect, parameter = name.split(".")
+        candidate = Candidate(EFFECTS[effect], (parameter,), ({parameter: 0.01},))
+        others = tuple((other.split(".")[0], 0.3) for other in sizes if other != name)
+        named.append(Named(candidate, Weight(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44, 80.0 + i))
+    values, stds = ([pair[k] for pair in sizes.values()] for k in (0, 1))
+    model = Model("plane", {})
+    for one in named:
+        model = model.with_effect(one.candidate.effect, {name: value for name, (value, _) in one.values.items()})
+    result = result_of(tuple(sizes), values, stds, together)
+    # Nobody looks at the flights.
+    return Search(
+        cast("Problem", None), model, [], [(one.effect, one.candidate.free[0]) for one in named], result, named
+    )
+
+
+class Costs:
+    """Stands for fits without an effect: each costs what is said of the effects that are left."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, costs: dict[frozenset[str], float]) -> None:
+        self.costs = costs
+        monkeypatch.setattr(forward_selection, "build_filter", self.build)
+        monkeypatch.setattr(forward_selection, "model_of", lambda model, *_: model)
+
+    def build(self, problem: object, model: Model, coefficients: object, effects: list[tuple[str, str]]) -> Costs:
+        self.left = effects
+        return self
+
+    def solve(self, start: dict[str, float], *_: object, **__: object) -> FilterErrorResult:
+        names = tuple(f"{effect}.{parameter}" for effect, parameter in self.left)
+        cost = self.costs[frozenset(effect for effect, _ in self.left)]
+        return replace(result_of(names, [start[n] for n in names], [1e-3] * len(names), True), cost=cost)
+
+
+def names_of(found: Search) -> list[str]:
+    return [one.effect for one in found.named]
+
+
+@pytest.mark.parametrize(("sigmas", "kept"), [(2.3, []), (10.0, ["density_error"])])
+def test_a_gain_with_gusts_held_fixed_counts_as_far_as_the_size_is_known_beside_them(
+    monkeypatch: pytest.MonkeyPatch, sigmas: float, kept: list[str]
+) -> None:
+    Costs(monkeypatch, {frozenset(): -990.0})
+    found = searched({"density_error.scale": (sigmas * 0.01, 0.01)}, together=True)
+    drop_unborne(found)
+    assert names_of(found) == kept
+    assert len(found.dropped) == 1 - len(kept)
+
+
+def test_one_that_is_borne_out_shields_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    Costs(monkeypatch, {frozenset({"thrust_scale"}): -990.0})
+    sizes = {"density_error.scale": (0.023, 0.01), "thrust_scale.scale": (0.5, 0.01)}
+    found = searched(sizes, together=True)
+    drop_unborne(found)
+    assert names_of(found) == ["thrust_scale"]
+    assert found.named[0].alternatives == ()
+    assert found.dropped == ["density_error: named for a while, but its size is within its standard error"]
+
+
+def test_where_gusts_were_not_estimated_beside_the_sizes_the_likelihood_is_enough() -> None:
+    found = searched({"density_error.scale": (0.023, 0.01)}, together=False)
+    drop_unborne(found)
+    assert names_of(found) == ["density_error"]
+
+
+def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Either of the first two explains what the other does; the third is needed. Costs are half of what is lost."""
+    left = {
+        frozenset({"thrust_scale", "mass_error"}): -999.0,  # without the density: 2
+        frozenset({"density_error", "mass_error"}): -998.0,  # without the thrust: 4
+        frozenset({"density_error", "thrust_scale"}): -500.0,
+        frozenset({"thrust_scale"}): -490.0,
+        frozenset({"mass_error"}): -400.0,
+    }
+    Costs(monkeypatch, left)
+    sizes = {"density_error.scale": (0.1, 0.01), "thrust_scale.scale": (0.5, 0.01), "mass_error.scale": (0.2, 0.01)}
+    found = searched(sizes, together=True)
+    drop_replaced(found)
+    assert names_of(found) == ["thrust_scale", "mass_error"]
+    # What they gain is told beside each other, and nothing that was dropped is an alternative.
+    assert [one.weight.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
+    assert all(name != "density_error" for one in found.named for name, _ in one.alternatives)
+
+
+def test_what_a_memory_gains_beside_the_others_does_not_hide_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lag that came in with 80 gains a million once the noise is small: 3 % of that is no measure of the others."""
+    left = {frozenset({"thrust_scale"}): 499_000.0, frozenset({"unsteady_lift"}): -500.0}
+    Costs(monkeypatch, left)
+    found = searched({"unsteady_lift.tau": (0.05, 0.001), "thrust_scale.scale": (0.5, 0.01)}, together=True)
+    drop_replaced(found)
+    assert names_of(found) == ["unsteady_lift", "thrust_scale"]

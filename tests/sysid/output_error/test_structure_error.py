@@ -1,0 +1,125 @@
+"""Aerodynamics outside the structure: told where they are, counted in the bars, and not invented where they are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from simulated import fly_mav
+
+from sim_vehicle.model.model_file import Coefficient, Model, read_model
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.compatibility.reconstruction import check_compatibility
+from sysid.identify import identify
+from sysid.output_error.fit import fit
+from sysid.output_error.structure_error import _GAIN, _likeliest_variances
+from sysid.problem.formulation import make_problem
+from sysid.problem.model_structure import default_structure
+from sysid.problem.problem import free_coefficients
+from sysid.signal_check.check import SignalCheck
+from sysid.signals.preparation import prepare
+
+Array = NDArray[np.float64]
+
+CURVED = {"CL_alpha3": -4.0, "Cm_alpha3": -1.2, "Cm_alpha2_de": -4.0, "Cn_alpha_beta": 0.05}
+STRUCTURE = default_structure(("de", "da", "dr"))
+
+
+def nearest(flown, vehicle) -> dict[str, float]:
+    """Least-squares coefficients of the structure along the true motion, from the true coefficients of each axis."""
+    truth, g = flown.truth, vehicle.geometry
+    V = truth["V"][1:]
+    along = {name: truth[name][1:] for name in ("alpha", "beta", "CL")}
+    along |= {name: truth[name][1:] * length / (2.0 * V) for name, length in (("p", g.b), ("q", g.c), ("r", g.b))}
+    along |= {name: flown.command[:-1, j] for j, name in enumerate(("de", "da", "dr"))}
+    found: dict[str, float] = {}
+    for axis in ("CL", "CD", "CY", "Cl", "Cm", "Cn"):
+        names = [name for name in STRUCTURE if parse_term(name).axis == axis]
+        X = np.stack([np.prod([np.ones(V.size), *(along[f] for f in parse_term(n).factors)], axis=0) for n in names], 1)
+        found |= dict(zip(names, np.linalg.lstsq(X, truth[axis][1:], rcond=None)[0], strict=True))
+    return found
+
+
+def scores(result, truth: dict[str, float]) -> Array:
+    """Errors in standard errors."""
+    return np.array([(result.value(name) - value) / result.std(name) for name, value in truth.items()])
+
+
+@pytest.fixture(scope="module")
+def curved():
+    """A flight of an aircraft with terms outside the structure: signals, flight, vehicle."""
+    vehicle, base = load_vehicle("iitb-mav"), read_model("iitb-mav")
+    extra = {name: Coefficient(value) for name, value in CURVED.items()}
+    signals, flown = fly_mav("multisine", 41, model=Model("curved", {**base.coefficients, **extra}))
+    return signals, flown, vehicle
+
+
+def test_bars_count_what_the_structure_leaves_over(curved) -> None:
+    signals, flown, vehicle = curved
+    truth = nearest(flown, vehicle)
+    prepared = [prepare(signals, vehicle)]
+    problem = make_problem(prepared, vehicle, check_compatibility(prepared), ground=True)
+    zero = Model("zero", {name: Coefficient(0.0) for name in STRUCTURE})
+    start = {name: value for name, value in truth.items() if name in STRUCTURE}
+    plain = fit(problem, zero, free_coefficients(STRUCTURE, problem.motion), start=start)
+    found = identify([signals], vehicle, check=SignalCheck())
+    assert found.likeliest is not None
+    assert found.likeliest.wider is not None
+    assert {"CL", "Cm", "Cn"} <= set(found.likeliest.wider.shown)
+    (told,) = [warning for warning in found.warnings if "the structure does not hold" in warning]
+    assert "Cn_alpha_beta" in told
+    after = scores(found.likeliest.estimate, truth)
+    assert np.abs(after).max() < 4.0
+    assert np.sqrt(np.mean(after**2)) < 1.5
+    # Not by wide bars: those of plain output error, coloured residuals counted, are ten times as wide and hold less.
+    before = scores(plain, truth)
+    assert np.abs(before).max() > 4.0
+    assert np.median([found.likeliest.estimate.std(name) / plain.std(name) for name in truth]) < 0.1
+    assert set(found.model.coefficients) == set(STRUCTURE)
+    assert set(found.model.coefficients["Cm_alpha"].extra["systematic"]) >= {"mass_1pct", "timing_10ms"}
+
+
+def test_a_flight_of_the_structure_itself_keeps_its_estimate() -> None:
+    vehicle = load_vehicle("iitb-mav")
+    signals, _ = fly_mav("multisine", 42)
+    found = identify([signals], vehicle, systematic=False, check=SignalCheck())
+    assert found.likeliest is not None
+    assert found.likeliest.wider is None
+    assert not [warning for warning in found.warnings if "structure" in warning]
+
+
+def correlated(generator: np.random.Generator, count: int) -> Array:
+    """An information matrix of parts that go together, of widely different size."""
+    rows = generator.standard_normal((60, count)) @ np.triu(np.ones((count, count))) * np.geomspace(1.0, 100.0, count)
+    return np.asarray(rows.T @ rows)
+
+
+def test_noise_alone_seldom_looks_like_a_misfit() -> None:
+    generator = np.random.default_rng(7)
+    owner = np.repeat([0, 1, 2], 5)
+    seen = correlated(generator, owner.size)
+    root = np.linalg.cholesky(seen)
+    gains = [_likeliest_variances(seen, root @ generator.standard_normal(owner.size), owner)[1] for _ in range(100)]
+    # The gain of one variance is, in half of all cases, a chi-squared number of one degree.
+    assert np.mean(np.array(gains) > 3.84) == pytest.approx(0.025, abs=0.03)
+    assert np.max(gains) < _GAIN
+
+
+def test_the_size_of_a_misfit_is_found() -> None:
+    """Parts of standard deviation 0.3 in the second axis of three, none in the others."""
+    generator = np.random.default_rng(8)
+    owner = np.repeat([0, 1, 2], 5)
+    seen = correlated(generator, owner.size)
+    root = np.linalg.cholesky(seen)
+    found = []
+    for _ in range(40):
+        parts = np.where(owner == 1, 0.3 * generator.standard_normal(owner.size), 0.0)
+        variances, gains = _likeliest_variances(
+            seen, seen @ parts + root @ generator.standard_normal(owner.size), owner
+        )
+        assert gains[1] > _GAIN
+        found.append(variances)
+    mean = np.mean(found, axis=0)
+    assert mean[1] == pytest.approx(0.09, rel=0.25)
+    assert max(mean[0], mean[2]) < 0.01 * mean[1]

@@ -1,0 +1,97 @@
+"""Second vanes: moved to the first one's place, averaged by noise, doubted where they disagree."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle, load_vehicle
+from sysid.signals.flight import FlightData
+from sysid.signals.redundant_vanes import combined_vanes
+
+Array = NDArray[np.float64]
+N, DT, SPEED = 3000, 0.02, 14.0
+TIME = DT * np.arange(N)
+ALPHA, BETA = 0.08 + 0.04 * np.sin(2.0 * TIME), 0.06 * np.sin(1.3 * TIME)
+P, Q, R = 0.8 * np.cos(1.7 * TIME), 0.5 * np.cos(2.0 * TIME), 0.4 * np.sin(1.1 * TIME)
+
+
+def vehicle(**places: Sensor) -> Vehicle:
+    packaged = load_vehicle("iitb-mav")
+    return replace(packaged, sensors=replace(packaged.sensors, **places))
+
+
+def vane(kind: str, place: tuple[float, float, float], noise: float, seed: int) -> Array:
+    """What a vane there reads, by the rigid body's velocity at its place (to first order in rate over speed)."""
+    x, y, z = place
+    jitter = noise * np.random.default_rng(seed).standard_normal(N)
+    if kind == "alpha":
+        return np.asarray(ALPHA + (-x * Q + y * P) / SPEED + jitter)
+    return np.asarray(BETA + (x * R - z * P) / SPEED + jitter)
+
+
+def flight(**columns: Array) -> FlightData:
+    basic = {"airspeed": np.full(N, SPEED), "p": P, "q": Q, "r": R}
+    return FlightData("f", DT, TIME, basic | columns)
+
+
+LEFT, RIGHT = (0.1, -0.5, 0.02), (0.15, 0.5, -0.01)
+
+
+@pytest.mark.parametrize("kind", ["alpha", "beta"])
+def test_two_vanes_at_two_places_give_the_first_ones_angle_with_less_noise(kind: str) -> None:
+    plane = vehicle(**{f"{kind}_vane": Sensor(LEFT, kind="sideslip"), f"{kind}2_vane": Sensor(RIGHT, kind="sideslip")})
+    data = flight(**{kind: vane(kind, LEFT, 0.006, 1), f"{kind}2": vane(kind, RIGHT, 0.003, 2)})
+    both, shares = combined_vanes(data, plane)
+    error = both[kind] - vane(kind, LEFT, 0.0, 0)
+    # Noise of 6 and 3 mrad: weights 0.2 and 0.8, together 2.7 mrad.
+    assert shares[kind] == pytest.approx(0.2, abs=0.03)
+    assert np.std(error) == pytest.approx(0.0027, rel=0.06)
+    assert abs(np.mean(error)) < 3e-4
+    assert both.warnings == ()
+
+
+def test_a_flank_vane_and_a_sideslip_vane_tell_the_same_angle() -> None:
+    plane = vehicle(beta_vane=Sensor(kind="sideslip"), beta2_vane=Sensor(kind="flank"))
+    alpha = np.full(N, 0.3)
+    flank = np.arctan2(np.sin(BETA), np.cos(BETA) * np.cos(alpha))
+    jitter = 1e-3 * np.random.default_rng(3).standard_normal((2, N))
+    both, _ = combined_vanes(flight(alpha=alpha, beta=BETA + jitter[0], beta2=flank + jitter[1]), plane)
+    assert np.std(both["beta"] - BETA) < 9e-4
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [(lambda x: x + 0.06, r"\+3\.[45] deg more"), (lambda x: 1.4 * x - 0.032, r"scale is 1\.(39|40)")],
+)
+def test_vanes_that_disagree_are_told_and_the_first_counts_alone(wrong: object, told: str) -> None:
+    assert callable(wrong)
+    plane = vehicle(alpha_vane=Sensor(LEFT), alpha2_vane=Sensor(RIGHT))
+    data = flight(alpha=vane("alpha", LEFT, 0.003, 1), alpha2=wrong(vane("alpha", RIGHT, 0.003, 2)))
+    kept, shares = combined_vanes(data, plane)
+    np.testing.assert_array_equal(kept["alpha"], data["alpha"])
+    assert shares["alpha"] == 1.0
+    assert "alpha2" not in shares
+    (warning,) = kept.warnings
+    assert re.search(told, warning), warning
+
+
+def test_a_gap_of_one_vane_is_bridged_by_the_other() -> None:
+    plane = vehicle(alpha_vane=Sensor(LEFT), alpha2_vane=Sensor(RIGHT))
+    first = vane("alpha", LEFT, 0.003, 1)
+    first[400:900] = np.nan
+    both, _ = combined_vanes(flight(alpha=first, alpha2=vane("alpha", RIGHT, 0.003, 2)), plane)
+    assert np.isfinite(both["alpha"]).all()
+    assert np.std((both["alpha"] - vane("alpha", LEFT, 0.0, 0))[400:900]) == pytest.approx(0.003, rel=0.1)
+
+
+def test_a_second_vane_alone_stands_in_for_the_first() -> None:
+    plane = vehicle(alpha_vane=Sensor(LEFT), alpha2_vane=Sensor(RIGHT))
+    alone, shares = combined_vanes(flight(alpha2=vane("alpha", RIGHT, 0.0, 1)), plane)
+    np.testing.assert_allclose(alone["alpha"], vane("alpha", LEFT, 0.0, 0), atol=1e-12)
+    assert (shares["alpha"], shares["alpha2"]) == (0.0, 1.0)
+    assert "only the second vane" in alone.warnings[0]
