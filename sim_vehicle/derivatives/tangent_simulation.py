@@ -29,7 +29,7 @@ from sim_vehicle.model.terms import REGRESSORS
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
-from sim_vehicle.physics.simulation import effects_flown, impose, pull_of
+from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresis
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -191,7 +191,7 @@ def simulate_tangents(
     products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
     A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
-    thrust = pull_of(thrust, commands, E)
+    thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[first])
     x[13] = 0.0
     initial_tangents(x, states, np.arange(n - states.size, n), X)

@@ -20,7 +20,7 @@ from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import quaternion
-from sim_vehicle.physics.simulation import glimpse, tick
+from sim_vehicle.physics.simulation import read_within_tick, tick
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -130,7 +130,8 @@ class Plant:
             return
         flat, share = self.flat, 1.0 - part
         state.past[:-1] = state.past[1:]
-        glimpse(state.x, state.actuators, state.surfaces, state.commands, HISTORY - 1, dt, sub_steps, share, wind_ned,
+        read_within_tick(state.x, state.actuators, state.surfaces, state.commands, HISTORY - 1, dt, sub_steps,
+                share, wind_ned,
                 gust, gust + (2.0 * share - 1.0) * (at_end - gust), rho, math.nan, math.nan, _FREE, flat.P, flat.E,
                 flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean, self._rate, state.past_sensor,
                 state.past[-1])  # fmt: skip

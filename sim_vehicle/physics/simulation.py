@@ -27,7 +27,7 @@ HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 
 @jit
-def late_by(E: Array, dt: float) -> tuple[int, float]:
+def split_delay_ticks(E: Array, dt: float) -> tuple[int, float]:
     """Whole ticks of `dt` s that the sensors of the late group come late by the effects E, and the part beside them."""
     return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
 
@@ -43,7 +43,7 @@ def effects_flown(E: Array, thrust: float) -> Array:
 
 
 @jit_arrays
-def pull_of(thrust: Array, commands: Array, E: Array) -> Array:
+def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
     """Thrust [N] (N,) of the propeller behind what its sensor tells; NaN, where the throttle tells it, stays.
 
     commands: as of `simulate`.
@@ -77,7 +77,7 @@ def tick(
 
 
 @jit_arrays
-def glimpse(
+def read_within_tick(
     x: Array, actuators: Array, surfaces: Array, commands: Array, row: int, dt: float, sub_steps: int, share: float,
     wind: Array, gust: Array, gust_there: Array, rho: float, measured_thrust: float, thrust_there: float, slopes: Array,
     P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array, mean: Array,
@@ -174,9 +174,9 @@ def simulate(
     W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
-    thrust = pull_of(thrust, commands, E)
+    thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[first])
-    whole, part = late_by(E, dt)
+    whole, part = split_delay_ticks(E, dt)
     late = whole + part
     shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
     heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
@@ -213,7 +213,8 @@ def simulate(
             if part > 0.0:
                 share = 1.0 - part
                 there = gusts[k] + share * (gusts[k + 1] - gusts[k]) if gusts.shape[0] > 0 else still
-                glimpse(x, actuators, end, commands, k, dt, sub_steps, share, still, gust, there, rho[k], middle,
+                read_within_tick(x, actuators, end, commands, k, dt, sub_steps, share, still, gust, there, rho[k],
+                        middle,
                         thrust[k] + share * (thrust[k + 1] - thrust[k]), slopes, P, E, C, F, K, T, W, scratch, mean,
                         rate, past_sensor, shown[k + 1 - start])  # fmt: skip
             tick(x, actuators, commands, k, dt, sub_steps, still, gust, rho[k], middle, slopes, P, E, C, F, K, T, W,
@@ -254,7 +255,7 @@ def evaluate_path(
     """
     actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
     W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
-    thrust = pull_of(thrust, commands, E)
+    thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[0])
     start_actuators(commands[0], actuators)
     surfaces_at_rest(commands[0], E, end)

@@ -18,7 +18,7 @@ from sysid.arrays import Array
 from sysid.compatibility.ekf import OUTPUTS, PARAMETERS
 from sysid.compatibility.ekf_part import IMU, OutputFit, Part, open_loop_agreement, part_states, prepare_part
 from sysid.compatibility.gauss_newton import Mask, Setting, Solution, apply, run_pass, step
-from sysid.compatibility.selection import LIMITS, Refusal, least_believed, select
+from sysid.compatibility.selection import LIMITS, Refusal, most_implausible, select
 from sysid.errors import EstimationError
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData
@@ -118,7 +118,7 @@ def compatibility(
         kept, theta = again, np.where(_mask(again), theta, setting.mean)
         theta, setting, covariance, converged = _estimate(prepared, theta, replace(setting, free=_mask(kept)))
     refused += unknowable + late
-    while (wrong := least_believed(kept, theta[_mask(kept)].tolist())) is not None and setting.gust_sigma > _CALM:
+    while (wrong := most_implausible(kept, theta[_mask(kept)].tolist())) is not None and setting.gust_sigma > _CALM:
         # In calm air readings that agree are right however odd their sensor; in rough air the fit may have run away.
         # What such errors did to the trajectory and the noise goes with them.
         refused.append(wrong)

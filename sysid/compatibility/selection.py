@@ -70,7 +70,7 @@ LIMITS = {
 _BEYOND, _LEAST_GAIN, _LARGEST_GAIN = 15.0, 0.25, 4.0
 
 
-def least_believed(names: Sequence[str], values: Sequence[float]) -> Refusal | None:
+def most_implausible(names: Sequence[str], values: Sequence[float]) -> Refusal | None:
     """The sensor error that no sensor has, the worst first; None where all of them may be so.
 
     names: of LIMITS. values: what the readings ask for, in the unit of the limit. A wind may be any.

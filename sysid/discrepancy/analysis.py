@@ -34,7 +34,14 @@ from sysid.discrepancy.baseline import (
     without_bench,
 )
 from sysid.discrepancy.candidate_fits import fitted
-from sysid.discrepancy.forward_selection import Search, drop_replaced, drop_unborne, extend, settle, sharpen
+from sysid.discrepancy.forward_selection import (
+    Search,
+    eliminate_insignificant,
+    eliminate_redundant,
+    extend,
+    refit_jointly,
+    update_estimate,
+)
 from sysid.discrepancy.gap import fixed_model, stage_gaps, widening
 from sysid.discrepancy.gap_series import gap_series
 from sysid.discrepancy.identified_effect import effect_json, reason
@@ -62,7 +69,7 @@ _CHANCE = 1e-4
 # What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
 _WIDER = 1.1
 # Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
-# (sysid.discrepancy.forward_selection.sharpen), and what those are multiplied with before coefficients are called
+# (sysid.discrepancy.forward_selection.refit_jointly), and what those are multiplied with before coefficients are called
 # wrong.
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
 
@@ -161,12 +168,12 @@ def _searched(used: Flights, base: Baseline) -> Search:
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)
-    drop_replaced(search)
+    eliminate_redundant(search)
     if search.named and _is_rough(search.result):
         used.progress(0.72, "standard errors in turbulence")
         if not search.result.together:
-            sharpen(search)
-        drop_unborne(search)
+            refit_jointly(search)
+        eliminate_insignificant(search)
         if not search.named:
             return replace(_without(base), dropped=search.dropped)
     return search
@@ -183,7 +190,7 @@ def _with_bench(used: Flights, search: Search) -> None:
         result = flight.solve(known.values(), known.turbulence, known=known)
         if not is_beyond_bench(result, problem):
             search.problem = problem
-            settle(search, result)
+            update_estimate(search, result)
 
 
 def _is_rough(result: FilterErrorResult) -> bool:

@@ -74,11 +74,11 @@ class Finalist:
 
         A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
         """
-        borne = walds(self.candidate, self.result)
+        borne = wald_statistic(self.candidate, self.result)
         return self.gain if borne is None else min(self.gain, _BORNE_OUT * borne)
 
 
-def walds(candidate: Candidate, result: FilterErrorResult) -> float | None:
+def wald_statistic(candidate: Candidate, result: FilterErrorResult) -> float | None:
     """Wald's statistic of a candidate's sizes (chi-squared, one degree each), None where not every one is a size.
 
     A limit has no size that vanishes, and what goes in steps has no slope.
@@ -115,7 +115,7 @@ def is_gusty(result: FilterErrorResult) -> bool:
     return max(result.turbulence.horizontal, result.turbulence.vertical) > _LEAST_GUSTS
 
 
-def tried(problem: Problem, base: Setting, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
+def fit_short(problem: Problem, base: Setting, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
     """A candidate added, noise and turbulence as they were without it; None where it can be fitted from nowhere."""
     best: FilterErrorResult | None = None
     for share in _SHARES:
@@ -176,8 +176,8 @@ def _likelier(one: FilterErrorResult | None, other: FilterErrorResult | None) ->
     return min((found for found in (one, other) if found is not None), key=lambda found: found.cost, default=None)
 
 
-def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:
-    """Those that have come furthest, the first brought to its end. fits: of `tried`, the likeliest first.
+def rank(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:
+    """Those that have come furthest, the first brought to its end. fits: of `fit_short`, the likeliest first.
 
     Where little is missing in calm air, the noise without it is right for all, and who is near the first stays. Else
     noise and turbulence hold what is missing, and the first few are judged with their own.
@@ -187,7 +187,7 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
         kept = [i for i, gain in enumerate(gains) if gain > gains[0] - 2.0 * _CLOSE]
         if is_gusty(base.result):
             return _by_own_gusts(problem, base, [fits[i] for i in kept[:_FINALISTS]])
-        ended = [finished(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
+        ended = [fit_full(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
         return [Finalist(fits[i][0], found, gains[i]) for i, found in zip(kept, ended, strict=True)]
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
     found = [(fits[i][0], _finished_from_both(problem, base, *fits[i])) for i in near]
@@ -196,7 +196,7 @@ def finalists(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, F
         # Gusts far above those that are there are a hill of their own.
         without = (base.model, base.coefficients, base.effects)
         best = min((one for _, one in found), key=lambda one: one.cost)
-        least = min(least, _levelled(problem, without, base.result, best, None).cost)
+        least = min(least, _refit_noise(problem, without, base.result, best, None).cost)
     return [Finalist(candidate, one, 2.0 * (least - one.cost)) for candidate, one in found]
 
 
@@ -207,7 +207,7 @@ def _finished_from_both(
 
     The base's own parameters stand for what is missing as well as they can, and can be on the far side of a hill.
     """
-    best = finished(problem, base, candidate, rough)
+    best = fit_full(problem, base, candidate, rough)
     if not base.given or not _is_bound(candidate, best):
         return best
     values = rough.values()
@@ -223,7 +223,7 @@ def _finished_from_both(
         other = _likelier(other, _trial(problem, base, candidate, start, _TRIAL_STEPS, base.given))
     if other is None or other.cost > base.result.cost:
         return best
-    return min(best, finished(problem, base, candidate, other), key=lambda one: one.cost)
+    return min(best, fit_full(problem, base, candidate, other), key=lambda one: one.cost)
 
 
 def _is_bound(candidate: Candidate, result: FilterErrorResult) -> bool:
@@ -244,9 +244,9 @@ def _by_own_gusts(
     Gusts of a model that lacks something hold some of that: judged by them it weighs too little. All noise is estimated
     from the same flight in the same way, else a candidate gains what the estimate of the noise does.
     """
-    found = [_levelled(problem, _extended(base, *fit), fit[1]) for fit in fits]
+    found = [_refit_noise(problem, _extended(base, *fit), fit[1]) for fit in fits]
     without = (base.model, base.coefficients, base.effects)
-    least = min(_levelled(problem, without, base.result, start).cost for start in (base.result, found[0]))
+    least = min(_refit_noise(problem, without, base.result, start).cost for start in (base.result, found[0]))
     return [Finalist(candidate, one, 2.0 * (least - one.cost)) for (candidate, _), one in zip(fits, found, strict=True)]
 
 
@@ -260,7 +260,7 @@ def _extended(base: Setting, candidate: Candidate, result: FilterErrorResult) ->
     return model, *_free(base, candidate)
 
 
-def _levelled(
+def _refit_noise(
     problem: Problem, built: _Built, result: FilterErrorResult, start: FilterErrorResult | None = None,
     search_s: float | None = SEARCH_S,
 ) -> FilterErrorResult:  # fmt: skip
@@ -273,7 +273,7 @@ def _levelled(
     return result
 
 
-def finished(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
+def fit_full(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
     """The fit with noise and turbulence of its own; as it was where that leads nowhere.
 
     Gusts that stood for what was missing can hold a fit that changes them by turns with the rest far short of its best:
@@ -281,7 +281,7 @@ def finished(problem: Problem, base: Setting, candidate: Candidate, rough: Filte
     """
     best, together = rough, False
     for _ in range(_ROUNDS):
-        found = _again(problem, base, candidate, best, together)
+        found = _refit(problem, base, candidate, best, together)
         gained = best.cost - found.cost if found is not None else 0.0
         best = found if found is not None and gained > 0.0 else best
         if gained > _LITTLE and found is not None and (together or not found.converged):
@@ -292,7 +292,7 @@ def finished(problem: Problem, base: Setting, candidate: Candidate, rough: Filte
     return best
 
 
-def _again(
+def _refit(
     problem: Problem, base: Setting, candidate: Candidate, near: FilterErrorResult, together: bool
 ) -> FilterErrorResult | None:
     """A candidate's fit taken on from where it is, noise and turbulence too; None where the flight is lost."""

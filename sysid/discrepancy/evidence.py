@@ -12,7 +12,7 @@ from scipy import special
 FALSE_ALARM = 1e-3
 # An effect is named from five standard errors on (the chance of that, one parameter): the size from which a flight is
 # said to tell it at all.
-STANDS_OUT = float(special.chdtrc(1, 5.0**2))
+NAMING_P_VALUE = float(special.chdtrc(1, 5.0**2))
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def is_unlikely(weight: Weight, candidates: int) -> bool:
 
 def is_significant(weight: Weight, candidates: int) -> bool:
     """Whether a gain is enough for a name: unlikely by chance, and as far out as five standard errors."""
-    return weight.p_value < STANDS_OUT and is_unlikely(weight, candidates)
+    return weight.p_value < NAMING_P_VALUE and is_unlikely(weight, candidates)
 
 
 def smallest_set(probabilities: Sequence[tuple[str, float]], share: float = 0.95) -> list[tuple[str, float]]:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.candidate_fits import Setting, finalists, tried, walds
+from sysid.discrepancy.candidate_fits import Setting, fit_short, rank, wald_statistic
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
 from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
-from sysid.discrepancy.identified_effect import Named, imprecise, nearly
+from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
 from sysid.discrepancy.score_test import filter_gains
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
@@ -55,11 +55,11 @@ class Search:
     @property
     def imprecise(self) -> float:
         """Gain (twice the log likelihood) that lags named so far may leave to others."""
-        return imprecise(self.named)
+        return unmodelled_memory_gain(self.named)
 
     def imprecise_without(self, left_out: Named) -> float:
         """The same of all the others."""
-        return imprecise([one for one in self.named if one is not left_out])
+        return unmodelled_memory_gain([one for one in self.named if one is not left_out])
 
 
 def extend(search: Search, progress: Progress) -> bool:
@@ -73,13 +73,13 @@ def extend(search: Search, progress: Progress) -> bool:
     fits: list[tuple[Candidate, FilterErrorResult]] = []
     for position, (candidate, start) in enumerate(worth):
         progress((position + 1.0) / (len(worth) + 2.0), f"trying {candidate.effect.name}")
-        begun = tried(problem, base, candidate, start)
+        begun = fit_short(problem, base, candidate, start)
         if begun is not None and _is_possible(problem, candidate, begun):
             fits.append((candidate, begun))
     if not fits:
         return False
     progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
-    found = finalists(problem, base, sorted(fits, key=lambda item: item[1].cost))
+    found = rank(problem, base, sorted(fits, key=lambda item: item[1].cost))
     found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
     if not found:
         return False
@@ -119,7 +119,7 @@ class _Without:
     gain: float
 
 
-def drop_replaced(search: Search) -> None:
+def eliminate_redundant(search: Search) -> None:
     """Take out, one by one, the effect that costs least where it is not needed beside the others.
 
     One effect alone can stand for two others together until both are there: lag and misplacement of a vane look like a
@@ -180,14 +180,14 @@ def _leave_out(search: Search, one: Named, without: _Without, why: str) -> None:
     ]
     search.coefficients, search.effects, search.model = without.coefficients, without.effects, without.model
     search.dropped.append(f"{one.effect}: named for a while, {why}")
-    settle(search, without.result)
+    update_estimate(search, without.result)
 
 
 def _cost(result: FilterErrorResult) -> float:
     return result.cost
 
 
-def sharpen(search: Search) -> None:
+def refit_jointly(search: Search) -> None:
     """Estimate once more where turbulence is, noise and turbulence together with everything else.
 
     Gains that are held fixed make standard errors of sideslip's derivatives up to three times too small
@@ -195,18 +195,18 @@ def sharpen(search: Search) -> None:
     """
     flight = build_filter(search.problem, search.model, search.coefficients, search.effects)
     with suppress(EstimationError):
-        settle(search, flight.solve(search.result.values(), search.result.turbulence))
+        update_estimate(search, flight.solve(search.result.values(), search.result.turbulence))
 
 
-def drop_unborne(search: Search) -> None:
+def eliminate_insignificant(search: Search) -> None:
     """Take out, one by one, the effect whose sizes are least beyond what chance gives, by the standard errors of
-    `sharpen` (Wald's test).
+    `refit_jointly` (Wald's test).
 
     With the gusts held fixed the likelihood gains where it only trades one noise for another; coefficients and gusts
     then explain the flight. Where nothing was sharpened, or a parameter is no size, the likelihood must be enough.
     """
     while search.named and search.result.together:
-        borne = [(one, walds(one.candidate, search.result)) for one in search.named]
+        borne = [(one, wald_statistic(one.candidate, search.result)) for one in search.named]
         doubtful = [
             (statistic, one)
             for one, statistic in borne
@@ -219,10 +219,10 @@ def drop_unborne(search: Search) -> None:
         if without is None:
             return
         _leave_out(search, one, without, "but its size is within its standard error")
-        sharpen(search)
+        refit_jointly(search)
 
 
-def settle(search: Search, result: FilterErrorResult) -> None:
+def update_estimate(search: Search, result: FilterErrorResult) -> None:
     """Take another estimate of the same model."""
     search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
     search.result = result

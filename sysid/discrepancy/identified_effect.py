@@ -43,7 +43,7 @@ class Named:
         return self.candidate.effect.name in (*LAGGING, *_PLAY)
 
 
-def imprecise(named: Sequence[Named]) -> float:
+def unmodelled_memory_gain(named: Sequence[Named]) -> float:
     """Gain (twice the log likelihood) that memories known only nearly may leave to others.
 
     It is of what each came in with: beside others that explain the rest of the flight, noise is so small that a memory

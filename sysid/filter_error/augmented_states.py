@@ -16,7 +16,7 @@ import numpy as np
 from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import is_late
-from sim_vehicle.physics.simulation import late_by
+from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array, IntArray
 from sysid.signals.record import OUTPUT_PLACES, OUTPUTS, Record
@@ -60,7 +60,7 @@ class Memory:
 def lags(effects: Array, interval_s: float) -> list[Lag]:
     """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
     found: dict[int, Lag] = {}
-    _, part = late_by(effects, interval_s)
+    _, part = split_delay_ticks(effects, interval_s)
     for column, place in enumerate(OUTPUT_PLACES):
         if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
             found[column] = Lag(column, 0.0, part, 1.0 - part)
@@ -130,7 +130,7 @@ class System:
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HiddenInput:
     """Something that nothing measures alone and that acts on steps and readings: a state of its own.
 
     column: of the Jacobian of forces that it acts through, weight: (N,) how much. decay: over a sample; fresh: variance
@@ -144,7 +144,7 @@ class Unseen:
     start: float
 
 
-def unseen(record: Record, flat: FlatModel) -> list[Unseen]:
+def unseen(record: Record, flat: FlatModel) -> list[HiddenInput]:
     """What acts on a record unseen.
 
     Noise that is left in a measured thrust: a propeller's torque rolls the aircraft by it, and gyros tell that better
@@ -155,16 +155,16 @@ def unseen(record: Record, flat: FlatModel) -> list[Unseen]:
     noise = record.thrust_noise
     if noise.sigma > 0.0 and np.isfinite(record.thrust[record.start]):
         decay, variance = exp(-record.interval_s / noise.memory_s), noise.sigma**2
-        found.append(Unseen(THRUST_COLUMN, np.ones(record.length), decay, (1.0 - decay**2) * variance, variance))
+        found.append(HiddenInput(THRUST_COLUMN, np.ones(record.length), decay, (1.0 - decay**2) * variance, variance))
     if flat.E[_SLOW] != 0.0 and np.isfinite(record.z[:, _ALPHA]).any() and "CL_alpha" in flat.names:
         slope = float(flat.C[flat.names.index("CL_alpha")])
         start = (_START_SHARE * _travel(record.z[:, _ALPHA])) ** 2
         decay = exp(-record.interval_s / float(flat.E[_SLOW_TAU]))
-        found.append(Unseen(STATE_COLUMNS, np.full(record.length, slope), decay, 0.0, start))
+        found.append(HiddenInput(STATE_COLUMNS, np.full(record.length, slope), decay, 0.0, start))
     return found
 
 
-def with_unseen(system: System, one: Unseen, step: Array, read: Array) -> System:
+def with_unseen(system: System, one: HiddenInput, step: Array, read: Array) -> System:
     """The system with a state more for something unseen. step: (N - 1, states), read: (N, m) slopes by it."""
     nx = system.drift.shape[1]
     transition = np.zeros((system.drift.shape[0], nx + 1, nx + 1))

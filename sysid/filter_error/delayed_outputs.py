@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import is_late
-from sim_vehicle.physics.simulation import late_by
+from sim_vehicle.physics.simulation import split_delay_ticks
 from sysid.arrays import Array, IntArray
 from sysid.numerics.fractional_delay import read_later
 from sysid.signals.record import OUTPUT_PLACES, Record, angle_wrap
@@ -27,18 +27,18 @@ def _is_late(effects: Array) -> BoolArray:
     return np.array([effects[_SKEW] != 0.0 and is_late(int(place), group) for place in OUTPUT_PLACES])
 
 
-def with_late(y: Array, shown: Array, effects: Array) -> Array:
+def select_delayed(y: Array, shown: Array, effects: Array) -> Array:
     """(N, 15) what is read, of sensors that come late by a part of a sample what was there so much before."""
     return np.where(_is_late(effects), shown, y) if shown.size else y
 
 
-def come_later(y: Array, effects: Array, whole: int) -> Array:
+def delay_prediction(y: Array, effects: Array, whole: int) -> Array:
     """(N, 15) what is read, of a late group's sensors `whole` samples later; what was there at first until then."""
     past = np.concatenate((np.repeat(y[:1], whole, axis=0), y))[: y.shape[0]]
     return np.where(_is_late(effects), past, y)
 
 
-def come_late(record: Record, effects: Array, whole: int) -> Array:
+def delay_measurements(record: Record, effects: Array, whole: int) -> Array:
     """(N, 15) what readings of a group that come `whole` samples late would be more if they came in time.
 
     The filter knows the motion by its sensors: those that come late are read ahead, so that its state is never theirs.
@@ -49,14 +49,14 @@ def come_late(record: Record, effects: Array, whole: int) -> Array:
     return np.asarray(angle_wrap(np.where(_is_late(effects) & np.isfinite(more), more, 0.0)))
 
 
-def unread(record: Record, effects: Array) -> BoolArray:
+def beyond_end(record: Record, effects: Array) -> BoolArray:
     """(N, 15) whether a reading, of those that there are, comes so late that what should be read is past the end."""
-    whole, _ = late_by(effects, record.interval_s)
+    whole, _ = split_delay_ticks(effects, record.interval_s)
     late = (np.arange(record.length) >= record.length - whole)[:, None] & _is_late(effects)
     return np.asarray(late & np.isfinite(record.z))
 
 
-def missed(innovations: Array, variances: Array, unread: IntArray) -> float:
+def missing_likelihood(innovations: Array, variances: Array, unread: IntArray) -> float:
     """Log likelihood of readings that come after a record's end, as much as the others' mean.
 
     Else a delay would gain or lose by how many readings there are. innovations, variances: (N, m), NaN where nothing is

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_vehicle.model.model_file import Model
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.compatibility.selection import Refusal, least_believed, select
+from sysid.compatibility.selection import Refusal, most_implausible, select
 from sysid.filter_error.estimator import FilterError, FilterErrorResult
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.delay_parameters import COMMAND_DELAY
@@ -56,7 +56,7 @@ def estimate_in_turbulence(
         )
 
     def believed(given: Problem, found: FilterErrorResult) -> tuple[Problem, FilterErrorResult]:
-        while (wrong := least_believed(list(given.sensors), [found.value(n) for n in given.sensors])) is not None:
+        while (wrong := most_implausible(list(given.sensors), [found.value(n) for n in given.sensors])) is not None:
             refused.append(wrong)
             given = replace(given, sensors={n: start for n, start in given.sensors.items() if n != wrong.name})
             found = solved(given, found.values(), found)

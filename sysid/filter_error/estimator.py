@@ -16,9 +16,9 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.filter_error.initial_noise import followed, follows, settled_path
-from sysid.filter_error.joint_score import Place, Scored, joint_scores
+from sysid.filter_error.joint_score import ScoredPoint, TrialPoint, joint_scores
 from sysid.filter_error.linearised_flight import FilteredFlight, Linear, Pass
-from sysid.filter_error.noise_scoring import FAINT, SEARCH_S, Surroundings, likeliest_noise, surroundings
+from sysid.filter_error.noise_scoring import FAINT, SEARCH_S, NoiseParameters, likeliest_noise, surroundings
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import damped_step, hold, require_numbers
@@ -238,7 +238,9 @@ class FilterError(FilteredFlight):
         noise, turbulence = known.values(best.eta, turbulence)
         return self._result(best, noise, turbulence, iteration, converged)
 
-    def _climbed(self, best: Scored, known: Surroundings, turbulence: Turbulence, share: float) -> Place | None:
+    def _climbed(
+        self, best: ScoredPoint, known: NoiseParameters, turbulence: Turbulence, share: float
+    ) -> TrialPoint | None:
         """A `share` of the way to where the scores vanish by the slopes of `best`; None where it is no way any more.
 
         The likelihood has a narrow, bent ridge: a step along it leaves it, and the next ones come back.
@@ -248,7 +250,7 @@ class FilterError(FilteredFlight):
         whole[: std.size] = self._within(best.theta, whole[: std.size])
         if np.max(np.abs(whole[: std.size]) / std) < _SETTLED:
             return None
-        here: Place = best
+        here: TrialPoint = best
         step = share * whole
         for _ in range(_CHORDS):
             theta = np.clip(here.theta + step[: std.size], self.low, self.high)
@@ -267,7 +269,7 @@ class FilterError(FilteredFlight):
         outward = ((theta <= self.low) & (step < 0.0)) | ((theta >= self.high) & (step > 0.0))
         return np.where(outward, 0.0, step)
 
-    def _placed(self, theta: Array, eta: Array, known: Surroundings, turbulence: Turbulence) -> Place:
+    def _placed(self, theta: Array, eta: Array, known: NoiseParameters, turbulence: Turbulence) -> TrialPoint:
         """The filter at parameters theta and surroundings eta, on the path that it takes itself."""
         noise, here = known.values(eta, turbulence)
         for _ in range(2):
@@ -276,9 +278,9 @@ class FilterError(FilteredFlight):
         linear = self.all_linearised(theta, slopes=False)
         found = self.filtered(linear, noise, here, wanted=False)
         cost = self._cost(found, theta) + known.cost(eta)
-        return Place(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
+        return TrialPoint(theta, eta, self.paths, found, cost if np.isfinite(cost) else np.inf)
 
-    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> Scored:
+    def _scored(self, theta: Array, eta: Array, covariance: Array, turbulence: Turbulence) -> ScoredPoint:
         """The whole likelihood about there, covariance (P, P) saying how far is near."""
         known = surroundings(self)
         here = self._placed(theta, eta, known, turbulence)
@@ -295,7 +297,9 @@ class FilterError(FilteredFlight):
         require_numbers(self.records[0].flight, information)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
         inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13, hermitian=True)
-        return Scored(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale))
+        return ScoredPoint(
+            theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale)
+        )
 
     def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
         """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
@@ -338,7 +342,7 @@ class FilterError(FilteredFlight):
         return cost
 
     def _result(
-        self, best: Scored, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
+        self, best: ScoredPoint, noise: Array, turbulence: Turbulence, iteration: int, converged: bool
     ) -> FilterErrorResult:
         p = best.theta.size
         sigma = np.full(len(OUTPUTS), np.nan)

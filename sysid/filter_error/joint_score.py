@@ -54,7 +54,7 @@ class Scores:
 
 
 @dataclass(frozen=True)
-class Place:
+class TrialPoint:
     """Parameters theta (P,), surroundings eta, the filter's own paths there, its pass over them.
 
     cost: negative log likelihood and prior.
@@ -68,7 +68,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Scored(Place):
+class ScoredPoint(TrialPoint):
     """A place with its scores, the prior's information (n, n) and mean (n,), and the covariance (n, n) of both."""
 
     scores: Scores
@@ -76,7 +76,7 @@ class Scored(Place):
     middle: Array
     covariance: Array
 
-    def step(self, there: Place) -> Array:
+    def step(self, there: TrialPoint) -> Array:
         """Scoring step (n,) from another place, with the slopes of this one."""
         away = np.concatenate((there.theta, there.eta)) - self.middle
         return np.asarray(self.covariance @ (self.scores.gradient(there.found) - self.prior @ away))

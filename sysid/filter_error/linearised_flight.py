@@ -13,11 +13,26 @@ from typing import Any, Self
 import numpy as np
 
 from sim_vehicle.effects import slot
-from sim_vehicle.physics.simulation import effects_flown, late_by, pull_of
+from sim_vehicle.physics.simulation import effects_flown, split_delay_ticks, undo_hysteresis
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array, IntArray
-from sysid.filter_error.augmented_states import Memory, System, Unseen, lags, remember, unseen, with_memory, with_unseen
-from sysid.filter_error.delayed_outputs import come_late, come_later, missed, unread, with_late
+from sysid.filter_error.augmented_states import (
+    HiddenInput,
+    Memory,
+    System,
+    lags,
+    remember,
+    unseen,
+    with_memory,
+    with_unseen,
+)
+from sysid.filter_error.delayed_outputs import (
+    beyond_end,
+    delay_measurements,
+    delay_prediction,
+    missing_likelihood,
+    select_delayed,
+)
 from sysid.filter_error.jacobians import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.filter_error.kalman import kalman_pass
 from sysid.filter_error.motor_on_cell import at_the_centre, misreads
@@ -59,7 +74,7 @@ class Linear:
     left: Array  # (N, m) of the used outputs
     read_x: Array  # (N, m, nf + na)
     read_theta: Array  # (N, m, P)
-    unseen: tuple[Unseen, ...]  # L of them
+    unseen: tuple[HiddenInput, ...]  # L of them
     step_unseen: Array  # (N - 1, nf, L)
     read_unseen: Array  # (N, m, L)
     memory: Memory | None  # of sensors that lag
@@ -129,7 +144,7 @@ class FilteredFlight:
         thrust = self._thrust(k, errors)
         over, seen = self._surfaces(k, flat)
         ahead, y = self._predicted(k, flat, thrust, over, seen)
-        never = unread(record, flat.E)
+        never = beyond_end(record, flat.E)
         gains = error_gains(errors)
         predicted = with_placed_errors(y, errors)
         hidden = unseen(record, flat)
@@ -190,7 +205,7 @@ class FilteredFlight:
         )
 
     def _direct(
-        self, flat: FlatModel, record: Record, slopes: bool, hidden: Sequence[Unseen]
+        self, flat: FlatModel, record: Record, slopes: bool, hidden: Sequence[HiddenInput]
     ) -> tuple[list[int], IntArray, IntArray, Array]:
         """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights.
 
@@ -244,14 +259,14 @@ class FilteredFlight:
     def _predicted(
         self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
-        """One step ahead and what is read. read_ahead: see `come_late`; else readings that come late are expected so,
-        which keeps their noise out of what is compared with them.
+        """One step ahead and what is read. read_ahead: see `delay_measurements`; else readings that come late are
+        expected so, which keeps their noise out of what is compared with them.
         """
         record, path = self.records[k], self.paths[k]
         lagging, effects = bool(np.any(flat.E[_LAGGING])), self._effects(flat, record)
-        whole, part = late_by(effects, record.interval_s)
+        whole, part = split_delay_ticks(effects, record.interval_s)
         others = with_other_inputs(record.commands, record, effects)[record.start :]
-        thrust = pull_of(thrust, others, effects)
+        thrust = undo_hysteresis(thrust, others, effects)
 
         def along(
             before: Array, gust_before: Array, pull: Array, parameters: Array = flat.P, there: Array = effects
@@ -261,18 +276,18 @@ class FilteredFlight:
                 record.rho[record.start :], _heights(record, effects), record.interval_s, bool(record.held.size),
                 lagging, part, parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
             )  # fmt: skip
-            return ahead, with_late(y, shown, there)
+            return ahead, select_delayed(y, shown, there)
 
         if record.moving_mass > 0.0 and misreads(flat.P, effects):
             # The pull was put together with what the accelerometer read, not with what the motor felt.
             read = along(path.after, path.gust_after, thrust)[1]
-            read = come_later(read, effects, whole)
+            read = delay_prediction(read, effects, whole)
             felt = along(path.after, path.gust_after, thrust, *at_the_centre(flat.P, effects))[1]
             thrust = thrust - record.moving_mass * (read - felt)[:, _AX]
         ahead, y = along(path.before, path.gust_before, thrust)
         if read_ahead:
-            return ahead, y - come_late(record, effects, whole)
-        return ahead, come_later(y, effects, whole)
+            return ahead, y - delay_measurements(record, effects, whole)
+        return ahead, delay_prediction(y, effects, whole)
 
     def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
         """The linear system of a record in these gusts."""
@@ -328,7 +343,7 @@ class FilteredFlight:
             )  # fmt: skip
 
         for one, (output, passed) in zip(linear, side_by_side(of_record, range(len(linear))), strict=True):
-            likelihood += passed[0] + missed(passed[3], passed[4], one.unread)
+            likelihood += passed[0] + missing_likelihood(passed[3], passed[4], one.unread)
             total.information[:] += passed[1]
             total.gradient[:] += passed[2]
             total.innovations.append(passed[3])

@@ -24,7 +24,7 @@ _ENOUGH, _LITTLE = 0.05, 0.003
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class NoiseParameters:
     """Logarithms eta of m noise variances and of the turbulence's numbers `names`, with what is known of them.
 
     middle, weight: mean and information of a Gaussian prior. low, high: bounds.
@@ -51,12 +51,12 @@ class Surroundings:
         return 0.5 * float(np.sum(self.weight * (eta - self.middle) ** 2))
 
 
-def surroundings(flight: FilteredFlight) -> Surroundings:
+def surroundings(flight: FilteredFlight) -> NoiseParameters:
     """What is known before: noise as high frequencies show it, a scale length of gusts to a factor of three."""
     axes = set(np.concatenate(flight.axes).tolist())
     names = (*(("horizontal",) if axes & {0, 1} else ()), *(("vertical",) if 2 in axes else ()), "length")
     log_noise, rough = np.log(flight.noise), len(names) - 1
-    return Surroundings(
+    return NoiseParameters(
         names,
         np.concatenate((log_noise, np.zeros(rough), [np.log(DEFAULT_LENGTH_M)])),
         np.concatenate((np.full(log_noise.size, 1.0 / 9.0), np.full(rough, 1e-4), [1.0])),
@@ -120,7 +120,7 @@ def _curved(curvature: Array, step: Array, bent: Array) -> Array:
 
 
 def _gradient(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
+    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
 ) -> tuple[float, Array]:
     """Log likelihood and gradient of the logarithms of noise variances and turbulence."""
     likelihood, gradient = 0.0, np.zeros(eta.size)
@@ -131,7 +131,7 @@ def _gradient(
 
 
 def _scores(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
+    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
 ) -> tuple[float, Array, Array]:
     """Log likelihood, gradient and information of the logarithms of noise variances and turbulence."""
     likelihood, gradient, information = 0.0, np.zeros(eta.size), np.zeros((eta.size, eta.size))
@@ -142,7 +142,7 @@ def _scores(
 
 
 def _arguments(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: Surroundings, turbulence: Turbulence
+    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
 ) -> Iterator[tuple[Array, ...]]:
     """What the passes of `sysid.filter_error.kalman` take, record by record."""
     noise, here = known.values(eta, turbulence)

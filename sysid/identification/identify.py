@@ -16,7 +16,14 @@ from sysid.identification.equation_error import EquationEstimate, estimate_by_eq
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.method_choice import MaximumLikelihood, maximum_likelihood
 from sysid.identification.method_choice import systematic as systematic_effects
-from sysid.identification.result_model import equation_model, linear_model, once, quiet, validity_of, with_extra
+from sysid.identification.result_model import (
+    equation_model,
+    linear_model,
+    refuse_unexcited,
+    unique_refusals,
+    validity_of,
+    with_extra,
+)
 from sysid.numerics.parallel import begun
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
@@ -124,7 +131,7 @@ def identify(
     compatible = posed.compatible
     return Identification(
         tuple(found.prepared), compatible, found.model, found.errors,
-        once((*found.refused, *compatible.refused), found.errors), validation,
+        unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in validate_on), found.likeliest, found.equations,
         linear_model(vehicle, found.model, found.prepared, compatible, found.likeliest),
         tuple(dict.fromkeys(warnings)), found.check, compared,
@@ -210,7 +217,7 @@ def _pose(
         late_start = start_model(tried, vehicle, compatible, structure, problem.motion, prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
     carried = () if problem.known is None else problem.known.names
-    refused = quiet([name for name in structure.coefficients if name not in carried], names, list(dead))
+    refused = refuse_unexcited([name for name in structure.coefficients if name not in carried], names, list(dead))
     return _Posed(vehicle, prepared, check, compatible, problem, start, late_start, names, refused, warnings, dead)
 
 

@@ -19,7 +19,7 @@ from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
 from sysid.signals.preparation import Prepared
 
 
-def once(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
+def unique_refusals(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
     """Every refusal once, and none of what another method could tell after all."""
     return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in told}.values())[::-1]
 
@@ -62,7 +62,7 @@ def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]])
     return replace(model, coefficients=entries, effects=effects)
 
 
-def quiet(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:
+def refuse_unexcited(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:
     """Refusals of what no surface excited, or one that was not recorded (`dead`, of de, da, dr)."""
     lost: dict[str, list[str]] = {}
     for surface in dead:

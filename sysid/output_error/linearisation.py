@@ -19,7 +19,7 @@ from sysid.signals.record import OUTPUTS
 
 
 @dataclass(frozen=True)
-class Others:
+class NuisanceUnknowns:
     """What further unknowns, 0 with standard deviation 1, add to one record's residuals or take from them.
 
     added: (N, 15, K), numbers everywhere. which: (K,) numbers of these unknowns among all such.
@@ -112,15 +112,17 @@ class Linearised:
         require_numbers(record.flight, added)
         return added
 
-    def others(self, added: Sequence[Mapping[int, Array]]) -> list[Others]:
+    def others(self, added: Sequence[Mapping[int, Array]]) -> list[NuisanceUnknowns]:
         """What further unknowns do to each record; added: of each, record -> (N, 15) for those that it acts on."""
         found = []
         for k in range(len(self.problem.records)):
             which = [number for number, one in enumerate(added) if k in one]
-            found.append(Others(self._added(k, [added[number][k] for number in which]), np.array(which, np.int64)))
+            found.append(
+                NuisanceUnknowns(self._added(k, [added[number][k] for number in which]), np.array(which, np.int64))
+            )
         return found
 
-    def beside(self, others: Sequence[Others]) -> tuple[Array, Array]:
+    def beside(self, others: Sequence[NuisanceUnknowns]) -> tuple[Array, Array]:
         """Information matrix and gradient of the unknowns and, behind them, of the `others` of every record."""
         information, downhill = self.normal
         n = information.shape[0]
@@ -129,7 +131,7 @@ class Linearised:
         joint[:n, :n] = information
         columns, sigma = self.estimation.columns, self.result.sigma
 
-        def of_record(s: Array, one: Others, nu: Array) -> tuple[Array, Array, Array]:
+        def of_record(s: Array, one: NuisanceUnknowns, nu: Array) -> tuple[Array, Array, Array]:
             return crossed(s, one.added, nu, columns, sigma), *gram(one.added, nu, columns, sigma)
 
         found = side_by_side(of_record, self.S, others, self.residuals)

@@ -21,7 +21,7 @@ from sysid.numerics.fractional_delay import read_later
 from sysid.numerics.normal_equations import inverse, single_gram, single_pulls
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.fit import fit, warmed
-from sysid.output_error.linearisation import Linearised, Others
+from sysid.output_error.linearisation import Linearised, NuisanceUnknowns
 from sysid.signal_check.fault import Mistake, delay_mistake
 from sysid.signal_check.fault_hypotheses import scale_hypothesis
 from sysid.signal_check.fault_search import (
@@ -113,7 +113,7 @@ class _Error:
         return Mistake(self.output, "scale", factor, self.std * factor**2, "1", sentence, (self.output,), usable)
 
 
-def told_by_motion(here: Linearised, others: Callable[[], Sequence[Others]]) -> tuple[Mistake, ...]:
+def told_by_motion(here: Linearised, others: Callable[[], Sequence[NuisanceUnknowns]]) -> tuple[Mistake, ...]:
     """The surest mistake of a single sensor, if any; others show better once the flight is estimated anew without it.
 
     here: an estimate in calm air. others: gives what the errors of calibrations and the noise of thrust and propeller
@@ -121,7 +121,7 @@ def told_by_motion(here: Linearised, others: Callable[[], Sequence[Others]]) -> 
     over a short one the noise of the thrust; neither is a mistake of another sensor.
     """
     found: list[Mistake] = []
-    known: Sequence[Others] | None = None
+    known: Sequence[NuisanceUnknowns] | None = None
     for _ in range(_MOST):
         alone = _alone(here)
         errors = [one for one in _errors(alone, known) if one.likely()]
@@ -139,7 +139,9 @@ def told_by_motion(here: Linearised, others: Callable[[], Sequence[Others]]) -> 
     return tuple(found[:1])
 
 
-def _settled(here: Linearised, error: _Error, others: Sequence[Others] | None) -> tuple[_Error, Linearised] | None:
+def _settled(
+    here: Linearised, error: _Error, others: Sequence[NuisanceUnknowns] | None
+) -> tuple[_Error, Linearised] | None:
     """An error after further steps with the flight corrected for it, and that flight's estimate; None if it fades."""
     problem, result = here.problem, here.result
     values = {p.name: float(v) for p, v in zip(result.parameters, result.theta, strict=False)}
@@ -216,7 +218,7 @@ def _alone(here: Linearised) -> _Alone:
     return _Alone(here, [part[0] for part in parts], across, np.asarray(own), np.asarray(downhill), inflation)
 
 
-def _errors(alone: _Alone, others: Sequence[Others] | None = None) -> list[_Error]:
+def _errors(alone: _Alone, others: Sequence[NuisanceUnknowns] | None = None) -> list[_Error]:
     """What one step from the estimate makes of every reading's scale and delay, each alone beside all unknowns.
 
     others: what else the residuals hold, of every record.
@@ -239,7 +241,7 @@ def _errors(alone: _Alone, others: Sequence[Others] | None = None) -> list[_Erro
     return found
 
 
-def _beside(alone: _Alone, others: Sequence[Others], count: int) -> Array:
+def _beside(alone: _Alone, others: Sequence[NuisanceUnknowns], count: int) -> Array:
     """(15, 2, count) information that readings' scales and delays share with the others."""
     here = alone.here
 

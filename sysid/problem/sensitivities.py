@@ -12,7 +12,7 @@ from sim_vehicle.derivatives.sensor_jacobian import READINGS
 from sim_vehicle.derivatives.tangent_simulation import simulate_tangents
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
-from sim_vehicle.physics.simulation import late_by
+from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array
 
@@ -53,7 +53,7 @@ def has_tangents(flat: FlatModel, interval_s: float) -> bool:
     """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
     come late by a part of a sample.
     """
-    _, part = late_by(flat.E, interval_s)
+    _, part = split_delay_ticks(flat.E, interval_s)
     return bool(flat.E[slot("unsteady_lift")] == 0.0 and flat.E[slot("ground_effect")] == 0.0 and part == 0.0)
 
 

@@ -115,32 +115,32 @@ def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
 
 
 @dataclass(frozen=True)
-class Misled:
+class BenchEffect:
     """A bench error with what it feigns, and what it adds to the residuals (N, 15) of each record."""
 
     error: BenchError
-    feigned: Feigned
+    feigned: ApparentChange
     added: list[Array]
 
 
-def misled(errors: Sequence[BenchError], here: Linearised) -> list[Misled]:
+def misled(errors: Sequence[BenchError], here: Linearised) -> list[BenchEffect]:
     """What each of the bench errors, of one standard deviation, does at an estimate."""
     return [_misled(error, here) for error in errors]
 
 
-def _misled(error: BenchError, here: Linearised) -> Misled:
+def _misled(error: BenchError, here: Linearised) -> BenchEffect:
     problem = here.problem
     changed = replace(problem, records=tuple(map(error.record, problem.records)))
-    false = feigned(changed, problem)
+    false = apparent_change(changed, problem)
     if not false.inputs_changed:
-        return Misled(error, false, [angle_wrap(change) for change in false.outputs])
+        return BenchEffect(error, false, [angle_wrap(change) for change in false.outputs])
     other = build(changed, here.model, here.coefficients, here.effects, here.result.sigma)
     after = other.residuals(other.predict(here.result.theta))
-    return Misled(error, false, [angle_wrap(new - old) for new, old in zip(after, here.residuals, strict=True)])
+    return BenchEffect(error, false, [angle_wrap(new - old) for new, old in zip(after, here.residuals, strict=True)])
 
 
 def carry(
-    every: Sequence[Misled], here: Linearised, result: OutputErrorResult
+    every: Sequence[BenchEffect], here: Linearised, result: OutputErrorResult
 ) -> tuple[OutputErrorResult, dict[str, dict[str, float]]]:
     """The result with the bench errors in its covariance, and what each of them contributes.
 
@@ -168,7 +168,7 @@ def carry(
 
 
 @dataclass(frozen=True)
-class Feigned:
+class ApparentChange:
     """What a bench error does: to each record's outputs, whether to its inputs, and to the sensor errors estimated."""
 
     outputs: list[Array]
@@ -176,7 +176,7 @@ class Feigned:
     sensors: dict[str, float]
 
 
-def feigned(changed: Problem, problem: Problem) -> Feigned:
+def apparent_change(changed: Problem, problem: Problem) -> ApparentChange:
     """What the difference of two sets of records feigns: `changed` after a bench error, `problem` as measured."""
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
@@ -196,7 +196,7 @@ def feigned(changed: Problem, problem: Problem) -> Feigned:
         design = np.column_stack([read if key.endswith("_scale") else np.ones(read.size) for key in free])
         absorbed = np.linalg.lstsq(design, change[good], rcond=None)[0]
         sensors |= dict(zip(free, absorbed.tolist(), strict=True))
-    return Feigned(outputs, inputs, sensors)
+    return ApparentChange(outputs, inputs, sensors)
 
 
 def _prior_pull(estimation: OutputError, problem: Problem, sensors: Mapping[str, float]) -> Array:
@@ -227,7 +227,7 @@ def carry_filtered(
     for error in errors:
         changed = replace(problem, records=tuple(map(error.record, problem.records)))
         step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
-        false = feigned(changed, problem).sensors
+        false = apparent_change(changed, problem).sensors
         for i, parameter in enumerate(result.parameters):
             step[i] -= false.get(parameter.name, 0.0)
             moved = shares[parameter.name].get(error.source, 0.0)

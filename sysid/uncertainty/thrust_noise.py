@@ -34,7 +34,7 @@ _AIRSPEED_EFFECTS = ("airspeed_error", "pitot_lag", "density_error")
 
 
 @dataclass(frozen=True)
-class Doubt:
+class InputError:
     """One error of the inputs of some records: record index -> its errors of thrust and throttle, (M,) each, of one
     standard deviation, and what it does to the record's outputs (N, 15).
     """
@@ -58,7 +58,7 @@ def _with_errors(record: Record, thrust: Array, throttle: Array) -> Record:
     return replace(record, thrust=record.thrust + thrust, commands=commands)
 
 
-def with_input_noise(here: Linearised, found: Sequence[Doubt] | None = None) -> tuple[Problem, OutputErrorResult]:
+def with_input_noise(here: Linearised, found: Sequence[InputError] | None = None) -> tuple[Problem, OutputErrorResult]:
     """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected.
 
     found: `doubts` of the estimate, if known.
@@ -143,7 +143,7 @@ def _is_doubtful(record: Record) -> bool:
     return bool(record.thrust_doubt.size or record.rotor_doubt.size)
 
 
-def doubts(here: Linearised) -> list[Doubt]:
+def doubts(here: Linearised) -> list[InputError]:
     """Every error of the inputs; records of one stretch share theirs."""
     groups: dict[tuple[str, int], list[int]] = {}
     for index, record in enumerate(here.problem.records):
@@ -168,7 +168,9 @@ def doubts(here: Linearised) -> list[Doubt]:
 
     outputs = dict(zip(every, side_by_side(pushed, *zip(*every, strict=True)), strict=True))
     return [
-        Doubt({index: pushes[index][part] for index in indices}, {index: outputs[index, part] for index in indices})
+        InputError(
+            {index: pushes[index][part] for index in indices}, {index: outputs[index, part] for index in indices}
+        )
         for indices in groups.values()
         for part in range(len(pushes[indices[0]]))
     ]
@@ -182,7 +184,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
     return np.asarray(flown * np.sqrt(SEA_LEVEL_DENSITY / rho) if calibrated else flown)
 
 
-def _joint_step(here: Linearised, every: Sequence[Doubt]) -> tuple[Array, Array]:
+def _joint_step(here: Linearised, every: Sequence[InputError]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
     joint, gradient = here.beside(here.others([doubt.outputs for doubt in every]))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
@@ -190,7 +192,7 @@ def _joint_step(here: Linearised, every: Sequence[Doubt]) -> tuple[Array, Array]
     return covariance @ gradient, covariance
 
 
-def _corrected(records: Sequence[Record], every: Sequence[Doubt], sizes: Array) -> tuple[Record, ...]:
+def _corrected(records: Sequence[Record], every: Sequence[InputError], sizes: Array) -> tuple[Record, ...]:
     """The records with the estimated errors added to their inputs."""
     corrected = list(records)
     for doubt, size in zip(every, sizes, strict=True):

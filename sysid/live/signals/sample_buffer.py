@@ -134,7 +134,7 @@ def _add(
         if stop == first:
             continue
         if not held[i] and first >= _FIRST_SAMPLES:
-            kept = _keep_company(time_s[i], values[i], first, stop, waiting[i])
+            kept = _reject_isolated(time_s[i], values[i], first, stop, waiting[i])
             left_out[i] += stop - kept - (1 if np.isfinite(waiting[i, 0]) else 0)
             stop = kept
         count[i] = stop
@@ -145,7 +145,7 @@ def _add(
 
 
 @jit_arrays
-def _keep_company(time_s: Array, values: Array, first: int, stop: int, waiting: Array) -> int:
+def _reject_isolated(time_s: Array, values: Array, first: int, stop: int, waiting: Array) -> int:
     """Leave out of the new readings [first, stop) those that stand alone; one past the last that is left.
 
     They differ from the readings on both sides, which agree: by 20 robust deviations of the steps, and by half of what

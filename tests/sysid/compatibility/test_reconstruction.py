@@ -8,7 +8,7 @@ import pytest
 
 from sysid.compatibility.kinematics import air_data, reconstruct, to_centre_of_gravity
 from sysid.compatibility.reconstruction import compatibility, correct
-from sysid.compatibility.selection import least_believed, select
+from sysid.compatibility.selection import most_implausible, select
 from sysid.errors import EstimationError, SignalError
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_layout import SensorLayout
@@ -109,10 +109,10 @@ def test_in_rough_air_an_error_that_no_sensor_has_is_refused_and_in_calm_air_tol
 
 def test_the_worst_of_the_errors_that_no_sensor_has_goes_first():
     names = ["alpha_scale", "airspeed_bias", "gyro_bias_q", "wind_north"]
-    assert least_believed(names, [-0.6, 3.0, 0.1, 40.0]) is None
-    assert least_believed(names, [-0.8, 30.0, 0.1, 0.0]).name == "airspeed_bias"
-    assert least_believed(names, [-1.2, 30.0, 0.1, 0.0]).name == "alpha_scale"
-    assert least_believed(names, [4.5, 3.0, 0.1, 0.0]).name == "alpha_scale"
+    assert most_implausible(names, [-0.6, 3.0, 0.1, 40.0]) is None
+    assert most_implausible(names, [-0.8, 30.0, 0.1, 0.0]).name == "airspeed_bias"
+    assert most_implausible(names, [-1.2, 30.0, 0.1, 0.0]).name == "alpha_scale"
+    assert most_implausible(names, [4.5, 3.0, 0.1, 0.0]).name == "alpha_scale"
 
 
 def test_turbulence_is_found_and_does_not_bias_the_vane():

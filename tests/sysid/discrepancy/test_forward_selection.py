@@ -13,7 +13,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy import forward_selection
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.evidence import Weight
-from sysid.discrepancy.forward_selection import Search, drop_replaced, drop_unborne
+from sysid.discrepancy.forward_selection import Search, eliminate_insignificant, eliminate_redundant
 from sysid.discrepancy.identified_effect import Named
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
@@ -78,7 +78,7 @@ def test_a_gain_with_gusts_held_fixed_counts_as_far_as_the_size_is_known_beside_
 ) -> None:
     Costs(monkeypatch, {frozenset(): -990.0})
     found = searched({"density_error.scale": (sigmas * 0.01, 0.01)}, together=True)
-    drop_unborne(found)
+    eliminate_insignificant(found)
     assert names_of(found) == kept
     assert len(found.dropped) == 1 - len(kept)
 
@@ -87,7 +87,7 @@ def test_one_that_is_borne_out_shields_no_other(monkeypatch: pytest.MonkeyPatch)
     Costs(monkeypatch, {frozenset({"thrust_scale"}): -990.0})
     sizes = {"density_error.scale": (0.023, 0.01), "thrust_scale.scale": (0.5, 0.01)}
     found = searched(sizes, together=True)
-    drop_unborne(found)
+    eliminate_insignificant(found)
     assert names_of(found) == ["thrust_scale"]
     assert found.named[0].alternatives == ()
     assert found.dropped == ["density_error: named for a while, but its size is within its standard error"]
@@ -95,7 +95,7 @@ def test_one_that_is_borne_out_shields_no_other(monkeypatch: pytest.MonkeyPatch)
 
 def test_where_gusts_were_not_estimated_beside_the_sizes_the_likelihood_is_enough() -> None:
     found = searched({"density_error.scale": (0.023, 0.01)}, together=False)
-    drop_unborne(found)
+    eliminate_insignificant(found)
     assert names_of(found) == ["density_error"]
 
 
@@ -111,7 +111,7 @@ def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first(monk
     Costs(monkeypatch, left)
     sizes = {"density_error.scale": (0.1, 0.01), "thrust_scale.scale": (0.5, 0.01), "mass_error.scale": (0.2, 0.01)}
     found = searched(sizes, together=True)
-    drop_replaced(found)
+    eliminate_redundant(found)
     assert names_of(found) == ["thrust_scale", "mass_error"]
     # What they gain is told beside each other, and nothing that was dropped is an alternative.
     assert [one.weight.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
@@ -123,5 +123,5 @@ def test_what_a_memory_gains_beside_the_others_does_not_hide_them(monkeypatch: p
     left = {frozenset({"thrust_scale"}): 499_000.0, frozenset({"unsteady_lift"}): -500.0}
     Costs(monkeypatch, left)
     found = searched({"unsteady_lift.tau": (0.05, 0.001), "thrust_scale.scale": (0.5, 0.01)}, together=True)
-    drop_replaced(found)
+    eliminate_redundant(found)
     assert names_of(found) == ["unsteady_lift", "thrust_scale"]

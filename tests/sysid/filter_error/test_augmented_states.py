@@ -7,8 +7,17 @@ from scipy import stats
 from sim_vehicle.effects import SLOT_COUNT, slot
 from sim_vehicle.effects.sensor import ramp_lag
 from sim_vehicle.effects.sensor_time_skew import split_delay
-from sysid.filter_error.augmented_states import Lag, Memory, System, Unseen, lags, remember, with_memory, with_unseen
-from sysid.filter_error.delayed_outputs import missed
+from sysid.filter_error.augmented_states import (
+    HiddenInput,
+    Lag,
+    Memory,
+    System,
+    lags,
+    remember,
+    with_memory,
+    with_unseen,
+)
+from sysid.filter_error.delayed_outputs import missing_likelihood
 from sysid.filter_error.kalman import kalman_pass
 from sysid.signals.record import OUTPUTS
 
@@ -81,7 +90,7 @@ def test_what_nothing_measures_alone_is_a_coloured_noise_of_the_readings() -> No
         np.ones((count - 1, 1, 1)), np.zeros((count - 1, 1)), seen, np.ones((count, 1, 1)), np.zeros((count, 1)),
         np.zeros((count - 1, 1, 1)), np.array([[0.5]]), np.zeros((3, 0)),
     )  # fmt: skip
-    hidden = Unseen(0, np.ones(count), decay, (1.0 - decay**2) * start, start)
+    hidden = HiddenInput(0, np.ones(count), decay, (1.0 - decay**2) * start, start)
     system = with_unseen(still, hidden, np.zeros((count - 1, 1)), np.full((count, 1), read))
     nothing = np.zeros((count - 1, 2, 0)), np.zeros((count, 1, 0))
     found = kalman_pass(
@@ -134,7 +143,7 @@ def test_readings_that_come_too_late_count_as_much_as_the_others() -> None:
     generator = np.random.default_rng(3)
     innovations = np.full((8, 3), np.nan)
     innovations[:6, 0] = generator.standard_normal(6)
-    told = missed(innovations, np.full((8, 3), 2.0), np.array([2, 0, 2]))
+    told = missing_likelihood(innovations, np.full((8, 3), 2.0), np.array([2, 0, 2]))
     each = -0.5 * (innovations[:6, 0] ** 2 / 2.0 + np.log(2.0))
     assert told == pytest.approx(2.0 * float(np.mean(each)))
-    assert missed(innovations, np.full((8, 3), 2.0), np.zeros(3, dtype=np.int64)) == 0.0
+    assert missing_likelihood(innovations, np.full((8, 3), 2.0), np.zeros(3, dtype=np.int64)) == 0.0
