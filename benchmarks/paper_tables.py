@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from seed_lines import fingerprint, fly_missing
 
+from sim_vehicle.constants import GAS_CONSTANT
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.flight_loop import fly
 from sim_vehicle.flight.plant import Plant
@@ -45,7 +46,6 @@ from sysid.signals.record import LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACE
 
 Array = NDArray[np.float64]
 
-GAS_CONSTANT = 287.05287  # J/(kg K), dry air
 # Accurate to far more than the estimator's own integration, so that its step error shows as an error of the estimate.
 SIMULATION_STEP_S = 0.0021
 # What the vane's and the autopilot's lateral motion needs besides the five errors of Table III.

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -33,7 +34,6 @@ OUTPUTS = {
     "airspeed": 0.02, "alpha": np.radians(0.3), "beta": np.radians(0.3), "p": np.radians(0.03), "q": np.radians(0.03),
     "r": np.radians(0.03), "phi": np.radians(0.05), "theta": np.radians(0.05), "ax": 0.0785, "ay": 0.0785, "az": 0.0785,
 }  # fmt: skip
-_GRAVITY = 9.80665
 _C, _S = len(COEFFICIENTS), len(SENSORS)
 
 
@@ -73,9 +73,9 @@ def rates(x: Array, surfaces: Array, air: Array, k: Array, body: Array) -> Array
     determinant = Ixx * Izz - Ixz * Ixz
     sp, cp, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
     out = np.empty(8)
-    out[0] = f[0] - _GRAVITY * st + r * v - q * w
-    out[1] = f[1] + _GRAVITY * ct * sp + p * w - r * u
-    out[2] = f[2] + _GRAVITY * ct * cp + q * u - p * v
+    out[0] = f[0] - STANDARD_GRAVITY * st + r * v - q * w
+    out[1] = f[1] + STANDARD_GRAVITY * ct * sp + p * w - r * u
+    out[2] = f[2] + STANDARD_GRAVITY * ct * cp + q * u - p * v
     out[3] = (Izz * left + Ixz * right) / determinant
     out[4] = (f[4] - (Ixx - Izz) * p * r - Ixz * (p * p - r * r)) / Iyy
     out[5] = (Ixz * left + Ixx * right) / determinant
@@ -138,7 +138,7 @@ def peer_flight(flown: FlownFlight, vehicle: Vehicle, guess: Sequence[float]) ->
     """Sensors moved to the centre of gravity, calibrated airspeed made true; guess: of COEFFICIENTS."""
     z = {name: flown.measured[name][1] for name in OUTPUTS}
     density = flown.truth["rho"]
-    speed = z["airspeed"] * np.sqrt(1.225 / density)
+    speed = z["airspeed"] * np.sqrt(SEA_LEVEL_DENSITY / density)
     vane, flag = vehicle.sensors.alpha_vane.position, vehicle.sensors.beta_vane.position
     z["alpha"] = z["alpha"] + (vane[0] * z["q"] - vane[1] * z["p"]) / speed
     z["beta"] = z["beta"] - (flag[0] * z["r"] - flag[2] * z["p"]) / speed

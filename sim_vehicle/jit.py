@@ -15,8 +15,8 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# Places in arrays, and the grammar that orders them.
-_CONSTANTS = ("layout.py", "terms.py")
+# Physical constants, places in arrays, and the grammar that orders them.
+_CONSTANTS = ("constants.py", "layout.py", "terms.py")
 
 
 def _fingerprint() -> str:

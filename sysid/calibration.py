@@ -2,8 +2,6 @@
 
 from sysid.signals.calibration import (
     MAX_DEGREE,
-    SEA_LEVEL_DENSITY,
-    STANDARD_GRAVITY,
     UNITS,
     WATER_DENSITY,
     BenchPoints,
@@ -17,8 +15,6 @@ from sysid.signals.calibration import (
 
 __all__ = [
     "MAX_DEGREE",
-    "SEA_LEVEL_DENSITY",
-    "STANDARD_GRAVITY",
     "UNITS",
     "WATER_DENSITY",
     "BenchPoints",

@@ -11,7 +11,8 @@ import numpy as np
 from gcs.errors import SignalMapError
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SignalError
 from sysid.signals.flight import Signal
 from sysid.signals.static_noise import SensorNoise, sensor_noise

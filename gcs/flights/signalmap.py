@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import STANDARD_GRAVITY
+
 Array = NDArray[np.float64]
 
-STANDARD_G = 9.80665  # m/s^2; milli-g of SCALED_IMU and RAW_IMU
 ZERO_CELSIUS = 273.15  # K
 SURFACE_RATE_HZ = 20.0
 GPS_RATE_HZ = 1.0
@@ -127,7 +128,7 @@ def _healthy(x: Array, flags: Array) -> Array:
 def _body(axis: int, unit: str) -> Row:
     """Specific force (axis 0-2) of the three IMU messages."""
     field = ("xacc", "yacc", "zacc")[axis]
-    raw = linear(1e-3 * STANDARD_G)
+    raw = linear(1e-3 * STANDARD_GRAVITY)
     return Row(
         unit,
         SURFACE_RATE_HZ,

@@ -21,14 +21,14 @@ from gcs.flights.signalmap import (
     usual_source,
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, VehicleStreams, load_streams
+from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, CalibrationSource, SignalSource, Vehicle
+from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
 from sysid.signals.flight import FlightSignals, Signal
 
 Array = NDArray[np.float64]
 
-GAS_CONSTANT = 287.05287  # J/(kg K), dry air, ICAO standard atmosphere
 UTC_MESSAGE = "SYSTEM_TIME"
 MESSAGES = tuple(dict.fromkeys(source.message for row in SIGNALS.values() for source in row.sources))
 

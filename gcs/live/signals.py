@@ -13,17 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.flights.signalmap import SIGNALS, SURFACE_RATE_HZ, ZERO_MEANS_ABSENT, Row, Source
-from gcs.flights.signals import (
-    GAS_CONSTANT,
-    MESSAGES,
-    airspeed_from_pressure,
-    declared_source,
-    load_calibration,
-    values_of,
-)
+from gcs.flights.signals import MESSAGES, airspeed_from_pressure, declared_source, load_calibration, values_of
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, Stream
+from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.calibration import Calibration
 

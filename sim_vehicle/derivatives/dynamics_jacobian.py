@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.effects.battery_sag import sagged_share
 from sim_vehicle.effects.elastic_tail import elastic_gain
@@ -19,7 +20,6 @@ from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.model.terms import AXES, REGRESSORS
-from sim_vehicle.physics.dynamics import SEA_LEVEL_DENSITY
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, speed_slopes
 

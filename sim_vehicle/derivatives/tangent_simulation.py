@@ -29,6 +29,7 @@ from sim_vehicle.model.terms import REGRESSORS
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.physics.rotation import euler_angles
 from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresis
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def _tangent_step(
 def _quaternion_slopes(x: Array, slopes: Array) -> None:
     """Derivatives (4, 3) of the quaternion of `x` by phi, theta, psi."""
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    _, _, psi = euler_angles(q0, q1, q2, q3)
     c, s = 0.5 * math.cos(psi), 0.5 * math.sin(psi)
     # phi turns about the body's x axis, psi about the earth's z axis, theta about the y axis turned by psi.
     slopes[0, 0], slopes[1, 0], slopes[2, 0], slopes[3, 0] = -0.5 * q1, 0.5 * q0, 0.5 * q3, -0.5 * q2

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.flight.plant import OUTPUTS, Plant
-from sim_vehicle.physics.atmosphere import SEA_LEVEL_DENSITY
 from sim_vehicle.physics.propeller import rotor_speed, throttle_thrust
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.physics.propeller import rotor_speed
-from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.physics.simulation import read_within_tick, tick
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -178,16 +178,13 @@ class Plant:
     def outputs(self, state: PlantState) -> Array:
         """True values at the centre of gravity, in the order of OUTPUTS."""
         x, W = state.x, state.work
-        q0, q1, q2, q3 = x[6:10]
-        r13 = 2.0 * (q1 * q3 - q0 * q2)
-        phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
-        psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+        phi, theta, psi = euler_angles(*x[6:10])
         thrust = W[Aux.thrust]
         P = self.flat.P
         rpm = rotor_speed(float(state.surfaces[3]), float(thrust), P) * 30.0 / math.pi
         return np.array(
             [
-                W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, math.asin(min(max(-r13, -1.0), 1.0)),
+                W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, theta,
                 psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17], *state.surfaces,
                 thrust, rpm, W[Aux.rho], W[Aux.p_dot], W[Aux.q_dot], W[Aux.r_dot], *W[Aux.CL : Aux.Cn + 1],
             ]

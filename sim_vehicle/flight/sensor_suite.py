@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.physics import atmosphere
 from sim_vehicle.vehicle.adc_curves import AnalogueBoard, load_analogue
@@ -23,7 +24,6 @@ Array = NDArray[np.float64]
 
 _DEG = np.pi / 180.0
 _G = 9.81  # m/s^2; Table III prints 0.02 g as 0.1962
-_SEA_LEVEL_DENSITY = atmosphere.SEA_LEVEL_DENSITY
 HOME = (19.1334, 72.9133)  # deg, latitude and longitude of the field, north = east = 0
 _EARTH_RADIUS = 6378137.0  # m, WGS-84 equator: metres to degrees at the field, not navigation
 GPS_POSITION_NOISE = 1.5  # m, horizontal, wandering with the time constant below
@@ -226,7 +226,7 @@ class SensorSuite:
             fresh[angle] = float(np.arctan2(np.sin(fresh[angle]), np.cos(fresh[angle])))
         fresh["static_pressure"] = float(atmosphere.pressure(fresh["altitude"]))
         airspeed = fresh["airspeed"]
-        ratio = ideal["rho"] / _SEA_LEVEL_DENSITY if self._airspeed_is_true else 1.0
+        ratio = ideal["rho"] / SEA_LEVEL_DENSITY if self._airspeed_is_true else 1.0
         calibrated = airspeed * np.sqrt(ratio)
         fresh["differential_pressure"] = float(atmosphere.dynamic_pressure(calibrated))
         self._place(fresh, ideal)

@@ -14,7 +14,7 @@ from sim_vehicle.errors import TrimError
 from sim_vehicle.flight.state import PlantState, Trim
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
-from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -57,9 +57,7 @@ def _state(plant: Plant, unknowns: Array, airspeed: float, altitude: float) -> P
 
 def _unknowns(state: PlantState) -> Array:
     """What `_state` takes, from a state of the heading north."""
-    q0, q1, q2, q3 = state.x[6:10]
-    theta = math.asin(min(max(2.0 * (q0 * q2 - q1 * q3), -1.0), 1.0))
-    phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+    phi, theta, _ = euler_angles(*state.x[6:10])
     return np.array([math.atan2(state.x[5], state.x[3]), theta, phi, *state.surfaces])
 
 

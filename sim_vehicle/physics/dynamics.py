@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.effects.battery_sag import sagged_share
 from sim_vehicle.effects.cg_shift import shift_moment
@@ -29,6 +30,7 @@ from sim_vehicle.jit import jit, jit_inlined
 from sim_vehicle.model.terms import REGRESSORS
 from sim_vehicle.physics.layout import Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, throttle_thrust, throttle_torque
+from sim_vehicle.physics.rotation import rotation_matrix
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -70,7 +72,6 @@ _TIME = int(Aux.time)
 
 # Kinds of term that an effect may scale.
 PLAIN, ELEVATOR_MOMENT, ZERO_LIFT_DRAG, INDUCED_DRAG = 0, 1, 2, 3
-SEA_LEVEL_DENSITY = 1.225
 
 
 @jit
@@ -260,23 +261,6 @@ def _rigid_body_rates(
     rate[12] = (Ixz * left + Ixx * right) / determinant
 
 
-@jit_inlined
-def _rotation(
-    q0: float, q1: float, q2: float, q3: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Rotation matrix from earth to body axes, row by row (Stevens & Lewis, eq. 1.8-14)."""
-    r11 = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
-    r12 = 2.0 * (q1 * q2 + q0 * q3)
-    r13 = 2.0 * (q1 * q3 - q0 * q2)
-    r21 = 2.0 * (q1 * q2 - q0 * q3)
-    r22 = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
-    r23 = 2.0 * (q2 * q3 + q0 * q1)
-    r31 = 2.0 * (q1 * q3 + q0 * q2)
-    r32 = 2.0 * (q2 * q3 - q0 * q1)
-    r33 = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
-    return r11, r12, r13, r21, r22, r23, r31, r32, r33
-
-
 @jit
 def derivatives(
     x: Array, surfaces: Array, thrust: float, wind: Array, gust: Array, rho: float, P: Array, E: Array,
@@ -291,7 +275,7 @@ def derivatives(
     constants and effect vector. C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the
     aerodynamic terms. W: work array, holds the by-products (Aux) afterwards; its `time` stays as it came.
     """
-    R = _rotation(x[6], x[7], x[8], x[9])
+    R = rotation_matrix(x[6], x[7], x[8], x[9])
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = R
     p, q, r = x[10], x[11], x[12]
     ua = x[3] - (r11 * wind[0] + r12 * wind[1] + r13 * wind[2]) - gust[0]

@@ -5,13 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import slot
 from sim_vehicle.effects.actuator import after_backlash
 from sim_vehicle.effects.sensor import ramp_lag
 from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit
-from sim_vehicle.physics.dynamics import SEA_LEVEL_DENSITY
 from sim_vehicle.physics.layout import Aux, Par
+from sim_vehicle.physics.rotation import euler_angles, rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -103,11 +104,7 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
         scale, bias = 1.0 + E[_GYRO_K], E[_GYRO_B]
         p, q, r = scale * p + bias, scale * q + bias, scale * r + bias
 
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    r13 = 2.0 * (q1 * q3 - q0 * q2)
-    phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
-    theta = math.asin(min(max(-r13, -1.0), 1.0))
-    psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    phi, theta, psi = euler_angles(x[6], x[7], x[8], x[9])
     if E[_ATT] != 0.0:
         phi = _lagged(sensor, 3, phi, interval, E[_ATT_TAU])
         theta = _lagged(sensor, 4, theta, interval, E[_ATT_TAU])
@@ -121,9 +118,10 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     if E[_HYST] != 0.0:
         y[12] = _played(sensor, 5, y[12], interval, E[_HYST_W])
     y[13] = -x[2]
-    y[14] = (q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3) * u + 2.0 * (q1 * q2 - q0 * q3) * v + 2.0 * (q1 * q3 + q0 * q2) * w
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = rotation_matrix(x[6], x[7], x[8], x[9])
+    y[14] = r11 * u + r21 * v + r31 * w
     if E[_SHEAR] != 0.0:
         y[14] += sheared_wind(E[_SHEAR_G], -x[2])
-    y[15] = 2.0 * (q1 * q2 + q0 * q3) * u + (q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3) * v + 2.0 * (q2 * q3 - q0 * q1) * w
-    y[16] = r13 * u + 2.0 * (q2 * q3 + q0 * q1) * v + (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) * w
+    y[15] = r12 * u + r22 * v + r32 * w
+    y[16] = r13 * u + r23 * v + r33 * w
     y[17], y[18] = x[0], x[1]

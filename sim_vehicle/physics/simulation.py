@@ -13,6 +13,7 @@ from sim_vehicle.physics.actuation import advance_actuators, start_actuators, su
 from sim_vehicle.physics.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.physics.rotation import euler_angles, quaternion_parts
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -116,19 +117,11 @@ def impose(x: Array, held: Array) -> None:
             x[10 + i] = held[3 + i]
     if not (np.isfinite(held[6]) or np.isfinite(held[7]) or np.isfinite(held[8])):
         return
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    phi = math.atan2(2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
-    theta = math.asin(min(max(2.0 * (q0 * q2 - q1 * q3), -1.0), 1.0))
-    psi = math.atan2(2.0 * (q1 * q2 + q0 * q3), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    phi, theta, psi = euler_angles(x[6], x[7], x[8], x[9])
     phi = held[6] if np.isfinite(held[6]) else phi
     theta = held[7] if np.isfinite(held[7]) else theta
     psi = held[8] if np.isfinite(held[8]) else psi
-    cr, sr, cp, sp = math.cos(phi / 2), math.sin(phi / 2), math.cos(theta / 2), math.sin(theta / 2)
-    cy, sy = math.cos(psi / 2), math.sin(psi / 2)
-    x[6] = cr * cp * cy + sr * sp * sy
-    x[7] = sr * cp * cy - cr * sp * sy
-    x[8] = cr * sp * cy + sr * cp * sy
-    x[9] = cr * cp * sy - sr * sp * cy
+    x[6], x[7], x[8], x[9] = quaternion_parts(phi, theta, psi)
 
 
 @jit_arrays

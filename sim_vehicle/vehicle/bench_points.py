@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
-from sim_vehicle.physics.atmosphere import GRAVITY, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.adc_curves import AnalogueChannel, load_analogue
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def felt(signal: str, reference: Array) -> Array:
     if signal == "airspeed":
         return np.asarray(np.sqrt(2.0 * np.maximum(reference, 0.0) / SEA_LEVEL_DENSITY))
     if signal == "thrust":
-        return np.asarray(reference * 1e-3 * GRAVITY)
+        return np.asarray(reference * 1e-3 * STANDARD_GRAVITY)
     return np.asarray(np.radians(reference))
 
 

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.vehicle.plausibility import impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion
 from sim_vehicle.vehicle.strict_toml import Table
 
-STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
-SEA_LEVEL_DENSITY = 1.225  # kg/m^3, ICAO standard atmosphere
 _SWING_TEST_ERROR = 0.02  # of the moments of inertia: the sum of two may fall short of the third by that much
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0

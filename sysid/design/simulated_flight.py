@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
+from sim_vehicle.constants import GAS_CONSTANT
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.flight_loop import fly, wind_of
@@ -20,7 +21,6 @@ from sysid.errors import EstimationError
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import STATES, Record
 
-GAS_CONSTANT = 287.05287  # J/(kg K), dry air, ICAO standard atmosphere
 RATE_HZ = 50.0
 # Key under [sensors] of the vehicle file -> the channels whose noise it states.
 CHANNELS_OF = {

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.kinematics import to_centre_of_gravity
@@ -43,7 +44,7 @@ class Body:
     thrust_direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
     torque_sign: float = -1.0
     accelerometer: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    air_density: float = 1.225
+    air_density: float = SEA_LEVEL_DENSITY
 
 
 def dynamic_pressure(data: FlightData, body: Body) -> Array:

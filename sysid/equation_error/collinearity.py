@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
+from sysid.numerics.normal_equations import inverse
 
 HARMFUL_INDEX = 30.0
 HARMFUL_SHARE = 0.5
@@ -90,7 +91,7 @@ def _inflation(X: Array, constant: int | None) -> Array:
     moving = size > 1e-10
     if np.count_nonzero(moving) > 1:
         scaled = rest[:, moving] / size[moving]
-        vif[np.array(others)[moving]] = np.diag(np.linalg.pinv(scaled.T @ scaled))
+        vif[np.array(others)[moving]] = np.diag(inverse(scaled.T @ scaled))
     return vif
 
 

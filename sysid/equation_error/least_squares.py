@@ -17,6 +17,7 @@ from scipy import fft, linalg
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
+from sysid.numerics.normal_equations import inverse
 
 # Rows factorised at once: the block stays in the cache, the accuracy is that of QR on the whole matrix.
 _BLOCK = 4096
@@ -266,5 +267,5 @@ def _variance_inflation(X: Array) -> Array:
     moving = spread > 1e-12 * np.maximum(np.abs(X).max(axis=0), 1e-300)
     vif = np.ones(X.shape[1])
     if np.count_nonzero(moving) > 1:
-        vif[moving] = np.diag(np.linalg.pinv(np.corrcoef(X[:, moving], rowvar=False)))
+        vif[moving] = np.diag(inverse(np.asarray(np.corrcoef(X[:, moving], rowvar=False))))
     return vif

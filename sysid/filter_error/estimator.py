@@ -21,7 +21,7 @@ from sysid.filter_error.linearised_flight import FilteredFlight, Linear, Pass
 from sysid.filter_error.noise_scoring import FAINT, SEARCH_S, NoiseParameters, likeliest_noise, surroundings
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.gaussian import Gaussian
-from sysid.numerics.normal_equations import damped_step, hold, require_numbers
+from sysid.numerics.normal_equations import damped_step, hold, inverse, require_numbers
 from sysid.output_error.estimator import prior_knowledge
 from sysid.problem.predictor import Parameter, Predictor
 from sysid.signals.record import OUTPUTS
@@ -295,11 +295,7 @@ class FilterError(FilteredFlight):
         middle = np.concatenate((self.prior_mean, known.middle))
         information = scores.information + prior
         require_numbers(self.records[0].flight, information)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-        inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13, hermitian=True)
-        return ScoredPoint(
-            theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse * np.outer(scale, scale)
-        )
+        return ScoredPoint(theta, eta, here.paths, base, here.cost, scores, prior, middle, inverse(information))
 
     def covariance_at(self, values: dict[str, float], turbulence: Turbulence) -> Array:
         """(P, P) predicted covariance of the parameters at given values, in turbulence as given."""
@@ -325,9 +321,7 @@ class FilterError(FilteredFlight):
         downhill = found.gradient - self.prior_information @ (theta - self.prior_mean)
         hold(information, downhill, self.stepping, self.resolution)
         step = damped_step(information, downhill, damping, self.records[0].flight)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-        scaled = information * np.outer(scale, scale)
-        return step, np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+        return step, inverse(information)
 
     def _calm_cost(self, linear: Sequence[Linear], noise: Array, theta: Array) -> float:
         """Cost without turbulence, the noise of the outputs and the parameters as that needs them."""

@@ -21,6 +21,7 @@ from sysid.filter_error.path import Path
 from sysid.numerics.autoregression import autocorrelation
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.filters import convolved
+from sysid.numerics.normal_equations import solve
 from sysid.numerics.parallel import side_by_side
 
 _SHARE = 3e-3  # of a standard error, by which a parameter is moved
@@ -79,7 +80,7 @@ class ScoredPoint(TrialPoint):
     def step(self, there: TrialPoint) -> Array:
         """Scoring step (n,) from another place, with the slopes of this one."""
         away = np.concatenate((there.theta, there.eta)) - self.middle
-        return np.asarray(self.covariance @ (self.scores.gradient(there.found) - self.prior @ away))
+        return solve(self.scores.information + self.prior, self.scores.gradient(there.found) - self.prior @ away)
 
     def coloured(self) -> Array:
         """Covariance for what colour the innovations keep (Morelli & Klein), never below the white one."""

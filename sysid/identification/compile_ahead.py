@@ -17,6 +17,7 @@ from typing import Self
 
 import numpy as np
 
+from sim_vehicle.constants import STANDARD_GRAVITY
 from sim_vehicle.jit import compiled_mark
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.flat_model import flatten
@@ -30,7 +31,7 @@ from sysid.problem.predictor import Predictor, coefficient
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS, Record
 
-_SAMPLES, _INTERVAL_S, _SPEED, _PITCH, _GRAVITY = 100, 0.02, 15.0, 0.05, 9.80665
+_SAMPLES, _INTERVAL_S, _SPEED, _PITCH, _GRAVITY = 100, 0.02, 15.0, 0.05, STANDARD_GRAVITY
 _VEHICLE = "iitb-mav"
 _LONGEST_S = 600.0  # no machine needs so long; another process that hangs is ended
 

@@ -9,8 +9,9 @@ from math import isfinite
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.equation_error.equations import MOMENTS
 from sysid.live.bias_correction import corrected

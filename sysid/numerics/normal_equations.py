@@ -49,12 +49,23 @@ def require_numbers(flight: str, *values: Array) -> None:
 
 
 def inverse(M: Array) -> Array:
-    """Inverse of the information matrix, scaled; directions without information get a huge variance."""
+    """(P, P) covariance that belongs to an information matrix, by its eigenvalues, in scaled unknowns.
+
+    A direction without information gets a huge variance, never none: what is not known must not look certain. For a
+    step or an elimination, where such a direction is to stay as it is, there is `solve`.
+    """
     scale = _scale(M)
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
     values = np.maximum(values, 1e-14)
     inverse: Array = (vectors / values) @ vectors.T * np.outer(scale, scale)
     return inverse
+
+
+def solve(M: Array, right: Array) -> Array:
+    """M^-1 right, of (P,) or (P, K), in scaled unknowns; nothing along directions of which M says nothing."""
+    scale = _scale(M)
+    rows = scale if right.ndim == 1 else scale[:, None]
+    return np.asarray(np.linalg.lstsq(M * np.outer(scale, scale), right * rows, rcond=1e-13)[0] * rows)
 
 
 def _scale(M: Array) -> Array:

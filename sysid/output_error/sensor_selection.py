@@ -15,6 +15,7 @@ import numpy as np
 from sim_vehicle.model.model_file import Model
 from sysid.arrays import Array
 from sysid.compatibility.selection import LIMITS
+from sysid.numerics.normal_equations import inverse
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.fit import build, fit, warmed
 from sysid.problem.problem import Problem, relevant_sensors
@@ -83,8 +84,7 @@ def _predicted_share(
     information, _ = estimation.normal_equations(
         theta, estimation.residuals(predicted), estimation.sensitivities(theta, predicted), sigma
     )
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
+    covariance = inverse(information)
     places = [[p.name for p in estimation.predictor.parameters].index(name) for name in names]
     limits = np.array([LIMITS[name].std for name in names])
     return np.asarray(np.sqrt(np.diag(covariance)[places]) / limits)

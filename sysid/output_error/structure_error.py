@@ -28,6 +28,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
+from sysid.numerics.normal_equations import solve
 from sysid.output_error.command_order import likelier_timing
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.fit import build, fit, warmed
@@ -336,11 +337,10 @@ def _sizes(
 def _reduced(information: Array, downhill: Array, others: Array, places: Array) -> tuple[Array, Array]:
     """Information and gradient of the unknowns `places`, the `others` being estimated beside them."""
     inner = information[np.ix_(others, others)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-30))
-    inverse = np.linalg.pinv(inner * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     cross = information[np.ix_(others, places)]
-    seen = information[np.ix_(places, places)] - cross.T @ inverse @ cross
-    return seen, downhill[places] - cross.T @ inverse @ downhill[others]
+    beside = solve(inner, cross)
+    seen = information[np.ix_(places, places)] - cross.T @ beside
+    return seen, downhill[places] - beside.T @ downhill[others]
 
 
 def _likeliest_variances(seen: Array, pull: Array, owner: Array) -> tuple[Array, Array]:

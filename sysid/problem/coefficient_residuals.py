@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.physics.layout import Par
 from sim_vehicle.physics.propeller import along
 from sim_vehicle.physics.simulation import evaluate_path
@@ -114,8 +115,11 @@ def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, mod
 def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:
     """Noise of the measured moment coefficients: the gyros' own, passed through the same filter."""
     mass, geometry = vehicle.mass, vehicle.geometry
-    airspeed = float(np.mean(record.z[:, OUTPUTS.index("airspeed")]))
-    qS = 0.5 * 1.225 * airspeed**2 * geometry.S
+    airspeed = float(np.nanmean(record.z[:, OUTPUTS.index("airspeed")]))
+    # Calibrated airspeed is that which has this dynamic pressure in the density of sea level, by its definition.
+    calibrated = vehicle.sensors.airspeed.kind == "calibrated"
+    density = SEA_LEVEL_DENSITY if calibrated else float(np.mean(record.rho))
+    qS = 0.5 * density * airspeed**2 * geometry.S
     white = np.random.default_rng(0).standard_normal(max(record.length, 16))
     gain = float(np.std(fourier_smooth(white, record.interval_s, CUTOFF_HZ).derivative))
     arms = {"Cl": ("p", mass.Ixx, geometry.b), "Cm": ("q", mass.Iyy, geometry.c), "Cn": ("r", mass.Izz, geometry.b)}

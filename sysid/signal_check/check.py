@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
@@ -18,14 +19,13 @@ from sysid.signal_check.remedies import named_cures
 from sysid.signals.delay import Delay, delay_sentence, prepared_in_time, total
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared
-from sysid.signals.record import STANDARD_DENSITY
 from sysid.signals.sensor_groups import GROUND
 
 # What air can weigh between sea level in the cold and 10 km, kg/m^3.
 _DENSITIES = (0.3, 1.7)
 # Thrust over weight beyond which no small aircraft goes.
 _THRUST_TO_WEIGHT = 5.0
-_GRAM_FORCE = 9.80665e-3
+_GRAM_FORCE = STANDARD_GRAVITY / 1000.0
 # Wind in which no small aircraft flies, m/s: from here on Beaufort's scale calls it a hurricane. Larger ones meet half
 # their own airspeed at height.
 _HURRICANE = 32.7
@@ -121,7 +121,7 @@ def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle)
         return False
     read = np.concatenate([stretch.data["airspeed"] for flight in prepared for stretch in flight.stretches])
     load = np.concatenate([np.abs(stretch.data["az"]) for flight in prepared for stretch in flight.stretches])
-    pressure = 0.5 * STANDARD_DENSITY * float(np.nanmedian(read)) ** 2
+    pressure = 0.5 * SEA_LEVEL_DENSITY * float(np.nanmedian(read)) ** 2
     lift = vehicle.mass.mass * float(np.nanmedian(load)) / max(pressure * vehicle.geometry.S, 1e-12)
     low, high = _LIFTS
     return low < lift < high and not 0.5 * low < lift / mistake.found**2 < 1.5 * high
@@ -193,7 +193,7 @@ def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
         found.append(Mistake("air_density", "unit", typical, 0.0, "kg/m^3", text, ("air_density",), False))
     thrust = [s.data["thrust"] for flight in prepared for s in flight.stretches if "thrust" in s.data]
     if thrust:
-        ratio = float(np.nanmedian(np.abs(np.concatenate(thrust)))) / (vehicle.mass.mass * 9.80665)
+        ratio = float(np.nanmedian(np.abs(np.concatenate(thrust)))) / (vehicle.mass.mass * vehicle.environment.gravity)
         if ratio > _THRUST_TO_WEIGHT:
             found.append(_too_strong(ratio))
     return found

@@ -11,16 +11,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim_vehicle.constants import STANDARD_GRAVITY
 from sysid.arrays import Array
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUND, GYRO, IMU, VANES, joined
 
 _DEGREE = np.pi / 180.0
-_G = 9.80665
 # Per kind of quantity: name of the unit that the readings are in -> SI per that unit.
 ANGLE = {"degrees": _DEGREE, "hundredths of degrees": _DEGREE / 100.0, "degrees converted twice": 1.0 / _DEGREE}
 RATE = {"deg/s": _DEGREE, "mrad/s": 1e-3, "deg/s converted twice": 1.0 / _DEGREE}
-FORCE = {"g": _G, "milli-g": _G / 1000.0, "ft/s^2": 0.3048, "g converted twice": 1.0 / _G}
+FORCE = {
+    "g": STANDARD_GRAVITY,
+    "milli-g": STANDARD_GRAVITY / 1000.0,
+    "ft/s^2": 0.3048,
+    "g converted twice": 1.0 / STANDARD_GRAVITY,
+}
 SPEED = {"km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704, "cm/s": 0.01}
 AIRSPEED = {**SPEED, "m/s from hPa taken for Pa": 10.0, "m/s from Pa taken for hPa": 0.1}
 _UNITS: tuple[tuple[tuple[str, ...], dict[str, float]], ...] = (
@@ -36,7 +41,7 @@ class Hypothesis:
 
     signals: which. kind: "unit", "sign", "axis", "scale". sentence: what is found and what to do, one line.
     matrix: true readings of `signals` as combinations of those recorded, (n, n). offset: (n,) added, in SI.
-    gravity: multiple of the gravity vector along the body axes to add to ax ay az, of 9.80665 m/s^2.
+    gravity: m/s^2, what to add to ax ay az along the body axes of the vertical, downwards positive.
     penalty: what it must gain over simpler ones, in log likelihood.
     """
 
@@ -66,7 +71,7 @@ class Hypothesis:
             phi, theta = columns["phi"], columns["theta"]
             along = (-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi))
             for name, share in zip(ACCEL, along, strict=True):
-                found[name] = found[name] + self.gravity * _G * share
+                found[name] = found[name] + self.gravity * share
         return found
 
     def shrinks(self, name: str) -> float:
@@ -148,19 +153,19 @@ def _turned(names: tuple[str, ...], what: str) -> Iterator[Hypothesis]:
             yield Hypothesis(names, "axis", text, matrix, penalty=1.0 if plain else 3.0)
 
 
-def _gravity(present: set[str]) -> Iterator[Hypothesis]:
+def _gravity(present: set[str], gravity: float) -> Iterator[Hypothesis]:
     if set(ACCEL) <= present:
         for multiple, why in ((-1.0, "without gravity"), (-2.0, "with gravity of the wrong sign")):
             text = (
                 f"ax, ay and az are accelerations {why}: record what the accelerometers read, about -9.8 m/s^2 along z"
                 " in level flight"
             )
-            yield Hypothesis(ACCEL, "axis", text, np.eye(3), gravity=multiple)
+            yield Hypothesis(ACCEL, "axis", text, np.eye(3), gravity=multiple * gravity)
 
 
-def hypotheses(present: set[str]) -> list[Hypothesis]:
-    """All that the signals present allow."""
-    return [*_units(present), *_signs(present), *_axes(present), *_gravity(present)]
+def hypotheses(present: set[str], gravity: float) -> list[Hypothesis]:
+    """All that the signals present allow. gravity: m/s^2, where the flight was."""
+    return [*_units(present), *_signs(present), *_axes(present), *_gravity(present, gravity)]
 
 
 def scale_hypothesis(names: tuple[str, ...], scale: float) -> Hypothesis:

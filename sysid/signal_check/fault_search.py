@@ -174,7 +174,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
     ranked = []
     present.discard(GROUND_DELAY)
     quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
-    for one in hypotheses(present):
+    for one in hypotheses(present, windows[0].layout.gravity):
         # Of a signal that is hardly more than noise little can be said: that its unit makes it so small, or that it has
         # the wrong sign, where thousands of samples leave no doubt.
         silent = quiet.issuperset(one.signals) and one.shrinks(one.signals[0]) >= 0.0

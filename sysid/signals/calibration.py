@@ -23,11 +23,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sysid.arrays import Array
 from sysid.errors import CalibrationError
 
-STANDARD_GRAVITY = 9.80665
-SEA_LEVEL_DENSITY = 1.225
 WATER_DENSITY = 1000.0
 
 # Unit of the references -> (SI unit, factor). Microseconds stay: they are a servo's own unit everywhere.

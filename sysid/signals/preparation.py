@@ -9,12 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SegmentError, SignalError
 from sysid.signals.calibration import Calibration
 from sysid.signals.flight import FlightData, FlightSignals
-from sysid.signals.record import STANDARD_DENSITY, Record, make_records
+from sysid.signals.record import Record, make_records
 from sysid.signals.redundant_vanes import combined_vanes
 from sysid.signals.resampling import resample
 from sysid.signals.segments import Segment, find_segments
@@ -188,7 +189,7 @@ def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
     if layout.airspeed_is_true:
         return np.ones(record.length)
     rho = record.rho[record.start : record.start + record.length]
-    return np.asarray(np.sqrt(STANDARD_DENSITY / rho) / layout.airspeed_factor)
+    return np.asarray(np.sqrt(SEA_LEVEL_DENSITY / rho) / layout.airspeed_factor)
 
 
 def in_even_air(prepared: Sequence[Prepared]) -> list[FlightData]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.vehicle.flat_model import FlatModel
@@ -42,7 +43,6 @@ PRE_ROLL_S = 0.6
 MEMORY_S = 1.5
 # But what a dead band holds may be as old as this, s.
 _HELD_S = 30.0
-STANDARD_DENSITY = 1.225
 # Density follows height, and no small aircraft climbs faster than this band.
 _DENSITY_BAND_HZ = 1.0
 
@@ -252,7 +252,7 @@ def _make_record(
     elif "air_density" in data:
         rho = filled(data["air_density"])
     else:
-        rho = np.full(n, STANDARD_DENSITY)
+        rho = np.full(n, SEA_LEVEL_DENSITY)
     z = np.full((stop - start, len(OUTPUTS)), np.nan)
     for j, name in enumerate(OUTPUTS):
         if name in data:

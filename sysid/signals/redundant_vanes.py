@@ -12,6 +12,7 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle
 from sysid.arrays import Array
+from sysid.numerics.normal_equations import inverse
 from sysid.numerics.smoothing import noise_sigma
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_errors import SENSOR_ERRORS
@@ -80,7 +81,7 @@ def _disagreement(one: Array, two: Array, name: str) -> str:
     design = np.column_stack([np.ones(expected.size), expected])
     (offset, slope), *_ = np.linalg.lstsq(design, difference, rcond=None)
     rest = float(np.std(difference - design @ (offset, slope)))
-    std = rest * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    std = rest * np.sqrt(np.diag(inverse(design.T @ design)))
     told = []
     if abs(offset) > SENSOR_ERRORS[f"{name}_bias"][3] + 3.0 * std[0]:
         told.append(f"it reads {np.degrees(offset):+.1f} deg more")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.signals.record import STANDARD_DENSITY
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class SensorLayout:
     beta_kind: str = "sideslip"
     airspeed_factor: float = 1.0
     airspeed_is_true: bool = False
-    gravity: float = 9.80665
+    gravity: float = STANDARD_GRAVITY
 
     def packed(self) -> Array:
         """The (7,) array the compiled functions take."""
@@ -41,7 +41,7 @@ class SensorLayout:
 def sensor_layout(vehicle: Vehicle, density: float) -> SensorLayout:
     """Where the sensors sit, and what the airspeed indicator calls airspeed at `density` [kg/m3]."""
     sensors = vehicle.sensors
-    factor = 1.0 if sensors.airspeed.kind == "true" else math.sqrt(STANDARD_DENSITY / density)
+    factor = 1.0 if sensors.airspeed.kind == "true" else math.sqrt(SEA_LEVEL_DENSITY / density)
     return SensorLayout(
         accelerometer=sensors.accelerometer.position,
         alpha_vane=sensors.alpha_vane.position,

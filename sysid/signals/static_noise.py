@@ -23,6 +23,7 @@ from scipy.optimize import nnls
 from scipy.stats import chi2
 
 from sysid.errors import SignalError
+from sysid.numerics.normal_equations import inverse
 from sysid.signals.flight import Signal
 
 Array = NDArray[np.float64]
@@ -284,7 +285,7 @@ def _fit_density(frequencies: Array, power: Array, interval: float) -> tuple[dic
     chosen = np.array([shapes[term] for term in terms])
     relative = chosen * weights[:, None] / (weights @ chosen) * np.sqrt(counts)
     # Fisher information of the logarithms; the taper correlates neighbours, which counts as fewer bins.
-    covariance = np.linalg.pinv(relative @ relative.T) * _TAPER_LOSS
+    covariance = inverse(relative @ relative.T) * _TAPER_LOSS
     found = {
         term: (math.sqrt(weight), math.sqrt(weight) * 0.5 * math.sqrt(covariance[i, i]))
         for i, (term, weight) in enumerate(zip(terms, weights, strict=True))

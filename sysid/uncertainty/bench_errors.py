@@ -15,12 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
+from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.fit import build
 from sysid.output_error.linearisation import Linearised
@@ -28,7 +30,7 @@ from sysid.problem.delay_parameters import COMMAND_DELAY, with_late_commands
 from sysid.problem.problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
-from sysid.signals.record import OUTPUTS, STANDARD_DENSITY, SURFACES, Record, angle_wrap
+from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap
 from sysid.signals.redundant_vanes import PAIRS
 
 MEASURED = ("alpha", "beta", "airspeed")
@@ -88,11 +90,11 @@ def _misread(
         factor = np.ones(column.size)
         if name == "airspeed" and vehicle.sensors.airspeed.kind == "true":
             # The curve gives calibrated airspeed.
-            factor = np.sqrt(STANDARD_DENSITY / record.rho[record.start : record.start + record.length])
+            factor = np.sqrt(SEA_LEVEL_DENSITY / record.rho[record.start : record.start + record.length])
         read = column / factor
         if name == "airspeed" and curve.si_unit == "Pa":
-            pressure = 0.5 * STANDARD_DENSITY * read * np.abs(read)
-            column += factor * curve.error_modes(pressure)[part] / np.maximum(STANDARD_DENSITY * np.abs(read), 1e-6)
+            pressure = 0.5 * SEA_LEVEL_DENSITY * read * np.abs(read)
+            column += factor * curve.error_modes(pressure)[part] / np.maximum(SEA_LEVEL_DENSITY * np.abs(read), 1e-6)
         else:
             column += share * factor * curve.error_modes(read)[part]
         return replace(record, z=z)
@@ -152,12 +154,10 @@ def carry(
     if not every:
         return result, shares
     information, _ = here.normal
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
-    inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for one, pull in zip(every, here.pulls([one.added for one in every]).T, strict=True):
         pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
-        step = inverse @ pull
+        step = solve(information, pull)
         for i, parameter in enumerate(result.parameters):
             step[i] -= one.feigned.sensors.get(parameter.name, 0.0)
             moved = shares[parameter.name].get(one.error.source, 0.0)

@@ -15,10 +15,11 @@ from itertools import zip_longest
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.physics.atmosphere import SEA_LEVEL_DENSITY
 from sysid.arrays import Array
 from sysid.errors import EstimationError
+from sysid.numerics.normal_equations import inverse, solve
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.fit import build, fit, warmed
@@ -187,9 +188,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
 def _joint_step(here: Linearised, every: Sequence[InputError]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
     joint, gradient = here.beside(here.others([doubt.outputs for doubt in every]))
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
-    covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
-    return covariance @ gradient, covariance
+    return solve(joint, gradient), inverse(joint)
 
 
 def _corrected(records: Sequence[Record], every: Sequence[InputError], sizes: Array) -> tuple[Record, ...]:

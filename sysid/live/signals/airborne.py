@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim_vehicle.vehicle.vehicle_file import SEA_LEVEL_DENSITY, Vehicle
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.live.signals.row_alignment import Rows
 from sysid.signals.segments import GROUND_MARGIN_S, MIN_AIRSPEED, SLOW_FLIGHT_S
 
