@@ -13,7 +13,6 @@ from scipy import fft
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.errors import SysidError
-from sysid.identification.method_choice import MaximumLikelihood
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.problem.free_run import Fixed
 from sysid.signals.preparation import Prepared
@@ -45,11 +44,10 @@ class Comparison:
         )
 
 
-def series_json(compared: Comparison, use: str, likeliest: MaximumLikelihood | None) -> dict[str, Any]:
-    """The block `series` of a result.
+def series_json(compared: Comparison, use: str) -> dict[str, Any]:
+    """The block `series` of a result, without the residuals of the outputs (`output_residuals`).
 
-    use: "validation" or "estimation", what the flights of `compared` were for. likeliest: the estimate whose output
-    residuals are described; None leaves them out.
+    use: "validation" or "estimation", what the flights of `compared` were for.
     """
     found: dict[str, Any] = {"use": use}
     try:
@@ -57,9 +55,6 @@ def series_json(compared: Comparison, use: str, likeliest: MaximumLikelihood | N
         found["residuals"] = {axis: _coefficient_residual(compared, axis) for axis in compared.axes}
     except SysidError as error:
         found |= {"flights": [], "residuals": {}, "refused": str(error)}
-    if likeliest is not None:
-        interval = likeliest.problem.records[0].interval_s
-        found["outputs"] = output_residuals(likeliest.result.residuals, interval)
     return found
 
 
