@@ -50,7 +50,7 @@ _SMOOTH_STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FreeParameter:
     """One estimated number.
 
     kind: "coefficient", "effect", "sensor", "delay", "input". low, high: bounds. prior_std: standard deviation of a
@@ -79,31 +79,31 @@ class Parameter:
         return self.difference is not None and self.difference > _SMOOTH_STEP
 
 
-def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:
+def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> FreeParameter:
     """An aerodynamic coefficient, with a prior where one is given."""
-    return Parameter(name, "coefficient", prior_mean=mean, prior_std=std)
+    return FreeParameter(name, "coefficient", prior_mean=mean, prior_std=std)
 
 
-def sensor_error(name: str) -> Parameter:
+def sensor_error(name: str) -> FreeParameter:
     """A sensor error of SENSOR_ERRORS."""
-    return Parameter(name, "sensor")
+    return FreeParameter(name, "sensor")
 
 
-def delay_parameter(name: str) -> Parameter:
+def delay_parameter(name: str) -> FreeParameter:
     """A delay of sysid.problem.delay_parameters.DELAYS, s."""
-    return Parameter(name, "delay", -LONGEST_S, LONGEST_S)
+    return FreeParameter(name, "delay", -LONGEST_S, LONGEST_S)
 
 
-def thrust_error(index: int) -> Parameter:
+def thrust_error(index: int) -> FreeParameter:
     """How much of an error of the thrust there is (a row of `Record.thrust_doubt`), in its standard deviations."""
-    return Parameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
+    return FreeParameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
 
 
-def effect_parameter(effect: str, parameter: str) -> Parameter:
+def effect_parameter(effect: str, parameter: str) -> FreeParameter:
     """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
     for entry in EFFECTS[effect].parameters:
         if entry.name == parameter:
-            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
+            return FreeParameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
     raise KeyError(parameter)
 
 
@@ -182,7 +182,7 @@ class Predictor:
     def __init__(
         self,
         flat: FlatModel,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[FreeParameter],
         records: Sequence[Record],
         *,
         sub_steps: int = 2,

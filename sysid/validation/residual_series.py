@@ -27,7 +27,7 @@ _DENSE = 0.5
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """Flights and the model they are compared with. axes: coefficients of which the model tells something."""
 
     flights: tuple[Prepared, ...]
@@ -44,7 +44,7 @@ class Comparison:
         )
 
 
-def series_json(compared: Comparison, use: str) -> dict[str, Any]:
+def series_json(compared: ModelComparison, use: str) -> dict[str, Any]:
     """The block `series` of a result, without the residuals of the outputs (`output_residuals`).
 
     use: "validation" or "estimation", what the flights of `compared` were for.
@@ -58,7 +58,7 @@ def series_json(compared: Comparison, use: str) -> dict[str, Any]:
     return found
 
 
-def _flights(compared: Comparison) -> list[dict[str, Any]]:
+def _flights(compared: ModelComparison) -> list[dict[str, Any]]:
     share = max(POINTS // len(compared.flights), 8)
     found = []
     for flight, paths in zip(compared.flights, compared.paths, strict=True):
@@ -96,7 +96,7 @@ def rounded(values: Array) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
 
 
-def _coefficient_residual(compared: Comparison, axis: str) -> dict[str, Any]:
+def _coefficient_residual(compared: ModelComparison, axis: str) -> dict[str, Any]:
     """Autocorrelation and histogram of one coefficient's residual over all stretches, at the full rate."""
     paths = [path for flight in compared.paths for path in flight]
     residuals = [path.measured[axis] - path.predicted[axis] for path in paths]
