@@ -224,7 +224,7 @@ def _errors(alone: _Alone, others: Sequence[NuisanceUnknowns] | None = None) -> 
     others: what else the residuals hold, of every record.
     """
     here, across = alone.here, alone.across
-    information, gradient = here.normal if others is None else here.beside(others)
+    information, gradient = here.normal if others is None else here.bordered_information(others)
     if others is not None:
         across = np.concatenate((across, _beside(alone, others, gradient.size - across.shape[2])), axis=2)
     white = inverse(information)

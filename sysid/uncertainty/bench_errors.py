@@ -155,7 +155,7 @@ def carry(
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))
     inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-13) * np.outer(scale, scale)
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
-    for one, pull in zip(every, here.pulls([one.added for one in every]).T, strict=True):
+    for one, pull in zip(every, here.gradient_changes([one.added for one in every]).T, strict=True):
         pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
         step = inverse @ pull
         for i, parameter in enumerate(result.parameters):

@@ -186,7 +186,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
 
 def _joint_step(here: Linearised, every: Sequence[InputError]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
-    joint, gradient = here.beside(here.others([doubt.outputs for doubt in every]))
+    joint, gradient = here.bordered_information(here.others([doubt.outputs for doubt in every]))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(joint), 1e-30))
     covariance = np.linalg.pinv(joint * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     return covariance @ gradient, covariance
