@@ -166,16 +166,18 @@ def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tupl
 
 def free_states(record: Record) -> list[int]:
     """Which of the nine initial states are estimated: those that the record does not impose."""
-    return [i for i in range(9) if not (record.held.size and np.isfinite(record.held[record.start, i]))]
+    return [
+        i for i in range(9) if not (record.imposed_states.size and np.isfinite(record.imposed_states[record.start, i]))
+    ]
 
 
 class Predictor:
     """Outputs of records as a function of the parameters.
 
     flat: the model everything else is taken from. parameters: what is estimated, P of them. Every record adds nine
-    initial states, of which those imposed by `Record.held` are left out. sub_steps: integration steps per sample.
-    tangent_steps: the same for the derivatives; None takes half of them where samples are close together, which moves
-    the derivatives of small aircraft by less than a thousandth, and estimates by as much of their standard error.
+    initial states, of which those imposed by `Record.imposed_states` are left out. sub_steps: integration steps per
+    sample. tangent_steps: the same for the derivatives; None takes half of them where samples are close together, which
+    moves the derivatives of small aircraft by less than a thousandth, and estimates by as much of their standard error.
     command_first: see sim_vehicle.physics.simulation.simulate.
     """
 
@@ -253,8 +255,8 @@ class Predictor:
     ) -> None:  # fmt: skip
         simulate_variants(
             x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
-            record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
-            flat.T, shift, y,
+            record.interval_s, self.sub_steps, self.command_first, record.imposed_states, gusts, flat.P, E, C, flat.F,
+            flat.K, flat.T, shift, y,
         )  # fmt: skip
 
     def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:
@@ -321,7 +323,7 @@ class Predictor:
         inputs = Inputs(
             record.start, record.start + record.length, commands,
             thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
-            self.command_first, record.held,
+            self.command_first, record.imposed_states,
         )  # fmt: skip
         gains = error_gains(errors).tolist()
         tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)

@@ -134,7 +134,7 @@ def split_runs(
             if (name in LONGITUDINAL_STATES) != motion.longitudinal:
                 held[record.start :, j] = path[:, j]
                 held[: record.start, j] = path[0, j]
-    record = replace(record, held=held)
+    record = replace(record, imposed_states=held)
     # From first to last sample: a stretch of just `run_s` is one run.
     count = max(1, math.ceil((record.length - 1) * record.interval_s / run_s - 1e-6))
     edges = np.linspace(0, record.length, count + 1).astype(int)

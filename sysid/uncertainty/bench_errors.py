@@ -181,7 +181,7 @@ def apparent_change(changed: Problem, problem: Problem) -> ApparentChange:
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
     inputs = any(
-        new.thrust is not old.thrust or new.commands is not old.commands or new.held is not old.held
+        new.thrust is not old.thrust or new.commands is not old.commands or new.imposed_states is not old.imposed_states
         for new, old in pairs
     )
     sensors: dict[str, float] = {}
