@@ -17,7 +17,7 @@ from sysid.signals.flight import FlightData
 from sysid.signals.sensor_layout import SensorLayout
 
 # See `linearise_part`.
-Linearised = tuple[Array, Array, Array, Array]
+PartJacobians = tuple[Array, Array, Array, Array]
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 REQUIRED = (*IMU, "airspeed", "phi", "theta")
@@ -59,9 +59,9 @@ class Part:
     measured: Array
     nominal: Array
     gusts: Array
-    _kept: tuple[Array, Array, Array, Linearised] | None = field(default=None, init=False, repr=False, compare=False)
+    _kept: tuple[Array, Array, Array, PartJacobians] | None = field(default=None, init=False, repr=False, compare=False)
 
-    def linearised(self, theta: Array) -> Linearised:
+    def linearised(self, theta: Array) -> PartJacobians:
         """What `linearise_part` tells of sensor errors (18,) along the nominal trajectory; the last is kept."""
         kept = self._kept
         if kept is not None and kept[0] is self.nominal and kept[1] is self.gusts and np.array_equal(kept[2], theta):

@@ -35,7 +35,7 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ReconstructionSettings:
     """What a pass takes besides the nominal trajectory."""
 
     noise: Array
@@ -46,7 +46,9 @@ class Setting:
     std: Array
 
 
-def run_pass(parts: list[Part], theta: Array, setting: Setting, smooth: bool = False, slopes: bool = False) -> Solution:
+def run_pass(
+    parts: list[Part], theta: Array, setting: ReconstructionSettings, smooth: bool = False, slopes: bool = False
+) -> Solution:
     """Filter every part with these sensor errors (18,), in the order of PARAMETERS; smooth backwards or take
     sensitivities on request. Raises EstimationError where the filter diverges.
     """
@@ -76,7 +78,7 @@ def run_pass(parts: list[Part], theta: Array, setting: Setting, smooth: bool = F
     return Solution(likelihood, information, gradient, innovations, variances, smoothed)
 
 
-def step(solution: Solution, theta: Array, setting: Setting) -> tuple[Array, Array]:
+def step(solution: Solution, theta: Array, setting: ReconstructionSettings) -> tuple[Array, Array]:
     """Gauss-Newton step (P,) and covariance (P, P) of the free sensor errors."""
     free = np.flatnonzero(setting.free)
     unit = setting.std[free]

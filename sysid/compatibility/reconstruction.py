@@ -17,7 +17,7 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.compatibility.ekf import OUTPUTS, PARAMETERS
 from sysid.compatibility.ekf_part import IMU, OutputFit, Part, open_loop_agreement, part_states, prepare_part
-from sysid.compatibility.gauss_newton import Mask, Setting, Solution, apply, run_pass, step
+from sysid.compatibility.gauss_newton import Mask, ReconstructionSettings, Solution, apply, run_pass, step
 from sysid.compatibility.selection import LIMITS, Refusal, most_implausible, select
 from sysid.errors import EstimationError
 from sysid.numerics.smoothing import fourier_smooth
@@ -165,7 +165,7 @@ def moved_by(
     theta = np.array([result.parameters[name].value if name in result.parameters else 0.0 for name in PARAMETERS])
     noise = np.array([result.noise.get(name, 1.0) ** 2 for name in OUTPUTS])
     q_imu = np.array([result.noise[name] ** 2 for name in IMU])
-    setting = Setting(noise, q_imu, result.gust_sigma, _mask([]), np.zeros(_COUNT), np.ones(_COUNT))
+    setting = ReconstructionSettings(noise, q_imu, result.gust_sigma, _mask([]), np.zeros(_COUNT), np.ones(_COUNT))
     prepared = [prepare_part(part, result.layout) for part in parts]
     for _ in range(_SETTLING_PASSES):
         apply(prepared, run_pass(prepared, theta, setting, smooth=True))
@@ -220,7 +220,7 @@ def _moving(parts: list[Part], names: list[str]) -> tuple[list[str], list[Refusa
     return kept, refused
 
 
-def _calm_only(names: list[str], setting: Setting) -> tuple[list[str], list[Refusal]]:
+def _calm_only(names: list[str], setting: ReconstructionSettings) -> tuple[list[str], list[Refusal]]:
     """Refuse the airspeed's errors in turbulence.
 
     The aircraft answers a gust, so specific force is correlated with it; the kinematics alone then take part of that
@@ -236,7 +236,7 @@ def _calm_only(names: list[str], setting: Setting) -> tuple[list[str], list[Refu
     return [name for name in names if name not in stirred], refused
 
 
-def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float, float]]) -> Setting:
+def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float, float]]) -> ReconstructionSettings:
     unknown = [name for name in priors if name not in PARAMETERS]
     if unknown:
         raise EstimationError(f"unknown sensor error {', '.join(unknown)}; known are {', '.join(PARAMETERS)}")
@@ -245,10 +245,10 @@ def _setting(parts: list[Part], wanted: list[str], priors: dict[str, tuple[float
     length = np.array([part.z.shape[0] for part in parts], dtype=np.float64)
     noise = np.average([part.noise**2 for part in parts], axis=0, weights=length)
     q_imu = np.average([part.imu_noise**2 for part in parts], axis=0, weights=length)
-    return Setting(noise, q_imu, 0.0, _mask(wanted), mean, std)
+    return ReconstructionSettings(noise, q_imu, 0.0, _mask(wanted), mean, std)
 
 
-def _find_gust(parts: list[Part], theta: Array, setting: Setting) -> Setting:
+def _find_gust(parts: list[Part], theta: Array, setting: ReconstructionSettings) -> ReconstructionSettings:
     """Turbulence of greatest likelihood; calm air unless the data insist."""
     found: list[float] = []
     for gust in _GUSTS:
@@ -266,7 +266,9 @@ def _find_gust(parts: list[Part], theta: Array, setting: Setting) -> Setting:
     return replace(setting, gust_sigma=sigma)
 
 
-def _estimate(parts: list[Part], theta: Array, setting: Setting) -> tuple[Array, Setting, Array, bool]:
+def _estimate(
+    parts: list[Part], theta: Array, setting: ReconstructionSettings
+) -> tuple[Array, ReconstructionSettings, Array, bool]:
     """Gauss-Newton, the noise re-estimated on the way: turbulence, output noise, then its colour."""
     converged = False
     stage = 0
@@ -321,7 +323,7 @@ def _renew_noise(noise: Array, solution: Solution, coloured: bool) -> Array:
 def _result(
     parts: list[Part],
     theta: Array,
-    setting: Setting,
+    setting: ReconstructionSettings,
     covariance: Array,
     kept: list[str],
     refused: list[Refusal],

@@ -9,7 +9,7 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.discrepancy.candidate_fits import Setting, fitted
+from sysid.discrepancy.candidate_fits import FittedModel, fitted
 from sysid.discrepancy.lack_of_fit import left_over
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
@@ -119,7 +119,7 @@ def _timed(
     except EstimationError:
         return problem, before
     refitted = model_of(model, model.name, again, names, effects, (), model.validity)
-    return (problem, before) if left_over(other, Setting(refitted, names, effects, again)) else (other, again)
+    return (problem, before) if left_over(other, FittedModel(refitted, names, effects, again)) else (other, again)
 
 
 def sensors_alone(problem: Problem, model: Model, before: FilterErrorResult) -> FilterErrorResult:

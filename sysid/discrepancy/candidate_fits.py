@@ -47,7 +47,7 @@ _SHARES = (1.0, 0.3)
 
 
 @dataclass(frozen=True)
-class Setting:
+class FittedModel:
     """A model with its free coefficients and effect parameters, and its estimate.
 
     given: values of its own parameters before they were fitted, as far as those may be nearer the truth.
@@ -115,7 +115,7 @@ def is_gusty(result: FilterErrorResult) -> bool:
     return max(result.turbulence.horizontal, result.turbulence.vertical) > _LEAST_GUSTS
 
 
-def fit_short(problem: Problem, base: Setting, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
+def fit_short(problem: Problem, base: FittedModel, candidate: Candidate, promised: Start) -> FilterErrorResult | None:
     """A candidate added, noise and turbulence as they were without it; None where it can be fitted from nowhere."""
     best: FilterErrorResult | None = None
     for share in _SHARES:
@@ -138,7 +138,7 @@ def fit_short(problem: Problem, base: Setting, candidate: Candidate, promised: S
     return best
 
 
-def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start | None:
+def _on_its_step(problem: Problem, base: FittedModel, candidate: Candidate) -> Start | None:
     """The start in the middle of the likeliest step, for a candidate whose likelihood goes in steps; None where the
     filter loses the flight on all of them.
     """
@@ -158,7 +158,7 @@ def _on_its_step(problem: Problem, base: Setting, candidate: Candidate) -> Start
 
 
 def _trial(
-    problem: Problem, base: Setting, candidate: Candidate, start: Start, steps: int, given: Start | None = None
+    problem: Problem, base: FittedModel, candidate: Candidate, start: Start, steps: int, given: Start | None = None
 ) -> FilterErrorResult | None:
     """A candidate's fit from one start; None where the filter loses the flight from there. given: of other parameters,
     instead of the base's estimates.
@@ -176,7 +176,7 @@ def _likelier(one: FilterErrorResult | None, other: FilterErrorResult | None) ->
     return min((found for found in (one, other) if found is not None), key=lambda found: found.cost, default=None)
 
 
-def rank(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:
+def rank(problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, FilterErrorResult]]) -> list[Finalist]:
     """Those that have come furthest, the first brought to its end. fits: of `fit_short`, the likeliest first.
 
     Where little is missing in calm air, the noise without it is right for all, and who is near the first stays. Else
@@ -201,7 +201,7 @@ def rank(problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, Filter
 
 
 def _finished_from_both(
-    problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult
+    problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult
 ) -> FilterErrorResult:
     """The fit brought to its end; where a size ends on a bound, from the model as given too, and with the other sign.
 
@@ -237,7 +237,7 @@ def _is_bound(candidate: Candidate, result: FilterErrorResult) -> bool:
 
 
 def _by_own_gusts(
-    problem: Problem, base: Setting, fits: Sequence[tuple[Candidate, FilterErrorResult]]
+    problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, FilterErrorResult]]
 ) -> list[Finalist]:
     """Candidates judged with the noise and turbulence that each of them leaves, the model without them with its own.
 
@@ -253,7 +253,7 @@ def _by_own_gusts(
 _Built = tuple[Model, Sequence[str], Effects]
 
 
-def _extended(base: Setting, candidate: Candidate, result: FilterErrorResult) -> _Built:
+def _extended(base: FittedModel, candidate: Candidate, result: FilterErrorResult) -> _Built:
     """The base's model with a candidate as a fit has it, and its free parameters."""
     values = result.values()
     model = extended(base.model, candidate, {name: values[candidate.parameter(name)] for name in candidate.free})
@@ -273,7 +273,7 @@ def _refit_noise(
     return result
 
 
-def fit_full(problem: Problem, base: Setting, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
+def fit_full(problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
     """The fit with noise and turbulence of its own; as it was where that leads nowhere.
 
     Gusts that stood for what was missing can hold a fit that changes them by turns with the rest far short of its best:
@@ -293,7 +293,7 @@ def fit_full(problem: Problem, base: Setting, candidate: Candidate, rough: Filte
 
 
 def _refit(
-    problem: Problem, base: Setting, candidate: Candidate, near: FilterErrorResult, together: bool
+    problem: Problem, base: FittedModel, candidate: Candidate, near: FilterErrorResult, together: bool
 ) -> FilterErrorResult | None:
     """A candidate's fit taken on from where it is, noise and turbulence too; None where the flight is lost."""
     flight = build_filter(problem, *_extended(base, candidate, near))
@@ -302,5 +302,5 @@ def _refit(
     return None
 
 
-def _free(base: Setting, candidate: Candidate) -> tuple[list[str], list[tuple[str, str]]]:
+def _free(base: FittedModel, candidate: Candidate) -> tuple[list[str], list[tuple[str, str]]]:
     return [*base.coefficients, *candidate.coefficients], [*base.effects, *candidate.names]

@@ -91,7 +91,7 @@ def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
         # Whoever reads calibrated airspeed sees it; whoever reads true airspeed has it in all coefficients alike.
         return problem.vehicle.sensors["airspeed"].kind != "true"
     if effect.name == "wind_shear":
-        return all(record.climbed.size for record in problem.records)
+        return all(record.relative_height.size for record in problem.records)
     if (effect.alias and effect.name not in _SEEN_BY_CURVATURE) or effect.stage is Stage.ENVIRONMENT:
         return False
     measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.candidate_fits import Setting, fit_short, rank, wald_statistic
+from sysid.discrepancy.candidate_fits import FittedModel, fit_short, rank, wald_statistic
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
 from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
@@ -46,11 +46,11 @@ class Search:
     nearly: str = ""
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> FittedModel:
         """The model so far with its estimate."""
         # Beside an effect that is there the fitted parameters are the better ones.
         given = {} if self.named else self.given
-        return Setting(self.model, list(self.coefficients), list(self.effects), self.result, given)
+        return FittedModel(self.model, list(self.coefficients), list(self.effects), self.result, given)
 
     @property
     def imprecise(self) -> float:
@@ -256,7 +256,7 @@ def _add(search: Search, candidate: Candidate, result: FilterErrorResult) -> Non
 
 
 def _promising(
-    problem: Problem, base: Setting, choices: Sequence[Candidate]
+    problem: Problem, base: FittedModel, choices: Sequence[Candidate]
 ) -> list[tuple[Candidate, dict[str, float]]]:
     """Candidates worth a fit, with the start each promises most from."""
     gains = filter_gains(problem, base.model, base.coefficients, base.effects, base.result, choices)

@@ -63,7 +63,7 @@ def stage_gaps(
         full = dict(states)
         full.setdefault("psi", stretch.data.columns.get("psi", np.zeros(stretch.record.length)))
         part_runs, paths = split_runs(stretch.record, full, motion, MAX_STRETCH_S)
-        runs += [replace(run, held=np.zeros((0, 9))) for run in part_runs]
+        runs += [replace(run, imposed_states=np.zeros((0, 9))) for run in part_runs]
         starts += [path[0] for path in paths]
     last = list(stages.values())[-1]
     floor = noise_floor(runs, starts, layout, last, _output_noise(records), thrust_sigma, air, generator)

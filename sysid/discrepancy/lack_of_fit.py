@@ -6,13 +6,13 @@ import numpy as np
 from scipy import special
 
 from sim_vehicle.effects import CoefficientEffect, Parameter, Stage
-from sysid.discrepancy.candidate_fits import Setting
+from sysid.discrepancy.candidate_fits import FittedModel
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.score_test import filter_gains
 from sysid.discrepancy.wording import chance_text
 from sysid.equation_error.coefficients import AXES
 from sysid.filter_error.estimation import build_filter
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.problem.problem import Problem
 from sysid.signals.record import OUTPUTS
 
@@ -26,7 +26,7 @@ _LONGITUDINAL = ("alpha2", "alpha3", "q", "alpha_q", "de2", "alpha_de", "beta2",
 _LATERAL = ("beta3", "alpha_beta", "alpha_p", "alpha_r", "alpha_da", "alpha_dr", "beta2", "alpha", "q", "de")
 
 
-def smooth_terms(problem: Problem, setting: Setting) -> list[Candidate]:
+def smooth_terms(problem: Problem, setting: FittedModel) -> list[Candidate]:
     """Per axis, smooth terms that the model lacks: whatever acts on an axis looks somewhat like them."""
     found = []
     for axis in AXES:
@@ -40,7 +40,7 @@ def smooth_terms(problem: Problem, setting: Setting) -> list[Candidate]:
     return found
 
 
-def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[str, str]:
+def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, str]:
     """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
     coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
 
@@ -51,7 +51,7 @@ def left_over(problem: Problem, setting: Setting, least: float = 0.0) -> dict[st
     noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
     for j, variance in zip(noise.columns, noise.noise, strict=True):
         read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
-        colour = float(np.sum(autocorrelation([one / float(np.nanstd(one)) for one in read])))
+        colour = float(np.sum(pooled_autocorrelation([one / float(np.nanstd(one)) for one in read])))
         ratio = float(result.sigma[j] / np.sqrt(variance))
         if ratio > _NOISIER and colour > _COLOURED:
             found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"

@@ -11,7 +11,7 @@ from scipy import special
 
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import AXES
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.problem.coefficient_residuals import CoefficientPath
 
@@ -37,7 +37,7 @@ def _explained(residual: Array, variable: Array) -> tuple[float, float]:
     if total <= 0.0:
         return 0.0, 1.0
     share = 1.0 - float(np.sum((residual - fitted) ** 2)) / total
-    count = residual.size / max(float(np.sum(autocorrelation([residual - fitted]))), 1.0)
+    count = residual.size / max(float(np.sum(pooled_autocorrelation([residual - fitted]))), 1.0)
     if count <= 6.0:
         return share, 1.0
     F = share / 3.0 / max((1.0 - share) / (count - 4.0), 1e-12)
@@ -71,7 +71,7 @@ def _curve(variable: Array, residual: Array) -> list[dict[str, float]]:
     means = np.concatenate([np.full(part.size, residual[part].mean()) for part in parts])
     around = np.empty_like(residual)
     around[order] = residual[order] - means
-    alike = max(float(np.sum(autocorrelation([around]))), 1.0)
+    alike = max(float(np.sum(pooled_autocorrelation([around]))), 1.0)
     return [
         {
             "value": float(variable[part].mean()),

@@ -18,7 +18,7 @@ from sysid.equation_error.coefficients import Body
 from sysid.equation_error.equations import CONTROLS, MOMENTS, Equations, axes_of
 from sysid.equation_error.time_domain import settled_equations
 from sysid.errors import SysidError
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.fractional_delay import held_back, read_later
 from sysid.signals.delay import COMMANDS, Delay
 from sysid.signals.flight import FlightData
@@ -50,7 +50,7 @@ class Profile:
         return Delay(COMMANDS, self.delay, self.std)
 
 
-class _Axis:
+class _MomentEquation:
     """One moment's equation with its commands at any time, on those rows that have a sample to shift to."""
 
     def __init__(self, equations: Equations, axis: str, terms: Sequence[Term]) -> None:
@@ -113,7 +113,7 @@ def _profile(parts: Sequence[FlightData], body: Body, terms: Sequence[Term], gri
     """Profile over a grid of delays [s] and about its best one; None where that is at an end."""
     equations = settled_equations(parts, body, [term.name for term in terms])
     grouped = [(axis, own) for axis, own in axes_of(terms) if _commanded(own)]
-    axes = [_Axis(equations, axis, own) for axis, own in grouped]
+    axes = [_MomentEquation(equations, axis, own) for axis, own in grouped]
     spread = [sum(r.size * np.log(np.mean(r**2)) for r in (axis.residual(delay) for axis in axes)) for delay in grid]
     coarse = int(np.argmin(spread))
     if not 0 < coarse < grid.size - 1:
@@ -150,4 +150,4 @@ def _commanded(terms: Sequence[Term]) -> bool:
 
 def _independent(residual: Array) -> float:
     """Number of independent samples among coloured ones."""
-    return residual.size / max(float(np.sum(autocorrelation([residual]))), 1.0)
+    return residual.size / max(float(np.sum(pooled_autocorrelation([residual]))), 1.0)

@@ -17,7 +17,7 @@ from sysid.equation_error.coefficients import Body
 from sysid.equation_error.equations import Equations
 from sysid.equation_error.least_squares import regress
 from sysid.errors import SysidError
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.signals.flight import FlightData
 
 # Rich in what lift may follow, so that a missing term of the model is not taken for timing.
@@ -36,7 +36,7 @@ def command_shows_at_once(parts: Sequence[FlightData], body: Body, lateral: bool
         later, now = _residuals(parts, body, names)
     except SysidError:
         return False
-    independent = now.size / max(float(np.sum(autocorrelation([now]))), 1.0)
+    independent = now.size / max(float(np.sum(pooled_autocorrelation([now]))), 1.0)
     return bool(independent * np.log(np.mean(later**2) / np.mean(now**2)) > _MARGIN)
 
 

@@ -32,7 +32,7 @@ _START_SHARE, _TRAVEL = 0.5, (1.0, 99.0)
 
 
 @dataclass(frozen=True)
-class Lag:
+class OutputLag:
     """How one output remembers. column: of OUTPUTS. decay, old, new: a, c0 and c1 of the module."""
 
     column: int
@@ -57,25 +57,25 @@ class Memory:
     start: Array
 
 
-def lags(effects: Array, interval_s: float) -> list[Lag]:
+def lags(effects: Array, interval_s: float) -> list[OutputLag]:
     """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
-    found: dict[int, Lag] = {}
+    found: dict[int, OutputLag] = {}
     _, part = split_delay_ticks(effects, interval_s)
     for column, place in enumerate(OUTPUT_PLACES):
         if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
-            found[column] = Lag(column, 0.0, part, 1.0 - part)
+            found[column] = OutputLag(column, 0.0, part, 1.0 - part)
     for name, outputs in _LAGS.items():
         tau = float(effects[slot(name, "tau")]) if effects[slot(name)] != 0.0 else 0.0
         if tau > 0.0:
             decay = exp(-interval_s / tau)
             held = tau / interval_s * (1.0 - decay)
             for column in (OUTPUTS.index(output) for output in outputs):
-                found[column] = Lag(column, decay, held - decay, 1.0 - held)
+                found[column] = OutputLag(column, decay, held - decay, 1.0 - held)
     return list(found.values())
 
 
 def remember(
-    found: Sequence[Lag], columns: IntArray, z: Array, read_x: Array, read_theta: Array, direct: Sequence[int]
+    found: Sequence[OutputLag], columns: IntArray, z: Array, read_x: Array, read_theta: Array, direct: Sequence[int]
 ) -> Memory | None:
     """The memory of the outputs in use; what prompt sensors would read is changed to what these do, in place.
 

@@ -23,7 +23,7 @@ _ROUNDS = 4
 # Of a sample: a delay that is off by less is left as it is.
 _NEAR = 0.1
 
-Estimate = tuple[Problem, FilterErrorResult, list[Refusal]]
+SolvedProblem = tuple[Problem, FilterErrorResult, list[Refusal]]
 
 
 def estimate_with_delay(
@@ -35,12 +35,12 @@ def estimate_with_delay(
     sensors: Sequence[str] | None,
     suspected_s: float,
     progress: Progress,
-) -> tuple[Estimate, tuple[Delay, ...]]:
+) -> tuple[SolvedProblem, tuple[Delay, ...]]:
     """`estimate_in_turbulence` without and with a delay of the commands that is suspected: the likelier, and its delay.
 
     models: start values without and with it. Raises EstimationError where the filter diverges either way.
     """
-    found: dict[float, Estimate] = {}
+    found: dict[float, SolvedProblem] = {}
     for delay, model in zip((0.0, suspected_s), models, strict=True):
         try:
             found[delay] = estimate_in_turbulence(

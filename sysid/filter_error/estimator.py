@@ -23,7 +23,7 @@ from sysid.numerics.dryden import Turbulence
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import damped_step, hold, inverse, require_numbers
 from sysid.output_error.estimator import prior_knowledge
-from sysid.problem.predictor import Parameter, Predictor
+from sysid.problem.predictor import FreeParameter, Predictor
 from sysid.signals.record import OUTPUTS
 
 MAX_ITERATIONS = 30
@@ -49,7 +49,7 @@ class FilterErrorResult:
     same without turbulence, all else equal. converged: whether the steps ended.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FreeParameter, ...]
     theta: Array
     covariance: Array
     covariance_white: Array

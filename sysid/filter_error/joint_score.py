@@ -18,7 +18,7 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.filter_error.linearised_flight import FilteredFlight, Pass
 from sysid.filter_error.path import Path
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.filters import convolved
 from sysid.numerics.normal_equations import solve
@@ -87,7 +87,7 @@ class ScoredPoint(TrialPoint):
         white, middle = self.covariance, self.prior + self.scores.spread
         pairs = list(zip(self.found.innovations, self.found.variances, strict=True))
         for j in range(pairs[0][0].shape[1]):
-            kernel = autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
+            kernel = pooled_autocorrelation([nu[:, j] / np.sqrt(variance[:, j]) for nu, variance in pairs])
             for rows in self.scores.rows:
                 here = rows[:, j]
                 wide = here if kernel.size == 1 else convolved(here, kernel)

@@ -273,8 +273,9 @@ class FilteredFlight:
         ) -> tuple[Array, Array]:
             ahead, y, shown = predict_path(
                 before, gust_before, path.after, path.gust_after, path.gust_over, self.free[k], over, seen, pull,
-                record.rho[record.start :], _heights(record, effects), record.interval_s, bool(record.held.size),
-                lagging, part, parameters, there, flat.C, flat.F, flat.K, flat.T, OUTPUT_PLACES,
+                record.rho[record.start :], _heights(record, effects), record.interval_s,
+                bool(record.imposed_states.size), lagging, part, parameters, there, flat.C, flat.F, flat.K, flat.T,
+                OUTPUT_PLACES,
             )  # fmt: skip
             return ahead, select_delayed(y, shown, there)
 

@@ -39,7 +39,7 @@ from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors
 from sysid.uncertainty.reconstruction_errors import held_errors
 from sysid.validation.held_out import comparison, judge, validation_of
-from sysid.validation.residual_series import Comparison
+from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
 METHODS = ("auto", "ee", "oe", "fe")
@@ -67,7 +67,7 @@ class Identification:
     linear: LinearModel | str
     warnings: tuple[str, ...]
     check: SignalCheck = field(default_factory=SignalCheck)
-    compared: Comparison | None = None
+    compared: ModelComparison | None = None
 
 
 def identify(

@@ -12,7 +12,7 @@ from sysid.identification.identify import Identification
 from sysid.identification.linear_model import LinearModel
 from sysid.signal_check.sensor_assessment import verdicts
 from sysid.validation.largest_residual import told
-from sysid.validation.residual_series import series_json
+from sysid.validation.residual_series import output_residuals, series_json
 from sysid.validation.statistics import Validation
 
 
@@ -95,7 +95,11 @@ def _series(found: Identification) -> dict[str, Any]:
     if found.compared is None:
         return {}
     use = "estimation" if found.validation is None else "validation"
-    return {"series": series_json(found.compared, use, found.likeliest)}
+    series = series_json(found.compared, use)
+    if found.likeliest is not None:
+        interval = found.likeliest.problem.records[0].interval_s
+        series["outputs"] = output_residuals(found.likeliest.result.residuals, interval)
+    return {"series": series}
 
 
 def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict[str, Any] | None:

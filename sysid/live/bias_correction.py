@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.live.estimators.frequency_estimator import VANES, Estimate
-from sysid.live.signals.air_data_ekf import SensorError
+from sysid.live.estimators.frequency_estimator import VANES, CoefficientEstimates
+from sysid.live.signals.air_data_ekf import AirDataError
 
 # Least share of a variance that is left where the noise that two estimates share is taken off.
 _LEAST_OWN = 0.25
@@ -16,8 +16,8 @@ _LEAST_OWN = 0.25
 def corrected(
     axis: str,
     factors: Sequence[tuple[str, ...]],
-    estimate: Estimate,
-    errors: Mapping[str, SensorError],
+    estimate: CoefficientEstimates,
+    errors: Mapping[str, AirDataError],
     shared: Mapping[str, float],
 ) -> list[tuple[float, float]]:
     """Each coefficient and its standard error.
@@ -43,7 +43,9 @@ def corrected(
     return found
 
 
-def _bias_in_constant(axis: str, estimate: Estimate, errors: Mapping[str, SensorError]) -> tuple[float, float]:
+def _bias_in_constant(
+    axis: str, estimate: CoefficientEstimates, errors: Mapping[str, AirDataError]
+) -> tuple[float, float]:
     """What takes the vanes' biases off a constant, and the variance that their errors leave."""
     gains: dict[str, float] = {}
     for vane in VANES:

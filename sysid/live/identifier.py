@@ -17,11 +17,11 @@ from sysid.equation_error.equations import MOMENTS
 from sysid.live.bias_correction import corrected
 from sysid.live.estimators.axis_estimators import Axis, SlowSamples
 from sysid.live.estimators.change_detection import Change
-from sysid.live.estimators.coefficient_status import Coefficient, judged
+from sysid.live.estimators.coefficient_status import CoefficientStatus, judged
 from sysid.live.estimators.equations import LiveEquations
 from sysid.live.estimators.frequency_estimator import VANES
 from sysid.live.signal_requirements import CORE, OPTIONAL, axes_of, refusals
-from sysid.live.signals.air_data_ekf import AirFilter, SensorError
+from sysid.live.signals.air_data_ekf import AirDataError, AirFilter
 from sysid.live.signals.air_data_imm import ROW
 from sysid.live.signals.airborne import Airborne
 from sysid.live.signals.low_rate_buffer import SparseSamples
@@ -58,9 +58,9 @@ class LiveReport:
     """What is known at `time_s`. Dictionaries are by name; least_squares: value and standard error."""
 
     time_s: float
-    coefficients: dict[str, Coefficient]
+    coefficients: dict[str, CoefficientStatus]
     least_squares: dict[str, tuple[float, float]]
-    sensors: dict[str, SensorError]
+    sensors: dict[str, AirDataError]
     changes: tuple[Change, ...]
     warnings: tuple[str, ...]
 
@@ -170,7 +170,7 @@ class LiveIdentifier:
         self._faults.clear()
         return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings)
 
-    def _values(self, errors: Mapping[str, SensorError]) -> dict[str, tuple[float, float]]:
+    def _values(self, errors: Mapping[str, AirDataError]) -> dict[str, tuple[float, float]]:
         """Value and standard error of each coefficient, with what the sensors' errors make of them."""
         found: dict[str, tuple[float, float]] = {}
         moved = {vane: self._air.moved(vane) for vane in VANES}
@@ -186,7 +186,7 @@ class LiveIdentifier:
             found |= zip(one.names, told, strict=True)
         return found
 
-    def _refresh(self) -> dict[str, SensorError]:
+    def _refresh(self) -> dict[str, AirDataError]:
         """Estimates by all samples so far, and what the equations need of them; the sensors' errors."""
         self._refreshed = self.time_s
         errors = self._air.errors() if self._air.rows else {}
@@ -335,7 +335,7 @@ class LiveIdentifier:
     def _known_noise(self) -> dict[str, float]:
         return {name: one.variance for name, one in self._noise.items() if isfinite(one.variance)}
 
-    def _update(self, axis: str, one: Axis, errors: Mapping[str, SensorError], *, checked: bool) -> None:
+    def _update(self, axis: str, one: Axis, errors: Mapping[str, AirDataError], *, checked: bool) -> None:
         # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
         biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
         known = self._known_noise()
@@ -356,13 +356,13 @@ class LiveIdentifier:
             one.detector.restart()
             one.estimate = None
 
-    def _unknown(self) -> dict[str, Coefficient]:
+    def _unknown(self) -> dict[str, CoefficientStatus]:
         """Every coefficient before anything is known of it."""
         found = {}
         for name in self._names:
             begun = "the flight has only begun" if self._airborne.flying else "the aircraft is not in the air"
             why, fly = self._refused.get(name, (begun, helpful_manoeuvre(name)))
-            found[name] = Coefficient(name, np.nan, np.inf, False, why, fly)
+            found[name] = CoefficientStatus(name, np.nan, np.inf, False, why, fly)
         return found
 
     def _lost(self) -> list[str]:

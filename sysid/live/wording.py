@@ -8,7 +8,7 @@ import numpy as np
 
 from sim_vehicle.model.terms import parse_term
 from sysid.live.estimators.change_detection import Change
-from sysid.live.signals.air_data_ekf import SensorError
+from sysid.live.signals.air_data_ekf import AirDataError
 
 _SURFACES = {"de": "elevator", "da": "ailerons", "dr": "rudder", "throttle": "throttle"}
 # What a coefficient is to a pilot, and what may have changed it.
@@ -53,7 +53,7 @@ def change_sentence(change: Change) -> str:
     return f"{meaning} is at {share:.0%}{why} {numbers}"
 
 
-def sensor_warnings(errors: Mapping[str, SensorError]) -> list[str]:
+def sensor_warnings(errors: Mapping[str, AirDataError]) -> list[str]:
     """A line for each sensor error that is beyond doubt and worth telling."""
     told = []
     for name, limit in _WORTH_TELLING.items():

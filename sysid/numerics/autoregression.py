@@ -26,7 +26,7 @@ def autoregression(series: Sequence[Array], order: int) -> Array:
     return np.concatenate(([1.0], -weights))
 
 
-def whiten(values: Array, taps: Array) -> Array:
+def apply_whitening_filter(values: Array, taps: Array) -> Array:
     """(N,) or (N, P) passed through the whitening filter along the first axis; the first samples, half in, left out."""
     order = taps.size - 1
     if values.ndim == 1:
@@ -37,7 +37,7 @@ def whiten(values: Array, taps: Array) -> Array:
     return white
 
 
-def autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
+def pooled_autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
     """Two-sided normalised autocorrelation of residuals, tapered, (2 L + 1,), pooled over series; NaN counts as 0.
 
     Lags are kept up to `share` of the shortest series and end where the correlation is first lost in its own noise.

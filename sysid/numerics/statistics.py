@@ -8,7 +8,7 @@ from scipy import fft, linalg
 from sysid.arrays import Array
 
 
-def autocorrelation(values: Array, lags: int) -> Array:
+def sample_autocorrelation(values: Array, lags: int) -> Array:
     """Normalised autocorrelation about the mean at lag 0..lags; values: (N,) finite. Returns (lags + 1,)."""
     centred = values - values.mean()
     size = fft.next_fast_len(centred.size + lags, real=True)
@@ -16,14 +16,14 @@ def autocorrelation(values: Array, lags: int) -> Array:
     return np.asarray(sums / sums[0], dtype=np.float64) if sums[0] > 0.0 else np.eye(1, lags + 1)[0]
 
 
-def whiten(values: Array, order: int | None = None) -> Array:
+def autoregressive_innovations(values: Array, order: int | None = None) -> Array:
     """Innovations of an autoregressive model fitted to a residual (Yule-Walker), order by AIC if None.
 
     values: (N,) finite. Returns (N - order,).
     """
     centred = values - values.mean()
     highest = min(max(values.size // 10, 1), 20) if order is None else order
-    rho = autocorrelation(values, highest)
+    rho = sample_autocorrelation(values, highest)
     chosen, best = 0, 0.0
     if order is None:
         for p in range(1, highest + 1):
@@ -54,12 +54,12 @@ def gaussian_p(values: Array) -> float | None:
         return None
     from scipy import stats  # slow to import, and wanted for this alone
 
-    return float(stats.normaltest(whiten(finite)).pvalue)
+    return float(stats.normaltest(autoregressive_innovations(finite)).pvalue)
 
 
 def effective_count(values: Array) -> float:
     """Number of independent samples a correlated series is worth for its mean (initial positive sequence)."""
-    rho = autocorrelation(values, max(values.size // 5, 1))
+    rho = sample_autocorrelation(values, max(values.size // 5, 1))
     negative = np.flatnonzero(rho < 0.0)
     stop = int(negative[0]) if negative.size else rho.size
     return float(values.size / (1.0 + 2.0 * rho[1:stop].sum()))

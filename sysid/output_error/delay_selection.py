@@ -103,7 +103,7 @@ def _worth_a_look(here: Linearised, names: Sequence[str]) -> bool:
             else:
                 delay_derivative(name, y, record.interval_s, of_name[k])
     # What stands beside is taken to be one second at most, which says nothing next to what a flight tells.
-    information, gradient = here.beside(here.others(slopes))
+    information, gradient = here.bordered_information(here.others(slopes))
     white = inverse(information)
     n = theta.size
     steps, stds = (white @ gradient)[n:], np.sqrt(np.diag(white)[n:])

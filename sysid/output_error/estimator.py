@@ -14,12 +14,12 @@ from scipy.ndimage import convolve1d
 
 from sysid.arrays import Array, IntArray
 from sysid.errors import EstimationError
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.filters import convolved
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import add_squares, damped_step, gram, inverse, require_numbers
 from sysid.numerics.parallel import side_by_side
-from sysid.problem.predictor import Parameter, Predictor
+from sysid.problem.predictor import FreeParameter, Predictor
 from sysid.signals.record import OUTPUTS, angle_wrap
 
 MAX_ITERATIONS = 25
@@ -49,7 +49,7 @@ class OutputErrorResult:
     cost stopped falling.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FreeParameter, ...]
     theta: Array
     covariance: Array
     covariance_white: Array
@@ -96,7 +96,7 @@ class UnlikelyError(EstimationError):
     """The estimate will be less likely than what was asked for."""
 
 
-def prior_knowledge(parameters: Sequence[Parameter], prior: Gaussian | None) -> tuple[Array, Array]:
+def prior_knowledge(parameters: Sequence[FreeParameter], prior: Gaussian | None) -> tuple[Array, Array]:
     """Means (P,) and information (P, P): each parameter's own, or `prior` for those that it names."""
     mean = np.array([parameter.prior_mean for parameter in parameters])
     information = np.diag([parameter.prior_std**-2.0 for parameter in parameters])
@@ -338,7 +338,7 @@ class OutputError:
         middle = np.zeros((n, n))
         middle[:p, :p] = self.prior_information
         inflation = np.full(len(OUTPUTS), np.nan)
-        kernels = {int(j): autocorrelation([residual[:, j] for residual in residuals]) for j in self.columns}
+        kernels = {int(j): pooled_autocorrelation([residual[:, j] for residual in residuals]) for j in self.columns}
         for j, kernel in kernels.items():
             inflation[j] = max(float(np.sum(kernel)), 1.0)
         white_columns = np.array([j for j, kernel in kernels.items() if kernel.size == 1], dtype=np.int64)

@@ -84,7 +84,7 @@ class Linearised:
         """Information matrix and gradient, downhill, prior included."""
         return self.estimation.normal_equations(self.result.theta, self.residuals, self.S, self.result.sigma)
 
-    def pulls(self, shifts: Sequence[Sequence[Array]]) -> Array:
+    def gradient_changes(self, shifts: Sequence[Sequence[Array]]) -> Array:
         """Gradients (unknowns, shifts) from changes of the residuals, (N, 15) of every record each; NaN is none."""
         # Found side by side themselves, so before records are worked on side by side.
         S, residuals = self.S, self.residuals
@@ -122,7 +122,7 @@ class Linearised:
             )
         return found
 
-    def beside(self, others: Sequence[NuisanceUnknowns]) -> tuple[Array, Array]:
+    def bordered_information(self, others: Sequence[NuisanceUnknowns]) -> tuple[Array, Array]:
         """Information matrix and gradient of the unknowns and, behind them, of the `others` of every record."""
         information, downhill = self.normal
         n = information.shape[0]

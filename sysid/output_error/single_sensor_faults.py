@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.fractional_delay import read_later
 from sysid.numerics.normal_equations import inverse, single_gram, single_pulls
 from sysid.numerics.parallel import side_by_side
@@ -212,7 +212,7 @@ def _alone(here: Linearised) -> _Alone:
         across[:, :, estimation.places(k)] += part
     inflation = np.zeros(len(OUTPUTS))
     for j in estimation.columns:
-        kernel = autocorrelation([nu[:, j] for nu in here.residuals])
+        kernel = pooled_autocorrelation([nu[:, j] for nu in here.residuals])
         inflation[j] = max(float(np.sum(kernel)), 1.0)
     own, downhill = sum(part[2] for part in parts), sum(part[3] for part in parts)
     return _Alone(here, [part[0] for part in parts], across, np.asarray(own), np.asarray(downhill), inflation)
@@ -224,7 +224,7 @@ def _errors(alone: _Alone, others: Sequence[NuisanceUnknowns] | None = None) -> 
     others: what else the residuals hold, of every record.
     """
     here, across = alone.here, alone.across
-    information, gradient = here.normal if others is None else here.beside(others)
+    information, gradient = here.normal if others is None else here.bordered_information(others)
     if others is not None:
         across = np.concatenate((across, _beside(alone, others, gradient.size - across.shape[2])), axis=2)
     white = inverse(information)

@@ -52,7 +52,7 @@ _OVER_ALPHA = tuple(f"{power}_{name}" for power in ("alpha", "alpha2") for name 
 
 
 @dataclass(frozen=True)
-class _Axis:
+class _AxisTerms:
     """One axis: its terms in the structure and the further ones, K of them.
 
     projection: (terms, K) P. root: (K, K) upper triangular; root @ gamma are K numbers whose square sum is the mean
@@ -79,7 +79,7 @@ class Widened:
     model: Model
     coefficients: tuple[str, ...]
     result: OutputErrorResult
-    axes: tuple[_Axis, ...]
+    axes: tuple[_AxisTerms, ...]
     shown: tuple[str, ...]
 
     def projected(self, result: OutputErrorResult) -> OutputErrorResult:
@@ -167,7 +167,7 @@ def _extended(model: Model, further: Sequence[str]) -> Model:
     return replace(model, coefficients={**model.coefficients, **{name: Coefficient(0.0) for name in further}})
 
 
-def _joined(known: Gaussian | None, misfit: Sequence[tuple[_Axis, float]]) -> Gaussian:
+def _joined(known: Gaussian | None, misfit: Sequence[tuple[_AxisTerms, float]]) -> Gaussian:
     """What was known before, and the misfit's prior: root @ gamma independent, of one variance for each axis."""
     blocks, names, means = [], [], []
     if known is not None:
@@ -212,7 +212,7 @@ def _along(
 
 def _axes(
     motion: Motion, along: Mapping[str, Array], coefficients: Sequence[str], result: OutputErrorResult
-) -> list[_Axis]:
+) -> list[_AxisTerms]:
     """Every axis with those further terms that are parts of their own."""
     found = []
     for name in AXES:
@@ -234,12 +234,12 @@ def _axes(
 
 def _nearest(
     name: str, own: tuple[str, ...], further: tuple[str, ...], along: Mapping[str, Array], swing: float
-) -> _Axis:
+) -> _AxisTerms:
     """The axis with what its further terms are along a motion."""
     M = _products(further, along)
     projection = _projection(own, M, along)
     root = np.linalg.qr(M - _products(own, along) @ projection, mode="r") / np.sqrt(len(M))
-    return _Axis(name, own, further, projection, root, swing)
+    return _AxisTerms(name, own, further, projection, root, swing)
 
 
 def _projection(own: Sequence[str], M: Array, along: Mapping[str, Array]) -> Array:
@@ -288,7 +288,7 @@ def _sizes(
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
-    axes: Sequence[_Axis],
+    axes: Sequence[_AxisTerms],
     values: Mapping[str, float],
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Variance of each part of an axis's misfit, by axis, and the axes that show theirs."""

@@ -50,7 +50,7 @@ _SMOOTH_STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FreeParameter:
     """One estimated number.
 
     kind: "coefficient", "effect", "sensor", "delay", "input". low, high: bounds. prior_std: standard deviation of a
@@ -79,31 +79,31 @@ class Parameter:
         return self.difference is not None and self.difference > _SMOOTH_STEP
 
 
-def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> Parameter:
+def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> FreeParameter:
     """An aerodynamic coefficient, with a prior where one is given."""
-    return Parameter(name, "coefficient", prior_mean=mean, prior_std=std)
+    return FreeParameter(name, "coefficient", prior_mean=mean, prior_std=std)
 
 
-def sensor_error(name: str) -> Parameter:
+def sensor_error(name: str) -> FreeParameter:
     """A sensor error of SENSOR_ERRORS."""
-    return Parameter(name, "sensor")
+    return FreeParameter(name, "sensor")
 
 
-def delay_parameter(name: str) -> Parameter:
+def delay_parameter(name: str) -> FreeParameter:
     """A delay of sysid.problem.delay_parameters.DELAYS, s."""
-    return Parameter(name, "delay", -LONGEST_S, LONGEST_S)
+    return FreeParameter(name, "delay", -LONGEST_S, LONGEST_S)
 
 
-def thrust_error(index: int) -> Parameter:
+def thrust_error(index: int) -> FreeParameter:
     """How much of an error of the thrust there is (a row of `Record.thrust_doubt`), in its standard deviations."""
-    return Parameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
+    return FreeParameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
 
 
-def effect_parameter(effect: str, parameter: str) -> Parameter:
+def effect_parameter(effect: str, parameter: str) -> FreeParameter:
     """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
     for entry in EFFECTS[effect].parameters:
         if entry.name == parameter:
-            return Parameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
+            return FreeParameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
     raise KeyError(parameter)
 
 
@@ -166,23 +166,25 @@ def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tupl
 
 def free_states(record: Record) -> list[int]:
     """Which of the nine initial states are estimated: those that the record does not impose."""
-    return [i for i in range(9) if not (record.held.size and np.isfinite(record.held[record.start, i]))]
+    return [
+        i for i in range(9) if not (record.imposed_states.size and np.isfinite(record.imposed_states[record.start, i]))
+    ]
 
 
 class Predictor:
     """Outputs of records as a function of the parameters.
 
     flat: the model everything else is taken from. parameters: what is estimated, P of them. Every record adds nine
-    initial states, of which those imposed by `Record.held` are left out. sub_steps: integration steps per sample.
-    tangent_steps: the same for the derivatives; None takes half of them where samples are close together, which moves
-    the derivatives of small aircraft by less than a thousandth, and estimates by as much of their standard error.
+    initial states, of which those imposed by `Record.imposed_states` are left out. sub_steps: integration steps per
+    sample. tangent_steps: the same for the derivatives; None takes half of them where samples are close together, which
+    moves the derivatives of small aircraft by less than a thousandth, and estimates by as much of their standard error.
     command_first: see sim_vehicle.physics.simulation.simulate.
     """
 
     def __init__(
         self,
         flat: FlatModel,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[FreeParameter],
         records: Sequence[Record],
         *,
         sub_steps: int = 2,
@@ -253,8 +255,8 @@ class Predictor:
     ) -> None:  # fmt: skip
         simulate_variants(
             x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
-            record.interval_s, self.sub_steps, self.command_first, record.held, gusts, flat.P, E, C, flat.F, flat.K,
-            flat.T, shift, y,
+            record.interval_s, self.sub_steps, self.command_first, record.imposed_states, gusts, flat.P, E, C, flat.F,
+            flat.K, flat.T, shift, y,
         )  # fmt: skip
 
     def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:
@@ -321,7 +323,7 @@ class Predictor:
         inputs = Inputs(
             record.start, record.start + record.length, commands,
             thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
-            self.command_first, record.held,
+            self.command_first, record.imposed_states,
         )  # fmt: skip
         gains = error_gains(errors).tolist()
         tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)

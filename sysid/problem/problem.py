@@ -26,7 +26,7 @@ from sysid.problem.model_structure import (
     usual_size,
 )
 from sysid.problem.predictor import (
-    Parameter,
+    FreeParameter,
     Predictor,
     coefficient,
     delay_parameter,
@@ -134,7 +134,7 @@ def split_runs(
             if (name in LONGITUDINAL_STATES) != motion.longitudinal:
                 held[record.start :, j] = path[:, j]
                 held[: record.start, j] = path[0, j]
-    record = replace(record, held=held)
+    record = replace(record, imposed_states=held)
     # From first to last sample: a stretch of just `run_s` is one run.
     count = max(1, math.ceil((record.length - 1) * record.interval_s / run_s - 1e-6))
     edges = np.linspace(0, record.length, count + 1).astype(int)
@@ -160,7 +160,7 @@ def predictor_of(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> Predictor:
     """Outputs of the problem's records as a function of those parameters that are free."""
-    parameters: list[Parameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
+    parameters: list[FreeParameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
     parameters += [effect_parameter(effect, name) for effect, name in effects]
     for name in problem.sensors:
         entry = sensor_error(name)
@@ -200,7 +200,7 @@ class Likeliest(Estimates, Protocol):
     """A maximum-likelihood estimate, whatever method found it; the parameters stand first in theta and covariance."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[FreeParameter, ...]:
         """What was estimated, P of them."""
 
     @property

@@ -27,8 +27,8 @@ from sysid.signal_check.kinematic_residuals import (
     DENSE,
     GROUND_DELAY,
     MEASURED_IN,
-    Comparison,
     Fit,
+    KinematicResiduals,
     Window,
     delay_slope,
     quick_cost,
@@ -111,7 +111,7 @@ def _finite(window: Window, columns: Columns) -> bool:
 
 
 def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate | None:
-    base = Comparison(windows, columns)
+    base = KinematicResiduals(windows, columns)
     found = _discrete(windows, columns, base)
     # Large scale errors of vanes and airspeed are estimated later; here they must only do no harm.
     read, there, stretched = _rescaled(windows, columns, base)
@@ -139,13 +139,13 @@ def _worth(windows: list[Window], one: _Candidate, given: list[dict[str, Array]]
         interval = windows[0].interval_s
         whole = round(one.mistake.found / interval) * interval
         columns = [advanced(c, one.mistake.signals, whole, interval) for c in given]
-    _, there, stretched = _rescaled(windows, columns, Comparison(windows, columns))
+    _, there, stretched = _rescaled(windows, columns, KinematicResiduals(windows, columns))
     return one.stretched + stretched - there.null().cost
 
 
 def _rescaled(
-    windows: list[Window], columns: list[dict[str, Array]], base: Comparison
-) -> tuple[list[dict[str, Array]], Comparison, float]:
+    windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals
+) -> tuple[list[dict[str, Array]], KinematicResiduals, float]:
     """The signals without scale errors so large that their derivative does not hold, where that is likelier.
 
     The third is the logarithm of the Jacobian.
@@ -160,14 +160,14 @@ def _rescaled(
             one = scale_hypothesis((name,), max(scale, -0.5))
             read = [one.apply(c) for c in read]
             stretched += _stretched(one, windows)
-        there = Comparison(windows, read)
+        there = KinematicResiduals(windows, read)
         if base.null().cost - there.null().cost + stretched < _LIKELIER:
             break
         columns, base, total = read, there, total + stretched
     return columns, base, total
 
 
-def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
     present = set.union(*(set(c) for c in columns))
     filters = base.filters()
     quick = quick_cost(windows, columns, filters)
@@ -187,7 +187,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
     ranked.sort(key=lambda entry: -entry[0])
     found = []
     for _, one, read in ranked[:_SHORTLIST]:
-        there = Comparison(windows, read)
+        there = KinematicResiduals(windows, read)
         gain = base.null().cost - there.null().cost + _stretched(one, windows) - one.penalty
         if gain > GAIN and (base.level_cost - there.level_cost > _LEVEL_GAIN or _moved_by(one, base)):
             factor = float(one.matrix[0, 0]) if one.kind in ("unit", "sign") else float("nan")
@@ -198,7 +198,7 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Comp
     return found
 
 
-def _moved_by(one: Hypothesis, base: Comparison) -> bool:
+def _moved_by(one: Hypothesis, base: KinematicResiduals) -> bool:
     """Whether the motion itself speaks against the scale of an inertial signal, not the noise that it brings along."""
     if one.kind == "axis" or not set(one.signals) <= set(IMU):
         return True
@@ -240,7 +240,7 @@ def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) ->
     return bool(travel < 3.0 * noise)
 
 
-def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+def _scales(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
     """Scale factors of signals for which no sensor error stands."""
     found = []
     singles = {
@@ -265,7 +265,7 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Compar
             continue
         one = scale_hypothesis(names, scale)
         read = [one.apply(c) for c in columns]
-        there = Comparison(windows, read)
+        there = KinematicResiduals(windows, read)
         gain = base.null(relations).cost - there.null(relations).cost + _stretched(one, windows) - one.penalty
         if gain > GAIN:
             usable = abs(scale) < SCALE_REFUSED
@@ -280,7 +280,7 @@ def _refined(
     """A scale error after further Gauss-Newton steps, with its standard error."""
     std = float("inf")
     for _ in range(2):
-        there = Comparison(windows, [scale_hypothesis(names, scale).apply(c) for c in columns])
+        there = KinematicResiduals(windows, [scale_hypothesis(names, scale).apply(c) for c in columns])
         slopes = [
             _summed([scale_slope(w, c, name) for name in names]) for w, c in zip(windows, there.smooth, strict=True)
         ]
@@ -311,7 +311,7 @@ def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, name
     return True
 
 
-def _delays(windows: list[Window], columns: list[dict[str, Array]], base: Comparison) -> list[_Candidate]:
+def _delays(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
     """Delays of groups and single signals against all others."""
     found = []
     singles = [(name,) for name in dict.fromkeys(n for group in GROUPS.values() for n in group) if name not in GROUND]
@@ -349,7 +349,7 @@ def _scanned(
 
 
 def _delay(
-    windows: list[Window], columns: list[dict[str, Array]], base: Comparison, names: tuple[str, ...], start: int
+    windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals, names: tuple[str, ...], start: int
 ) -> _Candidate | None:
     """One delay by Gauss-Newton from `start` samples on: whole samples by shifting, the rest by its derivative."""
     interval = windows[0].interval_s
@@ -361,7 +361,7 @@ def _delay(
             if step:
                 shift += step
                 here = [advanced(c, names, shift * interval, interval) for c in columns]
-                there = Comparison(windows, here)
+                there = KinematicResiduals(windows, here)
             slopes = [delay_slope(w, c, names) for w, c in zip(windows, there.smooth, strict=True)]
             fit = there.fit(slopes, relations)
             if not np.isfinite(fit.values[0]):

@@ -24,7 +24,7 @@ from scipy.fft import next_fast_len
 from sim_vehicle.jit import jit
 from sysid.arrays import Array
 from sysid.compatibility.ekf_part import part_states
-from sysid.numerics.autoregression import autoregression, whiten
+from sysid.numerics.autoregression import apply_whitening_filter, autoregression
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_layout import SensorLayout
@@ -268,7 +268,7 @@ def delay_slope(window: Window, columns: Columns, names: Sequence[str]) -> dict[
     return window.fast(slope)
 
 
-class Comparison:
+class KinematicResiduals:
     """All relations of all windows for one reading of the data: gaps and what sensor errors would do to them."""
 
     def __init__(self, windows: Sequence[Window], columns: Sequence[Columns]) -> None:
@@ -343,12 +343,12 @@ class Comparison:
             for name, parts in stacked.items():
                 left = [gap + row @ theta for gap, row in parts]
                 taps = autoregression(left, 1 if name in GROUND else _ORDER)
-                white = np.concatenate([whiten(one, taps) for one in left])
+                white = np.concatenate([apply_whitening_filter(one, taps) for one in left])
                 sigma[name] = max(float(np.sqrt(np.mean(white**2))), 1e-9)
                 filters[name] = taps / sigma[name]
                 cost += white.size * float(np.log(sigma[name]))
                 targets.append(white / sigma[name])
-                rows += [whiten(row, filters[name]) for _, row in parts]
+                rows += [apply_whitening_filter(row, filters[name]) for _, row in parts]
             stack, target = np.concatenate(rows), np.concatenate(targets)
             information = np.diag(prior) + stack.T @ stack
             if turn < _ROUNDS:
@@ -369,10 +369,10 @@ class _Whitened:
     residual: Array
     information: Array
 
-    def whitened(self, comparison: Comparison, slope: Slopes) -> Array:
+    def whitened(self, comparison: KinematicResiduals, slope: Slopes) -> Array:
         """(M,) one more regressor, in the order of the rows."""
         parts = [
-            whiten(slope[k][name], taps)
+            apply_whitening_filter(slope[k][name], taps)
             for name, taps in self.filters.items()
             for k, base in enumerate(comparison.base)
             if name in base
@@ -389,7 +389,7 @@ def quick_cost(windows: Sequence[Window], columns: Sequence[Columns], filters: M
     gaps = [w.gaps_of(s, c) for w, s, c in zip(windows, states, columns, strict=True)]
     cost = level_cost(windows, states)
     for name in dict.fromkeys(name for one in gaps for name in one):
-        white = np.concatenate([whiten(one[name], filters[name]) for one in gaps if name in one])
+        white = np.concatenate([apply_whitening_filter(one[name], filters[name]) for one in gaps if name in one])
         cost += white.size * 0.5 * float(np.log(max(white @ white / white.size, 1e-18)))
     return cost
 

@@ -18,7 +18,7 @@ from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.record import Record, make_records
 from sysid.signals.redundant_vanes import combined_vanes
 from sysid.signals.resampling import resample
-from sysid.signals.segments import Segment, find_segments
+from sysid.signals.segments import FlightSegment, find_segments
 from sysid.signals.sensor_layout import SensorLayout, sensor_layout
 from sysid.signals.thrust_source import ThrustSource
 
@@ -41,7 +41,7 @@ _MOVED_BY = {
 class Stretch:
     """One excited stretch of one flight: its samples as measured, and as a record for simulation."""
 
-    segment: Segment
+    segment: FlightSegment
     data: FlightData
     record: Record
 
@@ -70,7 +70,7 @@ class Prepared:
         return self.data.warnings
 
 
-def _requested(data: FlightData, start_s: float | None, stop_s: float | None) -> Segment:
+def _requested(data: FlightData, start_s: float | None, stop_s: float | None) -> FlightSegment:
     """The part a user asked for. Raises SegmentError where it holds no data."""
     begin = 0 if start_s is None else int(np.searchsorted(data.time_s, start_s))
     end = data.time_s.size if stop_s is None else int(np.searchsorted(data.time_s, stop_s))
@@ -85,7 +85,7 @@ def _requested(data: FlightData, start_s: float | None, stop_s: float | None) ->
         edges = np.concatenate(([-1], bad, [good.size]))
         longest = int(np.argmax(np.diff(edges)))
         begin, end = begin + int(edges[longest]) + 1, begin + int(edges[longest + 1])
-    return Segment(float(data.time_s[begin]), float(data.time_s[end - 1]), "given", "asked for", begin, end)
+    return FlightSegment(float(data.time_s[begin]), float(data.time_s[end - 1]), "given", "asked for", begin, end)
 
 
 def _with_values(signals: FlightSignals) -> FlightSignals:
@@ -121,7 +121,7 @@ def _repeats(values: Array) -> bool:
     return known.size > 1 and float(np.ptp(known)) == 0.0
 
 
-def _without_dead(data: FlightData, segments: Sequence[Segment]) -> FlightData:
+def _without_dead(data: FlightData, segments: Sequence[FlightSegment]) -> FlightData:
     """The flight without those signals it can do without that are dead in all its segments, with a warning for each."""
     dead = [dict(_dead(data.window(segment.start, segment.stop))) for segment in segments]
     names = [name for name in dead[0] if name not in NEEDED and all(name in others for others in dead)] if dead else []
@@ -153,7 +153,7 @@ def prepare(
                 " are wrong; leave it out of the recording, and thrust follows from rpm or throttle by [propulsion]"
             )
         data = replace(data, warnings=(*data.warnings, told))
-    spans: list[tuple[Segment, int, int]] = []
+    spans: list[tuple[FlightSegment, int, int]] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
         edges = np.linspace(segment.start, segment.stop, count + 1).astype(int).tolist()

@@ -63,18 +63,18 @@ class Record:
 
     commands: (M, 4) de, da, dr [rad] and throttle, held from each sample on, from `first` of the flight's samples on.
     thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 15) measured OUTPUTS of the samples
-    `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s.
-    held: (M, 9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the
-    measured ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise
-    leaves in `thrust`, each of one standard deviation; records of one flight with one `stretch` share them.
-    rotor_doubt: (L, M) the same that a counter's noise leaves in the throttle, where that stands for the propeller's
-    measured speed; where thrust follows from that speed, rows of the same number are one error.
-    thrust_source: where thrust comes from. thrust_read: (M,) N, as the sensor told it, where the airspeed explains a
-    part of it; else (0,). law: how thrust follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that
-    it has in `thrust`; None and (0,) where it does not. heights: (M,) m above the ground, and climbed: (M,) m above the
-    middle of the flight, each (0,) where nothing tells it. way: (M,) the way in which the thrust sensor's reading moves
-    (`sysid.signals.thrust_denoising`); (0,) without one. earlier: (L, 3) commands of the surfaces before those above,
-    which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
+    `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s. imposed_states: (M,
+    9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the measured
+    ax, and so an accelerometer's bias too. thrust_doubt: (K, M) independent errors that the sensor's noise leaves in
+    `thrust`, each of one standard deviation; records of one flight with one `stretch` share them. rotor_doubt: (L, M)
+    the same that a counter's noise leaves in the throttle, where that stands for the propeller's measured speed; where
+    thrust follows from that speed, rows of the same number are one error. thrust_source: where thrust comes from.
+    thrust_read: (M,) N, as the sensor told it, where the airspeed explains a part of it; else (0,). law: how thrust
+    follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that it has in `thrust`; None and (0,) where
+    it does not. heights: (M,) m above the ground, and relative_height: (M,) m above the middle of the flight, each (0,)
+    where nothing tells it. hysteresis_direction: (M,) the way in which the thrust sensor's reading moves
+    (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
+    above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     """
 
     flight: str
@@ -85,7 +85,7 @@ class Record:
     thrust: Array
     rho: Array
     z: Array
-    held: Array
+    imposed_states: Array
     moving_mass: float = 0.0
     thrust_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     rotor_doubt: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -95,9 +95,9 @@ class Record:
     law: AirspeedLaw | None = None
     airspeed: Array = field(default_factory=lambda: np.zeros(0))
     heights: Array = field(default_factory=lambda: np.zeros(0))
-    climbed: Array = field(default_factory=lambda: np.zeros(0))
-    way: Array = field(default_factory=lambda: np.zeros(0))
-    earlier: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    relative_height: Array = field(default_factory=lambda: np.zeros(0))
+    hysteresis_direction: Array = field(default_factory=lambda: np.zeros(0))
+    command_history: Array = field(default_factory=lambda: np.zeros((0, 3)))
     thrust_noise: Passed = NO_NOISE
 
     @property
@@ -109,13 +109,15 @@ class Record:
         """The output samples begin ... end - 1 as a record of its own, actuators running from MEMORY_S before."""
         cut = max(0, self.start + begin - round(MEMORY_S / self.interval_s))
         kept = slice(cut, self.start + end)
-        before = np.concatenate((self.earlier, self.commands[:cut, :3]))[-round(_HELD_S / self.interval_s) :]
+        before = np.concatenate((self.command_history, self.commands[:cut, :3]))[-round(_HELD_S / self.interval_s) :]
         return replace(
             self, time_s=self.time_s[begin:end], start=self.start + begin - cut, commands=self.commands[kept],
             thrust=self.thrust[kept], rho=self.rho[kept], z=self.z[begin:end],
-            held=self.held[kept] if self.held.size else self.held, thrust_doubt=self.thrust_doubt[:, kept],
-            rotor_doubt=self.rotor_doubt[:, kept], thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept],
-            heights=self.heights[kept], climbed=self.climbed[kept], way=self.way[kept], earlier=before,
+            imposed_states=self.imposed_states[kept] if self.imposed_states.size else self.imposed_states,
+            thrust_doubt=self.thrust_doubt[:, kept], rotor_doubt=self.rotor_doubt[:, kept],
+            thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
+            relative_height=self.relative_height[kept], hysteresis_direction=self.hysteresis_direction[kept],
+            command_history=before,
         )  # fmt: skip
 
 
@@ -147,11 +149,11 @@ def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
     The actuators are at rest there; what lags behind them has forgotten that row when the record's samples begin.
     """
     half = 0.5 * float(effects[slot("servo_deadband", "width")])
-    if effects[slot("servo_deadband")] == 0.0 or half == 0.0 or not record.earlier.size:
+    if effects[slot("servo_deadband")] == 0.0 or half == 0.0 or not record.command_history.size:
         return commands
     commands = commands.copy()
     for channel in range(3):
-        accepted, *rest = record.earlier[:, channel].tolist()
+        accepted, *rest = record.command_history[:, channel].tolist()
         for command in (*rest, float(commands[0, channel])):
             accepted = command if abs(command - accepted) > half else accepted
         commands[0, channel] = accepted
@@ -173,12 +175,12 @@ def height_for(record: Record, effects: Array) -> Array:
         return record.heights
     if effects[slot("wind_shear")] == 0.0:
         return np.zeros(0)
-    if not record.climbed.size:
+    if not record.relative_height.size:
         raise SignalError(
             f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude (HIGHRES_IMU, "
             "VFR_HUD) or the vertical velocity (GLOBAL_POSITION_INT, LOCAL_POSITION_NED)"
         )
-    return record.climbed
+    return record.relative_height
 
 
 def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
@@ -190,7 +192,7 @@ def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
     if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0:
         return commands
     heights = heights if heights.size else np.full(commands.shape[0], np.nan)
-    way = record.way if record.way.size else np.zeros(commands.shape[0])
+    way = record.hysteresis_direction if record.hysteresis_direction.size else np.zeros(commands.shape[0])
     return np.ascontiguousarray(np.column_stack((commands, heights, way)))
 
 
@@ -262,5 +264,5 @@ def _make_record(
         data.name, data.interval_s, data.time_s[start:stop], start - first, commands,
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
-        climbed=climbed, way=way, earlier=earlier, thrust_noise=denoised.noise,
+        relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
     )  # fmt: skip

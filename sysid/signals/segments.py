@@ -35,7 +35,7 @@ SHORT_FLIGHT_S = 30.0  # so is one that is short altogether: trimmed samples tel
 
 
 @dataclass(frozen=True)
-class Segment:
+class FlightSegment:
     """One part of a flight.
 
     start_s, end_s: s, on the flight's own time base. kind: "longitudinal", "lateral", "combined", "throttle"
@@ -50,7 +50,9 @@ class Segment:
     stop: int
 
 
-def find_segments(data: FlightData, min_length_s: float = MIN_LENGTH_S, require_excited: bool = True) -> list[Segment]:
+def find_segments(
+    data: FlightData, min_length_s: float = MIN_LENGTH_S, require_excited: bool = True
+) -> list[FlightSegment]:
     """Find the airborne, excited parts of a flight.
 
     data: needs `airspeed` (m/s; else `vn ve`), body rates, and the surfaces `de da dr` where known; `altitude`
@@ -71,7 +73,7 @@ def find_segments(data: FlightData, min_length_s: float = MIN_LENGTH_S, require_
         )
     activity = _activity(data, usable)
     any_activity = np.logical_or.reduce(list(activity.values()))
-    segments: list[Segment] = []
+    segments: list[FlightSegment] = []
     for start, stop in runs:
         for first, last in _excited_parts(any_activity[start:stop], interval, min_length_s):
             segments.append(_describe(data, start + first, start + last, activity))
@@ -226,7 +228,7 @@ def _excited_parts(active: Mask, interval: float, min_length_s: float) -> list[t
     return grown
 
 
-def _describe(data: FlightData, start: int, stop: int, activity: dict[str, Mask]) -> Segment:
+def _describe(data: FlightData, start: int, stop: int, activity: dict[str, Mask]) -> FlightSegment:
     moved = [name for name, mask in activity.items() if name and np.any(mask[start:stop])]
     kinds = {SURFACES[name] for name in moved if name in SURFACES}
     if not kinds and "q" in moved:
@@ -240,7 +242,7 @@ def _describe(data: FlightData, start: int, stop: int, activity: dict[str, Mask]
     else:
         kind = "throttle" if "throttle" in moved else "steady"
     reason = f"airborne; active: {', '.join(moved)}" if moved else "airborne; nothing moved"
-    return Segment(float(data.time_s[start]), float(data.time_s[stop - 1]), kind, reason, start, stop)
+    return FlightSegment(float(data.time_s[start]), float(data.time_s[stop - 1]), kind, reason, start, stop)
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:

@@ -42,7 +42,7 @@ _LARGEST_STEP_COUNT = 20_000  # distinct values beyond which a reading is taken 
 
 
 @dataclass(frozen=True)
-class Estimate:
+class NoiseEstimate:
     """A value with its standard error, or the reason why there is none."""
 
     value: float | None
@@ -81,9 +81,9 @@ class SensorNoise:
     unit: str
     mean: float
     sample_std: float
-    white: Estimate
-    bias_instability: Estimate
-    rate_random_walk: Estimate
+    white: NoiseEstimate
+    bias_instability: NoiseEstimate
+    rate_random_walk: NoiseEstimate
     bandwidth_hz: float | None
     quantisation: float | None
     dead_zone: float | None
@@ -325,15 +325,19 @@ def _whittle(shapes: Sequence[Array], power: Array, counts: Array) -> tuple[Arra
     return weights, best
 
 
-def _estimate(found: dict[str, tuple[float, float]], told: bool, term: str, unit: str, duration: float) -> Estimate:
+def _estimate(
+    found: dict[str, tuple[float, float]], told: bool, term: str, unit: str, duration: float
+) -> NoiseEstimate:
     if found.get(term, (0.0, 0.0))[0] > 0.0:
         value, std = found[term]
         if term == "B":  # what people call bias instability is the floor of the Allan deviation
             factor = math.sqrt(2.0 * math.log(2.0) / math.pi)
-            return Estimate(value * factor, std * factor, unit)
-        return Estimate(value, std, unit)
+            return NoiseEstimate(value * factor, std * factor, unit)
+        return NoiseEstimate(value, std, unit)
     if not told:
-        return Estimate(
+        return NoiseEstimate(
             None, None, unit, f"it drifts, but {duration:.0f} s do not tell flicker from a random walk; record longer"
         )
-    return Estimate(None, None, unit, f"none shows in {duration:.0f} s at rest; record longer to see a smaller one")
+    return NoiseEstimate(
+        None, None, unit, f"none shows in {duration:.0f} s at rest; record longer to see a smaller one"
+    )

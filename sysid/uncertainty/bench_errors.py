@@ -155,7 +155,7 @@ def carry(
         return result, shares
     information, _ = here.normal
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
-    for one, pull in zip(every, here.pulls([one.added for one in every]).T, strict=True):
+    for one, pull in zip(every, here.gradient_changes([one.added for one in every]).T, strict=True):
         pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
         step = solve(information, pull)
         for i, parameter in enumerate(result.parameters):
@@ -181,7 +181,7 @@ def apparent_change(changed: Problem, problem: Problem) -> ApparentChange:
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
     inputs = any(
-        new.thrust is not old.thrust or new.commands is not old.commands or new.held is not old.held
+        new.thrust is not old.thrust or new.commands is not old.commands or new.imposed_states is not old.imposed_states
         for new, old in pairs
     )
     sensors: dict[str, float] = {}

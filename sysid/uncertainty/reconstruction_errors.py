@@ -57,11 +57,11 @@ def shifted(record: Record, errors: Mapping[str, float]) -> Record:
         """What a signal is too high by."""
         return errors.get(f"{name}_scale", 0.0) * reading + errors.get(f"{name}_bias", 0.0)
 
-    held = record.held.copy()
-    u, w = record.held[:, _U], record.held[:, _W]
+    held = record.imposed_states.copy()
+    u, w = record.imposed_states[:, _U], record.imposed_states[:, _W]
     along = np.hypot(u, w)
     stretched, turned = 1.0 - off("airspeed", along) / along, -off("alpha", np.arctan2(w, u))
     held[:, _U], held[:, _W] = u * stretched - w * turned, w * stretched + u * turned
-    held[:, _THETA] -= off("theta", record.held[:, _THETA])
+    held[:, _THETA] -= off("theta", record.imposed_states[:, _THETA])
     held[:, _Q] -= errors.get("gyro_bias_q", 0.0)
-    return replace(record, held=held)
+    return replace(record, imposed_states=held)

@@ -124,7 +124,7 @@ def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
         )
         after = build(changed, here.model, here.coefficients, here.effects, result.sigma).predict(theta)
         shifts.append(_shifts(start, here.predicted, after))
-    for change, downhill in zip(changes, here.pulls(shifts).T, strict=True):
+    for change, downhill in zip(changes, here.gradient_changes(shifts).T, strict=True):
         step = damped_step(information, downhill, 0.0, start.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE

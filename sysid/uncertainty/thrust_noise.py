@@ -187,7 +187,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
 
 def _joint_step(here: Linearised, every: Sequence[InputError]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
-    joint, gradient = here.beside(here.others([doubt.outputs for doubt in every]))
+    joint, gradient = here.bordered_information(here.others([doubt.outputs for doubt in every]))
     return solve(joint, gradient), inverse(joint)
 
 

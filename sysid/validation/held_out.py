@@ -16,8 +16,8 @@ from sysid.signal_check.check import SignalCheck, check_signals, in_time
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
-from sysid.validation.largest_residual import Stretch, largest_residual
-from sysid.validation.residual_series import Comparison
+from sysid.validation.largest_residual import ResidualHistory, largest_residual
+from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation, validate
 
 
@@ -34,16 +34,16 @@ def comparison(
     model: Model,
     errors: Mapping[str, tuple[float, float, str]],
     command_first: bool,
-) -> Comparison:
+) -> ModelComparison:
     """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
     told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
     known = replace(model, coefficients=told, effects=tuple(e for e in model.effects if not e.refused()))
     axes = sorted({name.partition("_")[0] for name in known.coefficients})
     values = {name: value for name, (value, _, _) in errors.items()}
-    return Comparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))
+    return ModelComparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))
 
 
-def validation_of(compared: Comparison) -> Validation:
+def validation_of(compared: ModelComparison) -> Validation:
     """Coefficients measured on other flights against the model's."""
     paths = [path for flight in compared.paths for path in flight]
     z = {axis: np.concatenate([path.measured[axis] for path in paths]) for axis in compared.axes}
@@ -58,10 +58,10 @@ def validation_of(compared: Comparison) -> Validation:
     return replace(validate(z, y, noise), largest={axis: one for axis, one in found.items() if one is not None})
 
 
-def _stretches(compared: Comparison) -> list[Stretch]:
+def _stretches(compared: ModelComparison) -> list[ResidualHistory]:
     """Residuals of every stretch beside the surfaces' commands."""
     return [
-        Stretch(
+        ResidualHistory(
             flight.data.name,
             path.time_s,
             np.column_stack([path.variables[name] for name in SURFACES]),

@@ -18,7 +18,7 @@ _SURFACES = ("elevator", "aileron", "rudder")
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ResidualHistory:
     """One stretch in time: time_s (N,), commands (N, 3) of elevator, aileron, rudder, residuals output -> (N,)."""
 
     flight: str
@@ -42,7 +42,7 @@ class Largest:
     share: float
 
 
-def largest_residual(output: str, noise: float, stretches: Sequence[Stretch]) -> Largest | None:
+def largest_residual(output: str, noise: float, stretches: Sequence[ResidualHistory]) -> Largest | None:
     """The largest of all stretches; None where there is no noise to compare with or no residual."""
     best, beyond, count = None, 0, 0
     for one in stretches:
@@ -62,7 +62,7 @@ def largest_residual(output: str, noise: float, stretches: Sequence[Stretch]) ->
     return Largest(one.flight, moment, residual, abs(residual) / noise, _step_at(one, moment), beyond / count)
 
 
-def _step_at(one: Stretch, moment: float) -> str | None:
+def _step_at(one: ResidualHistory, moment: float) -> str | None:
     """The surface that steps about that time, the one that does so most where there are several."""
     change = np.abs(np.diff(one.commands, axis=0))
     near = np.abs(one.time_s[1:] - moment) <= _NEAR_S

@@ -13,7 +13,6 @@ from scipy import fft
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.errors import SysidError
-from sysid.identification.method_choice import MaximumLikelihood
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.problem.free_run import Fixed
 from sysid.signals.preparation import Prepared
@@ -28,7 +27,7 @@ _DENSE = 0.5
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """Flights and the model they are compared with. axes: coefficients of which the model tells something."""
 
     flights: tuple[Prepared, ...]
@@ -45,11 +44,10 @@ class Comparison:
         )
 
 
-def series_json(compared: Comparison, use: str, likeliest: MaximumLikelihood | None) -> dict[str, Any]:
-    """The block `series` of a result.
+def series_json(compared: ModelComparison, use: str) -> dict[str, Any]:
+    """The block `series` of a result, without the residuals of the outputs (`output_residuals`).
 
-    use: "validation" or "estimation", what the flights of `compared` were for. likeliest: the estimate whose output
-    residuals are described; None leaves them out.
+    use: "validation" or "estimation", what the flights of `compared` were for.
     """
     found: dict[str, Any] = {"use": use}
     try:
@@ -57,13 +55,10 @@ def series_json(compared: Comparison, use: str, likeliest: MaximumLikelihood | N
         found["residuals"] = {axis: _coefficient_residual(compared, axis) for axis in compared.axes}
     except SysidError as error:
         found |= {"flights": [], "residuals": {}, "refused": str(error)}
-    if likeliest is not None:
-        interval = likeliest.problem.records[0].interval_s
-        found["outputs"] = output_residuals(likeliest.result.residuals, interval)
     return found
 
 
-def _flights(compared: Comparison) -> list[dict[str, Any]]:
+def _flights(compared: ModelComparison) -> list[dict[str, Any]]:
     share = max(POINTS // len(compared.flights), 8)
     found = []
     for flight, paths in zip(compared.flights, compared.paths, strict=True):
@@ -101,7 +96,7 @@ def rounded(values: Array) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
 
 
-def _coefficient_residual(compared: Comparison, axis: str) -> dict[str, Any]:
+def _coefficient_residual(compared: ModelComparison, axis: str) -> dict[str, Any]:
     """Autocorrelation and histogram of one coefficient's residual over all stretches, at the full rate."""
     paths = [path for flight in compared.paths for path in flight]
     residuals = [path.measured[axis] - path.predicted[axis] for path in paths]

@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
-from sysid.numerics.statistics import autocorrelation, effective_count, gaussian_p
+from sysid.numerics.statistics import effective_count, gaussian_p, sample_autocorrelation
 from sysid.validation.largest_residual import Largest
 
 TIC_LIMIT = 0.25
@@ -90,7 +90,7 @@ def validate_output(z: Array, y: Array, noise: float | None = None) -> OutputVal
             2.0 * (float(z.std() * y.std()) - covariance) / square,
         )
     lags = max(min(v.size // 5, 100), 1)
-    rho = autocorrelation(v, lags)[1:]
+    rho = sample_autocorrelation(v, lags)[1:]
     std = float(v.std(ddof=1))
     independent = effective_count(v)
     return OutputValidation(

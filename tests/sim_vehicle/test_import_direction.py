@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+from import_walk import imported, module_name, upward_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 MAY_IMPORT = {
@@ -21,32 +21,6 @@ PARTS = (
 )
 
 
-def module_name(path: Path, root: Path) -> str:
-    parts = path.relative_to(root).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def imported(path: Path, root: Path, *, at_import_only: bool) -> Iterator[str]:
-    """Every dotted name a module imports; `at_import_only` leaves out functions and TYPE_CHECKING blocks."""
-    package = path.relative_to(root).parent.parts
-
-    def walk(node: ast.AST) -> Iterator[str]:
-        if at_import_only and isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            return
-        if at_import_only and isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            return
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = ".".join((*package[: len(package) - node.level + 1], *filter(None, [node.module])))
-            base = base if node.level else node.module or ""
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            yield from walk(child)
-
-    return walk(ast.parse(path.read_text(encoding="utf-8")))
-
-
 def sources(root: Path) -> list[Path]:
     return [path for package in MAY_IMPORT for path in sorted((root / package).rglob("*.py"))]
 
@@ -58,21 +32,6 @@ def wrong_directions(root: Path) -> list[str]:
         for name in imported(path, root, at_import_only=False)
         if (top := name.split(".")[0]) in MAY_IMPORT and top not in MAY_IMPORT[path.relative_to(root).parts[0]]
     ]
-
-
-def upward_imports(root: Path, parts: tuple[str, ...]) -> list[str]:
-    """Imports between the parts of gcs that do not go to one named before; a part that is not named is last."""
-    place = {part: i for i, part in enumerate(parts)}
-    found = []
-    for path in sorted((root / "gcs").rglob("*.py")):
-        module = module_name(path, root)
-        own = module.split(".")[1] if "." in module else ""
-        for name in imported(path, root, at_import_only=False):
-            package, _, rest = name.partition(".")
-            part = rest.split(".")[0]
-            if package == "gcs" and part != own and place.get(part, len(parts)) >= place.get(own, len(parts)):
-                found.append(f"{module} imports {name}")
-    return found
 
 
 def import_cycle(root: Path) -> list[str]:
@@ -102,7 +61,7 @@ def test_imports_go_one_way_among_the_parts_of_the_ground_station() -> None:
     folder = ROOT / "gcs"
     named = {path.stem for path in folder.glob("*.py")} | {path.parent.name for path in folder.glob("*/__init__.py")}
     assert named - {"__init__"} == set(PARTS)
-    assert upward_imports(ROOT, PARTS) == []
+    assert upward_imports(ROOT, "gcs", PARTS) == []
 
 
 def test_no_module_imports_itself_through_others() -> None:
@@ -124,5 +83,5 @@ def test_the_walk_sees_wrong_directions_and_cycles(tmp_path: Path) -> None:
         path.write_text(text, encoding="utf-8")
     assert wrong_directions(tmp_path) == ["sim_vehicle.b imports gcs.c"]
     upward = ["gcs.high.g imports gcs.new.i", "gcs.low.f imports gcs.high.g"]
-    assert upward_imports(tmp_path, ("c", "low", "high")) == upward
+    assert upward_imports(tmp_path, "gcs", ("c", "low", "high")) == upward
     assert sorted(set(import_cycle(tmp_path))) == ["sysid.d", "sysid.e"]

@@ -43,7 +43,7 @@ def longitudinal_record(data: FlightData) -> Record:
     record = make_record(data, vehicle(), 0, n)
     held = np.full((n, 9), np.nan)
     held[:, [1, 3, 5, 6, 8]] = 0.0
-    return replace(record, held=held)
+    return replace(record, imposed_states=held)
 
 
 def problem(data: FlightData, start: Array, *, command_first: bool = True) -> OutputError:

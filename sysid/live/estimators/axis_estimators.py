@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.model.terms import Term
 from sysid.live.estimators.change_detection import ChangeDetector
 from sysid.live.estimators.equations import BIASES, Sides
-from sysid.live.estimators.frequency_estimator import AxisEstimator, Estimate
+from sysid.live.estimators.frequency_estimator import AxisEstimator, CoefficientEstimates
 from sysid.live.estimators.recursive_least_squares import Decimator, RecursiveLeastSquares
 from sysid.problem.model_structure import usual_size
 
@@ -24,7 +24,7 @@ class Axis:
     estimator: AxisEstimator
     squares: RecursiveLeastSquares
     detector: ChangeDetector
-    estimate: Estimate | None = None
+    estimate: CoefficientEstimates | None = None
     failing: float = np.nan
 
     @classmethod

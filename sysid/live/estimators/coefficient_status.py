@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.model.terms import parse_term
-from sysid.live.estimators.frequency_estimator import Estimate
+from sysid.live.estimators.frequency_estimator import CoefficientEstimates
 from sysid.problem.model_structure import REFUSED_SHARE, helpful_manoeuvre, usual_size
 
 # Correlation of two estimates beyond which their regressors are said to move together (Klein & Morelli, chapter 5).
@@ -17,7 +17,7 @@ _STILL = {"alpha": 0.005, "beta": 0.005, "de": 0.005, "da": 0.005, "dr": 0.005, 
 
 
 @dataclass(frozen=True)
-class Coefficient:
+class CoefficientStatus:
     """One coefficient as it is known now. why, fly: of one that is not."""
 
     name: str
@@ -34,15 +34,15 @@ class Coefficient:
         return "1/rad" if angles else "1"
 
 
-def judged(estimate: Estimate, index: int, value: float, std: float) -> Coefficient:
+def judged(estimate: CoefficientEstimates, index: int, value: float, std: float) -> CoefficientStatus:
     """Whether a coefficient counts as known, by the rule that holds after the flight as well."""
     name = estimate.names[index]
     if std <= REFUSED_SHARE * max(abs(value), usual_size(name)) and np.isfinite(std):
-        return Coefficient(name, value, std, True)
-    return Coefficient(name, value, std, False, _reason(estimate, index, value, std), helpful_manoeuvre(name))
+        return CoefficientStatus(name, value, std, True)
+    return CoefficientStatus(name, value, std, False, _reason(estimate, index, value, std), helpful_manoeuvre(name))
 
 
-def _reason(estimate: Estimate, index: int, value: float, std: float) -> str:
+def _reason(estimate: CoefficientEstimates, index: int, value: float, std: float) -> str:
     for factor in parse_term(estimate.names[index]).factors:
         if estimate.moved[index] < _STILL.get(factor, 0.0):
             return f"{factor} has hardly moved"

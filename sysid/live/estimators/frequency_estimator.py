@@ -29,7 +29,7 @@ VANES = ("alpha", "beta")
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CoefficientEstimates:
     """Coefficients of one axis. names: P. values, std: (P,). correlation: (P, P). moved: (P,) rms of each regressor."""
 
     names: tuple[str, ...]
@@ -102,7 +102,7 @@ class AxisEstimator:
 
     def estimate(
         self, noise: Mapping[str, float], biases: Mapping[str, tuple[float, float]] | None = None
-    ) -> Estimate | None:
+    ) -> CoefficientEstimates | None:
         """Coefficients now; None in the first second.
 
         noise: vane (rad^2) or nondimensional rate -> variance of its white noise; only a vane's is taken off. biases:
@@ -126,7 +126,7 @@ class AxisEstimator:
         )  # fmt: skip
         return self._with_constant(theta, covariance)
 
-    def _with_constant(self, theta: Array, covariance: Array) -> Estimate:
+    def _with_constant(self, theta: Array, covariance: Array) -> CoefficientEstimates:
         """With the constant, from the means. theta, covariance: of the chosen columns, the weight's last."""
         count = len(self.names)
         values, full, correlation = np.zeros(count), np.zeros((count, count)), np.empty((count, count))
@@ -135,7 +135,7 @@ class AxisEstimator:
             theta, covariance, self._chosen, self._moving.size, self._sums, self._squares, self._count,
             values, full, correlation, moved,
         )  # fmt: skip
-        return Estimate(self.names, values, full, correlation, moved)
+        return CoefficientEstimates(self.names, values, full, correlation, moved)
 
 
 @jit_inlined

@@ -32,7 +32,7 @@ _INDEX = {name: i for i, name in enumerate(STATES)}
 
 
 @dataclass(frozen=True)
-class SensorError:
+class AirDataError:
     """An error of a sensor, or the wind: value, standard error, that at the start, and unit."""
 
     value: float
@@ -96,19 +96,19 @@ class AirFilter:
         count, total, squares = self._moved[vane]
         return float(squares - total**2 / count) if count else 0.0
 
-    def errors(self) -> dict[str, SensorError]:
+    def errors(self) -> dict[str, AirDataError]:
         """Every error by name, as in results of identification."""
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         mixed(self._shares, self._x, self._P, x, P)
         std = np.sqrt(np.diag(P))
         found = {
-            name: SensorError(float(x[i]), float(std[i]), float(self._prior[i]), SENSOR_ERRORS[name][2])
+            name: AirDataError(float(x[i]), float(std[i]), float(self._prior[i]), SENSOR_ERRORS[name][2])
             for name, i in _INDEX.items()
             if i >= 3
         }
         gyro_std = np.sqrt(np.diag(self._turned_P)[3:])
         for i, name in enumerate(_GYRO):
-            found[name] = SensorError(float(self._turned[3 + i]), float(gyro_std[i]), 0.02, "rad/s")
+            found[name] = AirDataError(float(self._turned[3 + i]), float(gyro_std[i]), 0.02, "rad/s")
         return found
 
     def _start(self, row: Mapping[str, float]) -> None:

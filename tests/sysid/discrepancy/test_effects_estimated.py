@@ -12,7 +12,7 @@ from sim_vehicle.effects import EFFECTS, parse_effect
 from sim_vehicle.model.model_file import Model, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
-from sysid.discrepancy.candidate_fits import Setting, fit_short, fitted
+from sysid.discrepancy.candidate_fits import FittedModel, fit_short, fitted
 from sysid.discrepancy.candidates import Candidate, candidates, extended, stepping_of
 from sysid.errors import SignalError
 from sysid.output_error.estimator import OutputErrorResult
@@ -81,7 +81,7 @@ def test_the_search_leaves_a_wrong_step_of_a_dead_band() -> None:
     problem = make_problem(prepared, vehicle, check_compatibility(prepared))
     names = free_coefficients(list(model.coefficients), problem.motion)
     (candidate,) = (one for one in candidates(problem, model) if one.effect.name == effect.name)
-    base = Setting(model, names, (), fitted(problem, model, names, (), {}))
+    base = FittedModel(model, names, (), fitted(problem, model, names, (), {}))
     found = fit_short(problem, base, candidate, {"width": 0.003})
     assert found is not None
     error, std = found.value("servo_deadband.width") - truth["width"], found.std("servo_deadband.width")

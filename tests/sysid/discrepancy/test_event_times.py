@@ -107,7 +107,7 @@ def test_what_a_dead_band_holds_may_be_older_than_the_record_and_any_window_of_i
     flat = flatten(VEHICLE, model)
     commands = np.zeros((N, 4))
     commands[:100, 0], commands[100:, 0] = 0.02, 0.016
-    whole = replace(record(), commands=commands, earlier=np.zeros((0, 3)))
+    whole = replace(record(), commands=commands, command_history=np.zeros((0, 3)))
     part = whole.window(1000, N)
     assert part.start == 75
     effects = effects_at(flat, part)
@@ -163,7 +163,7 @@ def test_parts_of_a_flight_in_sheared_wind_share_one_steady_wind() -> None:
     model = read_model("iitb-mav").with_effect(EFFECTS["wind_shear"], {"gradient": 0.1})
     flat = flatten(load_vehicle("iitb-mav"), model)
     start = np.array([15.0, 0, 1, 0, 0, 0, 0, 0.07, 0])
-    whole = replace(record(), climbed=CLIMB)
+    whole = replace(record(), relative_height=CLIMB)
     first = [
         Predictor(flat, (), [part]).outputs(0, flat, {}, start)[0, OUTPUTS.index("vn")]
         for part in (whole.window(100, N), whole.window(600, N))
@@ -243,7 +243,9 @@ def test_the_load_behind_a_reading_is_right_wherever_it_moves() -> None:
     model = read_model("iitb-mav").with_effect(EFFECTS["thrust_sensor_hysteresis"], {"width": width})
     flat = flatten(load_vehicle("iitb-mav"), model)
     way = way_of(reading + np.random.default_rng(6).normal(0.0, 0.01, N), DT)
-    inputs = with_other_inputs(record().commands, replace(record(), way=way), effects_at(flat, record()))
+    inputs = with_other_inputs(
+        record().commands, replace(record(), hysteresis_direction=way), effects_at(flat, record())
+    )
     found = reading + 0.5 * width * inputs[:, 5]
     before, after = float(np.std(reading - load)), float(np.std(found - load))
     assert after < 0.35 * before

@@ -33,7 +33,7 @@ def flight() -> Any:
     record = longitudinal_record(mav.measure(truth, np.random.default_rng(0), errors={}, noise={}))
     z = record.z.copy()
     z[:, OUTPUTS.index("beta")] = np.nan
-    stretch = SimpleNamespace(record=replace(record, held=np.zeros((0, 9)), z=z))
+    stretch = SimpleNamespace(record=replace(record, imposed_states=np.zeros((0, 9)), z=z))
     return SimpleNamespace(data=SimpleNamespace(name="one"), stretches=(stretch,), layout=LAYOUT)
 
 

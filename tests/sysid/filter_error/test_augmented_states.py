@@ -9,8 +9,8 @@ from sim_vehicle.effects.sensor import ramp_lag
 from sim_vehicle.effects.sensor_time_skew import split_delay
 from sysid.filter_error.augmented_states import (
     HiddenInput,
-    Lag,
     Memory,
+    OutputLag,
     System,
     lags,
     remember,
@@ -32,7 +32,7 @@ def lagged(values: np.ndarray, tau: float) -> np.ndarray:
     return out
 
 
-def the_lag() -> Lag:
+def the_lag() -> OutputLag:
     """The lag of the vanes, as the filter has it."""
     effects = np.zeros(SLOT_COUNT)
     effects[slot("vane_lag")], effects[slot("vane_lag", "tau")] = 1.0, TAU

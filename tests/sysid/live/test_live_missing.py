@@ -11,7 +11,7 @@ from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.estimators.axis_estimators import SlowSamples
-from sysid.live.estimators.frequency_estimator import AxisEstimator, Estimate
+from sysid.live.estimators.frequency_estimator import AxisEstimator, CoefficientEstimates
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.signals.flight import FlightSignals
 
@@ -105,7 +105,7 @@ def test_arithmetic_that_fails_in_one_axis_costs_one_report_of_that_axis(
     reports(flight, {}, live)
     estimate = AxisEstimator.estimate
 
-    def failing(self: AxisEstimator, *arguments: object) -> Estimate | None:
+    def failing(self: AxisEstimator, *arguments: object) -> CoefficientEstimates | None:
         if "Cm_alpha" in self.names:
             raise error("out of\nrange")
         return estimate(self, *arguments)  # type: ignore[arg-type]

@@ -66,7 +66,7 @@ def test_others_stand_beside_the_unknowns(here):
     shapes = [y.shape for y in here.predicted]
     everywhere = {k: generator.standard_normal(shape) for k, shape in enumerate(shapes)}
     once = {1: generator.standard_normal(shapes[1])}
-    joint, gradient = here.beside(here.others([everywhere, once]))
+    joint, gradient = here.bordered_information(here.others([everywhere, once]))
     further = [
         np.stack([one.get(k, np.zeros(shape)) for one in (everywhere, once)], axis=2) for k, shape in enumerate(shapes)
     ]
@@ -91,7 +91,7 @@ def test_shifts_pull_at_the_unknowns(here):
     expected = [
         dense(fresh, scattered(fresh)).T @ dense(fresh, [np.nan_to_num(part) for part in one]) for one in shifts
     ]
-    found = fresh.pulls(shifts)
+    found = fresh.gradient_changes(shifts)
     assert found == pytest.approx(np.stack(expected, axis=1), rel=1e-9, abs=1e-6 * np.abs(expected).max())
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.errors import EstimationError
-from sysid.numerics.autoregression import autocorrelation
+from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.numerics.normal_equations import damped_step
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.problem.predictor import Parameter, Predictor, coefficient, effect_parameter, sensor_error
+from sysid.problem.predictor import FreeParameter, Predictor, coefficient, effect_parameter, sensor_error
 from sysid.signals.record import LONGITUDINAL, OUTPUTS, Record, angle_wrap
 
 Array = NDArray[np.float64]
@@ -182,7 +182,9 @@ def held_still(noise: Array, count: int = 1) -> list[Record]:
     return [record.window(a, b) for a, b in pairwise(edges)]
 
 
-def bias_alone(records: list[Record], entry: Parameter | None = None, sigma: float | None = None) -> OutputErrorResult:
+def bias_alone(
+    records: list[Record], entry: FreeParameter | None = None, sigma: float | None = None
+) -> OutputErrorResult:
     """Estimate of the roll gyro's bias and of nothing else."""
     model = Model("mav", {name: Coefficient(value) for name, value in mav.COEFFICIENTS.items()})
     predictor = Predictor(flatten(vehicle(), model), [entry or sensor_error("gyro_bias_p")], records)
@@ -243,11 +245,11 @@ def test_an_estimate_stays_inside_its_bounds() -> None:
 def test_autocorrelation_of_an_ar1_series() -> None:
     """phi^k, until the correlation is lost in its own noise."""
     generator = np.random.default_rng(7)
-    kernel = autocorrelation([ar1(0.8, 4000, generator) for _ in range(5)])
+    kernel = pooled_autocorrelation([ar1(0.8, 4000, generator) for _ in range(5)])
     middle = kernel.size // 2
     np.testing.assert_allclose(kernel[middle : middle + 8], 0.8 ** np.arange(8), atol=0.05)
     np.testing.assert_allclose(kernel, kernel[::-1], atol=1e-12)
-    assert autocorrelation([np.zeros(50)]).tolist() == [1.0]
+    assert pooled_autocorrelation([np.zeros(50)]).tolist() == [1.0]
 
 
 def test_angles_are_compared_round_the_circle() -> None:

@@ -39,7 +39,7 @@ def flown(noise: dict[str, float], seed: int = 0, errors: dict[str, float] | Non
     truth = mav.fly(mav.multisine(duration=12.0))
     data = mav.measure(truth, np.random.default_rng(seed), errors=errors or {}, noise=noise)
     record = longitudinal_record(data)
-    return replace(record, held=np.zeros((0, 9)))
+    return replace(record, imposed_states=np.zeros((0, 9)))
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_values_reach_their_places_and_leave_the_given_model_alone(record: Recor
 
 
 def test_unknowns_are_the_parameters_and_the_free_states_of_each_record(record: Record) -> None:
-    free = replace(record, held=np.zeros((0, 9)))
+    free = replace(record, imposed_states=np.zeros((0, 9)))
     predictor = Predictor(flat(), [coefficient("Cm_alpha")], [record, free, record])
     assert predictor.free_states == [[0, 2, 4, 7], list(range(9)), [0, 2, 4, 7]]
     assert predictor.size == 1 + 4 + 9 + 4

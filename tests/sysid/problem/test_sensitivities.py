@@ -172,7 +172,7 @@ def test_the_estimators_derivatives_are_those_of_its_outputs(effect: str) -> Non
     given = inputs(thrust=np.linspace(3.0, 4.0, N))
     record = Record(
         "x", DT, DT * np.arange(N - START), START, np.ascontiguousarray(given.commands[:, :4]), given.thrust, given.rho,
-        np.zeros((N - START, len(OUTPUTS))), np.zeros((0, 9)), 0.08, climbed=HEIGHTS,
+        np.zeros((N - START, len(OUTPUTS))), np.zeros((0, 9)), 0.08, relative_height=HEIGHTS,
     )  # fmt: skip
     chosen = [coefficient("Cm_alpha"), sensor_error("accel_bias_x"), sensor_error("alpha_scale"), coefficient("CD_k")]
     chosen += [effect_parameter(effect, key) for key in VALUES.get(effect, {})]

@@ -14,7 +14,7 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, OutputFit, Refusal, SensorError
 from sysid.errors import SignalError
-from sysid.numerics.autoregression import autoregression, whiten
+from sysid.numerics.autoregression import apply_whitening_filter, autoregression
 from sysid.numerics.fractional_delay import held_back, read_later
 from sysid.signal_check.check import SignalCheck, check_signals, in_time
 from sysid.signal_check.fault import Mistake
@@ -184,7 +184,7 @@ def test_whitening_takes_the_colour_off() -> None:
         coloured[k] = 0.9 * coloured[k - 1] + noise[k]
     taps = autoregression([coloured], 4)
     assert taps == pytest.approx([1.0, -0.9, 0.0, 0.0, 0.0], abs=0.03)
-    assert np.std(whiten(coloured, taps)) == pytest.approx(1.0, abs=0.02)
+    assert np.std(apply_whitening_filter(coloured, taps)) == pytest.approx(1.0, abs=0.02)
 
 
 def test_readings_are_moved_by_parts_of_a_sample() -> None:

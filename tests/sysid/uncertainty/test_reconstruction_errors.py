@@ -89,7 +89,9 @@ def test_sensor_errors_move_the_measured_motion_as_smoothing_it_anew_does() -> N
         size = compatible.parameters[name].std
         before, after = (one.states[0][state] for one in moved_by(parts, compatible, [{name: 0.0}, {name: size}]))
         smoothed = (after - before)[: record.length]
-        ours = (shifted(record, {name: size}).held - record.held)[record.start :, STATES.index(state)]
+        ours = (shifted(record, {name: size}).imposed_states - record.imposed_states)[
+            record.start :, STATES.index(state)
+        ]
         assert ours.mean() == pytest.approx(smoothed.mean(), rel=0.15)
 
 

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sysid.validation.largest_residual import BEYOND, Stretch, largest_residual, told
+from sysid.validation.largest_residual import BEYOND, ResidualHistory, largest_residual, told
 
 TIME = 4.0 + 0.02 * np.arange(500)
 NOISE = 1e-3
 
 
-def stretch(at: float, size: float, step_at: float | None) -> Stretch:
+def stretch(at: float, size: float, step_at: float | None) -> ResidualHistory:
     residual = NOISE * np.random.default_rng(0).standard_normal(TIME.size)
     residual[np.argmin(np.abs(TIME - at))] = size
     commands = np.zeros((TIME.size, 3))
     commands[:, 0] = 0.1 * np.sin(2.0 * TIME)  # a slow elevator is no step
     if step_at is not None:
         commands[step_at <= TIME, 1] = 0.2
-    return Stretch("second", TIME, commands, {"Cl": residual})
+    return ResidualHistory("second", TIME, commands, {"Cl": residual})
 
 
 def test_a_residual_at_a_step_is_told_with_time_and_surface():
@@ -59,7 +59,7 @@ def test_nothing_is_told_of_noise_and_of_unknown_noise():
 @given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=40), st.integers(1, 3))
 def test_the_largest_is_that_of_all_stretches(values, parts):
     pieces = [part for part in np.array_split(np.array(values), parts) if part.size]
-    made = [Stretch(str(i), np.arange(part.size) * 0.02, np.zeros((part.size, 3)), {"CL": part})
+    made = [ResidualHistory(str(i), np.arange(part.size) * 0.02, np.zeros((part.size, 3)), {"CL": part})
             for i, part in enumerate(pieces)]  # fmt: skip
     found = largest_residual("CL", NOISE, made)
     assert found is not None

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal, stats
 
 from sysid.errors import EstimationError
-from sysid.numerics.statistics import autocorrelation, effective_count, gaussian_p, whiten
+from sysid.numerics.statistics import autoregressive_innovations, effective_count, gaussian_p, sample_autocorrelation
 from sysid.validation.statistics import validate, validate_output
 
 TIME = 0.02 * np.arange(1500)
@@ -50,7 +50,7 @@ def test_coloured_gaussian_residuals_are_still_gaussian():
 def test_whitening_and_effective_count():
     rng = np.random.default_rng(3)
     coloured = signal.lfilter([1.0], [1.0, -0.9], rng.standard_normal(20000))
-    assert np.abs(autocorrelation(whiten(coloured), 20)[1:]).max() < 0.03
+    assert np.abs(sample_autocorrelation(autoregressive_innovations(coloured), 20)[1:]).max() < 0.03
     # An AR(1) series of phi is worth (1 - phi)/(1 + phi) of its samples.
     assert effective_count(coloured) == pytest.approx(20000 * 0.1 / 1.9, rel=0.4)
 
