@@ -85,7 +85,7 @@ def plan_of(family: str, seed: int) -> Plan:
         thermal=g.uniform(0.0, 1.0) * strength,
     )
     hold = Hold(hz=250.0 if g.uniform() < 0.5 else 50.0)
-    field = _sensors(g, strength)
+    field = sensors_of(g, strength)
     plan = Plan(kind, float(seconds), servo, air, hold, field, 0.0 if family == "mild" else 0.5 * strength)
     if family == "closed-loop":
         hold = Hold(0.35, 0.40, 0.06, 0.08, 0.10, plan.hold.hz)
@@ -112,11 +112,9 @@ STEPS: dict[str, dict[str, Any]] = {
 }
 
 
-def step_plan(step: str, seed: int) -> Plan:
-    """A textbook flight with one imperfection of STEPS; "+gusts" behind its name adds gusts."""
-    name, _, gusts = step.partition("+")
-    change = STEPS[name]
-    textbook = Field(
+def textbook() -> Field:
+    """Sensors of the reference paper's Table II, without their biases."""
+    return Field(
         force_noise=0.0785,
         rate_noise=float(np.radians(0.03)),
         vane_noise=float(np.radians(0.3)),
@@ -125,18 +123,24 @@ def step_plan(step: str, seed: int) -> Plan:
         thrust_noise=0.02,
         gps_noise=0.1,
     )
+
+
+def step_plan(step: str, seed: int) -> Plan:
+    """A textbook flight with one imperfection of STEPS; "+gusts" behind its name adds gusts."""
+    name, _, gusts = step.partition("+")
+    change = STEPS[name]
     return Plan(
         "multisine",
         30.0,
         change.get("servo", Servo()),
         Air(gust=0.6, rolling=1.0) if gusts else Air(),
         Hold(hz=50.0),
-        replace(textbook, **change.get("field", {})),
+        replace(textbook(), **change.get("field", {})),
         0.0,
     )
 
 
-def _sensors(g: np.random.Generator, strength: float) -> Field:
+def sensors_of(g: np.random.Generator, strength: float) -> Field:
     """Sensors of a small autopilot; strength 1 is the usual."""
     rate = float(g.choice([25.0, 50.0])) if strength >= 1.0 else 50.0
     other = float(g.choice([10.0, 25.0, 50.0])) if strength >= 1.0 else 50.0
