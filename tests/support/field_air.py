@@ -80,9 +80,13 @@ def air_motion(air: Air, count: int, step: float, speed: float, span: float, see
     times = np.arange(count) * step
     rise = np.clip(times / SETTLED, 0.0, 1.0)
     omega = 2.0 * np.pi * np.fft.rfftfreq(2 * count, step)
-    spectra = (along(omega, air.length, speed), *(across(omega, air.length, speed),) * 2)
+    # A wing averages what is shorter than itself; JSBSim's integrators would amplify what changes from step to step.
+    felt = 1.0 / (1.0 + (omega * span / (2.0 * np.pi * speed)) ** 4) ** 2
+    spectra = (felt * along(omega, air.length, speed), *(felt * across(omega, air.length, speed),) * 2)
     body = air.gust * np.stack([realise(s, count, step, generator) for s in spectra], axis=1) * rise[:, None]
-    turning = air.gust * air.rolling * rise * realise(rolling(omega, air.length, speed, span), count, step, generator)
+    turning = (
+        air.gust * air.rolling * rise * realise(felt * rolling(omega, air.length, speed, span), count, step, generator)
+    )
     generator = np.random.default_rng([seed, 12])
     for axis in range(2):
         # It blows along a turning aircraft's axes rather than the earth's: over half a minute that makes no difference.

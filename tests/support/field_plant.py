@@ -89,7 +89,7 @@ class ServoMotion:
 
     def __init__(self, servo: Servo, start: float) -> None:
         self.servo, self.position, self.rate, self.out = servo, start, 0.0, start
-        self.sent = [start] * (round(servo.delay / STEP) + 1)
+        self.sent = [start] * round(servo.delay / STEP)
         if servo.lag:
             w = SERVO_FREQUENCY / servo.lag
             system = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * SERVO_DAMPING * w, w * w], [0.0, 0.0, 0.0]])
@@ -98,7 +98,7 @@ class ServoMotion:
     def move(self, command: float) -> float:
         """Position, rad, after one step under the command sent now."""
         self.sent.append(command)
-        late = self.sent.pop(0) if len(self.sent) > 2 else command
+        late = self.sent.pop(0)
         if self.servo.lag:
             # An exact step of the linear servo under a held command.
             (a, b, c), (d, e, f) = self.step
