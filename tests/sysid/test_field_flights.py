@@ -116,9 +116,9 @@ def test_filters_have_their_closed_forms() -> None:
 def test_a_servo_follows_a_ramp_by_its_delay_and_lag(servo: Servo) -> None:
     motion = ServoMotion(servo, 0.0)
     out = np.array([motion.move(float(0.1 * t)) for t in TIMES[1:]])
-    # A command is held for a step from when it is sent, which is half a step late where the servo is a lag.
-    held = STEP * 0.5 if servo.lag else 0.0
-    assert TIMES[-1] - out[-1] / 0.1 == pytest.approx(servo.delay + servo.lag + held, abs=STEP * 0.6)
+    # A ramp's command stands at the end of the step over which it acts: half a step early where the servo is a lag.
+    held = -STEP * 0.5 if servo.lag else 0.0
+    assert TIMES[-1] - out[-1] / 0.1 == pytest.approx(servo.delay + servo.lag + held, abs=1e-5)
 
 
 def test_play_is_what_is_left_behind() -> None:
