@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live clean
+.PHONY: setup demo test check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -145,6 +145,14 @@ campaign-discrepancy: setup
 # Live identification over many flights: about 20 s each and worker; what is there is kept. POST=1 compares with post-flight.
 campaign-live: setup
 	$(BIN)/python tests/campaign/live.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) $(if $(POST),--post)
+
+comma := ,
+
+# Flights as the field has them, identified: 120 flights; what is there is kept. SHORT=1 flies 14. For less:
+# make campaign-field FAMILIES=typical,rough SEEDS=2 METHODS=auto,ls. STEPS=1: textbook flights, one imperfection at a time.
+campaign-field: setup
+	$(BIN)/python tests/campaign/field.py --methods $(if $(METHODS),$(METHODS),auto$(comma)ls) --families $(or $(FAMILIES),all) \
+	  $(if $(SEEDS),--seeds $(SEEDS)) $(if $(SHORT),--short) $(if $(STEPS),--steps)
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info demo-output campaign-output
