@@ -212,6 +212,7 @@ def start(arguments: list[str], environment: dict[str, str]) -> subprocess.Popen
     )
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_record_ends_well_when_it_is_told_to_stop(
     number: signal.Signals, tmp_path: Path, environment: dict[str, str]
@@ -253,6 +254,7 @@ def service(tmp_path: Path, environment: dict[str, str]) -> Iterator[tuple[subpr
             process.kill()
 
 
+@pytest.mark.whole_flight
 def test_serve_records_a_flight_and_stops_cleanly(
     service: tuple[subprocess.Popen[str], str, int], tmp_path: Path, environment: dict[str, str]
 ) -> None:
@@ -283,6 +285,7 @@ def test_serve_records_a_flight_and_stops_cleanly(
     assert process.returncode == 0
 
 
+@pytest.mark.whole_flight
 def test_a_flight_cut_off_by_a_crash_is_listed_after_the_restart(
     service: tuple[subprocess.Popen[str], str, int], tmp_path: Path, environment: dict[str, str]
 ) -> None:

@@ -69,6 +69,7 @@ def test_the_vehicle_sends_to_the_port_on_which_the_station_listens(compose: dic
     assert services["sim_vehicle"]["depends_on"]["gcs"]["condition"] == "service_healthy"
 
 
+@pytest.mark.whole_flight
 def test_the_commands_of_the_compose_file_record_a_flight(compose: dict[str, Any], tmp_path: Path) -> None:
     """Only addresses, ports and the folder differ from what the containers run."""
     services = compose["services"]

@@ -60,6 +60,7 @@ def test_a_result_that_nobody_judged_does_not_hide_the_validated_one_in_silence(
         assert not any("validated on" in line for line in log)
 
 
+@pytest.mark.whole_flight
 def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None:
     flight = bench.record(1, 1, START)
     assert "no identify result" in problem(client.get(f"/api/flights/{flight}/identification"), 404)

@@ -1,6 +1,7 @@
 """Uploads over REST: as form and as body, cut off, and what is no recording."""
 
 import httpx
+import pytest
 from api_bench import START, Bench, problem
 from traffic import Vehicle
 
@@ -10,6 +11,7 @@ def tlog(frames: list[bytes], start_us: int = START // 1000) -> bytes:
     return b"".join((start_us + 20_000 * i).to_bytes(8, "big") + frame for i, frame in enumerate(frames))
 
 
+@pytest.mark.whole_flight
 def test_uploads_as_form_and_as_body(client: httpx.Client) -> None:
     data = tlog(Vehicle(3).second())
     form = client.post("/api/flights", files={"file": ("../../flight one.tlog", data)})
@@ -38,6 +40,7 @@ def test_an_upload_that_was_cut_off_says_so_for_good(bench: Bench, client: httpx
     assert any("cut off before it was taken in" in line for line in told["damage"])
 
 
+@pytest.mark.whole_flight
 def test_uploads_that_are_no_recordings_leave_nothing_behind(bench: Bench, client: httpx.Client) -> None:
     assert ".exe" in problem(client.post("/api/flights", files={"file": ("x.exe", b"MZ")}), 422)
     problem(client.post("/api/flights", files={"file": ("x.mcap", b"this is no MCAP file")}), 422)

@@ -50,6 +50,7 @@ def test_a_link_that_keeps_the_order_holds_up_four_in_five_and_the_errors_say_so
     assert np.mean([abs(error[0]) < 1.96 * fit.drift_std * 1e6 for error, fit in zip(found, fits, strict=True)]) > 0.85
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize("jitter", ["exponential", "half normal", "uniform", "normal"])
 def test_of_95_percent_intervals_95_percent_hold_the_truth(jitter: str) -> None:
     fits = [fit_clock(*flight(seed, jitter, late_in_bursts, rate_hz=5.0)) for seed in range(100)]

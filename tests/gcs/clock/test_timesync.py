@@ -76,6 +76,7 @@ class Answering:
             self.socket.close()
 
 
+@pytest.mark.whole_flight
 def test_the_station_asks_each_second_and_knows_offset_and_way_from_the_answers(tmp_path: Path) -> None:
     catalogue = Catalogue(tmp_path / "catalogue.sqlite")
     recorder = FlightRecorder(tmp_path / "flights", Dialect.load(), catalogue, silence_s=120.0)

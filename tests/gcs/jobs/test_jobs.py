@@ -181,6 +181,7 @@ def test_a_job_interrupted_by_a_stop_runs_again_at_the_next_start(bench: Bench) 
     assert (done.state, done.attempts) == ("done", 2)
 
 
+@pytest.mark.whole_flight
 def test_the_real_worker_reports_a_recording_without_a_flight_in_words(bench: Bench) -> None:
     runner = JobRunner(bench.settings, bench.catalogue)
     bench.runners.append(runner)
@@ -193,6 +194,7 @@ def test_the_real_worker_reports_a_recording_without_a_flight_in_words(bench: Be
     assert "Traceback" not in json.dumps(ended.to_json())
 
 
+@pytest.mark.whole_flight
 def test_a_flight_that_ended_just_before_the_service_did_is_identified_after_its_next_start(bench: Bench) -> None:
     assert bench.catalogue.jobs_of(bench.flight) == []
     with service("--data", bench.settings.data, "--vehicle", "iitb-mav"):

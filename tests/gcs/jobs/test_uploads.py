@@ -57,6 +57,7 @@ def one_line(error: pytest.ExceptionInfo[Exception]) -> str:
     return str(error.value)
 
 
+@pytest.mark.whole_flight
 def test_uploads_of_the_same_moment_get_different_ids_and_lose_nothing(
     settings: Settings, catalogue: Catalogue, tmp_path: Path
 ) -> None:
@@ -71,6 +72,7 @@ def test_uploads_of_the_same_moment_get_different_ids_and_lose_nothing(
         assert sum(Recording(settings.flights / flight.file).counts().values()) == 52
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize("links", [True, False], ids=["hard-links", "one-name-a-file"])
 def test_an_upload_never_takes_the_place_of_a_recording_begun_at_the_same_instant(
     settings: Settings, catalogue: Catalogue, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
@@ -105,6 +107,7 @@ def test_an_id_is_given_once(catalogue: Catalogue) -> None:
     assert catalogue.flight("a").name == "first"
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize(
     ("worker", "words"),
     [

@@ -15,6 +15,8 @@ from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
 from sim_vehicle.vehicle.vehicle_file import VEHICLES
 
+pytestmark = pytest.mark.whole_flight
+
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(600)")
 
 

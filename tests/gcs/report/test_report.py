@@ -297,6 +297,7 @@ def test_a_page_that_cannot_be_written_is_wrong_use(tmp_path: Path, capsys: pyte
     assert "in no existing folder" in capsys.readouterr().err
 
 
+@pytest.mark.whole_flight
 def test_the_demonstration_leaves_a_page_of_each_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = {"schema": "discrepancy/1", "verdict": "none", "model": identification()["model"], "effects": [], "gap": {}}
     Demo(tmp_path, 1.0, 1, "stall")._reports(identification(), found)
@@ -305,6 +306,7 @@ def test_the_demonstration_leaves_a_page_of_each_result(tmp_path: Path, capsys: 
     assert str(tmp_path / "report.html") in capsys.readouterr().out
 
 
+@pytest.mark.whole_flight
 def test_a_fit_that_is_acceptable_by_tic_alone_says_so() -> None:
     result = identification()
     result["validation"] |= {"acceptable": True, "outliers": "The largest residuals are: Cl 40 times its noise"}

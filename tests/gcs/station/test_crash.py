@@ -8,6 +8,8 @@ from crash_trials import Undamaged, damage_trial, flipped, kill_trial, zeroed
 
 from gcs.recording.repair import complete
 
+pytestmark = pytest.mark.whole_flight
+
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Undamaged:

@@ -17,6 +17,8 @@ from traffic import Vehicle, wait_until
 
 from gcs.recording.reader import Recording
 
+pytestmark = pytest.mark.whole_flight
+
 Usage = namedtuple("Usage", "total used free")
 MEGABYTE = 1 << 20
 

@@ -159,6 +159,7 @@ def test_a_vehicle_on_two_links_is_passed_on_once_and_an_echo_never() -> None:
             assert len(other.look()) == 200
 
 
+@pytest.mark.whole_flight
 def test_a_ground_station_that_does_not_read_holds_up_nothing() -> None:
     taken = Taken()
     with ExitStack() as stack:
@@ -262,6 +263,7 @@ def test_links_of_both_kinds_are_given_back() -> None:
             again.bind(("127.0.0.1", port))
 
 
+@pytest.mark.whole_flight
 def test_two_stations_that_forward_to_each_other_pass_everything_on_once() -> None:
     taken = [Taken(), Taken()]
     with ExitStack() as stack:

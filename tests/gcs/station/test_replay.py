@@ -106,6 +106,7 @@ def test_a_file_over_tcp_arrives_byte_for_byte(recording: Path) -> None:
     assert (sent.bytes, sent.unsent_bytes) == (len(expected), 0)
 
 
+@pytest.mark.whole_flight
 def test_a_replay_recorded_again_holds_the_same_messages(recording: Path, tmp_path: Path) -> None:
     link = open_link("udpin:127.0.0.1:0")
     assert isinstance(link, UdpLink)

@@ -102,6 +102,7 @@ def test_own_sample_rate() -> None:
     assert due == list(range(0, 100, 2))
 
 
+@pytest.mark.whole_flight
 def test_gps_position_wanders_slowly() -> None:
     _, rows = run(20_000, seed=8)
     error = np.array([row["gps_north"] for row in rows]) - IDEAL["north"]

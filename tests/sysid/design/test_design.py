@@ -41,6 +41,7 @@ def elevator(elevator_plan: Plan) -> Prediction:
     return predict(VEHICLE, MODEL, elevator_plan, rehearsals=1)
 
 
+@pytest.mark.whole_flight
 def test_flights_made_afterwards_scatter_and_report_as_predicted(elevator_plan: Plan, elevator: Prediction) -> None:
     truth = MODEL.values()
     misses, ratios = [], []
@@ -183,6 +184,7 @@ def test_a_timed_3211_has_the_centre_of_its_energy_on_the_mode(linear: LinearMod
     assert centre == pytest.approx(mode_frequencies(linear)["rudder"], rel=0.1)
 
 
+@pytest.mark.whole_flight
 def test_a_tuned_multisine_keeps_within_the_limits_and_uses_them() -> None:
     vehicle, model = load_vehicle("ultrastick25e"), read_model("ultrastick25e")
     limits = Limits(alpha=math.radians(4.0), surface=math.radians(5.0))

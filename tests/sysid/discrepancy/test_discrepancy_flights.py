@@ -12,6 +12,8 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy import discrepancy
 
+pytestmark = pytest.mark.whole_flight
+
 
 def test_lagging_vanes_are_named_where_another_flight_has_none() -> None:
     vehicle = load_vehicle("iitb-mav")

@@ -38,6 +38,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "campaign"))
 from discrepancy_scores import HIDDEN_TO_ALL, IN_A_SET, SEPARABLE, calibration_error, score
 from discrepancy_trial import catalogue_without
 
+pytestmark = pytest.mark.whole_flight
+
 # Sigma by which an effect stands out of an 18 s elevator multisine of 2 deg peak in calm air, all 17 nominal parameters
 # fitted again: computed with another simulator, linearised, for the same aircraft. Those that rest on slow changes of
 # the airspeed are left out: they depend on the lowest harmonics, which are not the same there.

@@ -22,6 +22,8 @@ from sysid.problem.predictor import effect_parameter
 from sysid.problem.problem import Problem, free_coefficients
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 # Effect with its values, whether thrust is measured, and the largest standard errors that the flight may leave.
 HIDDEN = [
     (

@@ -32,6 +32,8 @@ from sysid.signal_check.check import SignalCheck
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 TRUTH = read_model("iitb-mav")
 MAIN = ("CL_alpha", "Cm_alpha", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_dr", "CY_beta", "CD_0")

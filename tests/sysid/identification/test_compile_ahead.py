@@ -13,6 +13,8 @@ from simulated import fly_mav
 from sysid.identification import compile_ahead
 from sysid.identification.compile_ahead import CompileAhead
 
+pytestmark = pytest.mark.whole_flight
+
 # Names of functions that an identification compiles, rather than finds on disk, after the shares were compiled.
 _LATE = """
     import pickle, sys

@@ -25,6 +25,8 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.record import STATES
 
+pytestmark = pytest.mark.whole_flight
+
 Array = NDArray[np.float64]
 
 VEHICLE = load_vehicle("iitb-mav")

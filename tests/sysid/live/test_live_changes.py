@@ -12,6 +12,8 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.signals.flight import FlightSignals, Signal
 
+pytestmark = pytest.mark.whole_flight
+
 CHANGES_S = 20.0
 
 

@@ -20,6 +20,8 @@ from sysid.live.signals.airborne import Airborne
 from sysid.live.signals.row_alignment import Rows
 from sysid.signals.flight import FlightSignals
 
+pytestmark = pytest.mark.whole_flight
+
 TRUTH = {
     **{"CL_alpha": 2.453, "Cm_alpha": -0.5998, "Cm_de": 1.5894, "CD_0": 0.0871},
     **{"Cl_p": -0.45, "Cl_da": 0.15, "Cn_beta": 0.08},

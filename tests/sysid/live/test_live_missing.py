@@ -15,6 +15,8 @@ from sysid.live.estimators.frequency_estimator import AxisEstimator, Coefficient
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.signals.flight import FlightSignals
 
+pytestmark = pytest.mark.whole_flight
+
 LATERAL = ("CY", "Cl", "Cn")
 
 

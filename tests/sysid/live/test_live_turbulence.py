@@ -10,6 +10,8 @@ from simulated import fly_mav
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 
+pytestmark = pytest.mark.whole_flight
+
 # What the simulator's sensors have, and what its model flies.
 SENSORS = {
     **dict.fromkeys(("accel_bias_x", "accel_bias_y", "accel_bias_z"), 0.1962),

@@ -20,6 +20,8 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.record import OUTPUTS
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 TRUE = {"Cl_da": 0.15, "Cm_de": 1.5894, "Cn_dr": -0.08, "Cl_p": -0.45}
 

@@ -21,6 +21,8 @@ from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.problem.predictor import FreeParameter, Predictor, coefficient, effect_parameter, sensor_error
 from sysid.signals.record import LONGITUDINAL, OUTPUTS, Record, angle_wrap
 
+pytestmark = pytest.mark.whole_flight
+
 Array = NDArray[np.float64]
 
 RUNS = 40

@@ -19,6 +19,8 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.resampling import resample
 
+pytestmark = pytest.mark.whole_flight
+
 TRUE = read_model("iitb-mav").values()
 VEHICLE = load_vehicle("iitb-mav")
 

@@ -20,6 +20,8 @@ from sysid.problem.problem import free_coefficients
 from sysid.signal_check.check import SignalCheck
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 Array = NDArray[np.float64]
 
 CURVED = {"CL_alpha3": -4.0, "Cm_alpha3": -1.2, "Cm_alpha2_de": -4.0, "Cn_alpha_beta": 0.05}

@@ -19,6 +19,8 @@ from sysid.problem.free_run import Fixed, free_run, gap, noise_floor, start_read
 from sysid.signals.record import OUTPUTS, Record
 from sysid.signals.sensor_layout import SensorLayout
 
+pytestmark = pytest.mark.whole_flight
+
 Array = NDArray[np.float64]
 
 LAYOUT = SensorLayout()

@@ -24,6 +24,8 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.sensor_layout import SensorLayout
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 STICK = load_vehicle("ultrastick25e")
 

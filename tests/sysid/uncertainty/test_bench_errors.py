@@ -16,6 +16,8 @@ from sysid.calibration import BenchPoints, calibrate
 from sysid.identify import identify
 from sysid.signals.flight import FlightSignals, Signal
 
+pytestmark = pytest.mark.whole_flight
+
 Array = NDArray[np.float64]
 JUDGED = ("CL_0", "CL_alpha", "CL_de", "CD_0", "CD_k", "Cm_0", "Cm_alpha", "Cm_de")
 FORMS: dict[str, Callable[[Array], Array]] = {

@@ -19,6 +19,8 @@ from sysid.signals.preparation import prepare
 from sysid.signals.record import STATES
 from sysid.uncertainty.reconstruction_errors import SOURCE, shifted
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE, TRUE = load_vehicle("iitb-mav"), read_model("iitb-mav").values()
 
 
