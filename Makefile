@@ -24,9 +24,9 @@ check: setup
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# Without whole flights and whole services: for the time between two changes. A module takes seconds, not minutes.
+# Without whole flights and whole services: for the time between two changes. A minute and a half.
 test-fast: check
-	$(BIN)/python -m pytest -n 2 -m "not whole_flight"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not whole_flight"
 
 $(VENV)/.docs: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'

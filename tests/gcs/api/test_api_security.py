@@ -24,6 +24,7 @@ def test_what_is_not_there_is_a_problem_with_a_sentence(client: httpx.Client, pa
     assert words in problem(client.get(path), 404)
 
 
+@pytest.mark.whole_flight
 def test_a_token_is_demanded_everywhere_but_for_health(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(token=TOKEN, host="0.0.0.0")
     with serving(bench.app) as client:

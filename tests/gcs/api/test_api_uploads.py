@@ -32,6 +32,7 @@ def test_uploads_as_form_and_as_body(client: httpx.Client) -> None:
     assert other["note"] == ""
 
 
+@pytest.mark.whole_flight
 def test_an_upload_that_was_cut_off_says_so_for_good(bench: Bench, client: httpx.Client) -> None:
     whole = client.get(f"/api/flights/{bench.record(5, 4, START)}/recording").content
     made = client.post("/api/flights", params={"name": "cut.mcap"}, content=whole[:-60]).json()

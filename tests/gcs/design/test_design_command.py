@@ -19,6 +19,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 AIRCRAFT = ["--vehicle", "iitb-mav", "--model", "iitb-mav"]
 
 
+@pytest.mark.whole_flight
 def test_the_plan_is_flown_as_it_was_designed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan, flight = tmp_path / "plan.json", tmp_path / "flight.mcap"
     arguments = [*AIRCRAFT, "--manoeuvre", "rudder-doublet", "--tune", "--limit", "beta=3", "-o", str(plan), "--json"]

@@ -276,6 +276,7 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -
     assert not (tmp_path / "a.mcap").exists()
 
 
+@pytest.mark.whole_flight
 def test_an_uploaded_log_is_a_flight(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path / "data")
     settings.flights.mkdir(parents=True)

@@ -151,6 +151,7 @@ def test_stopping_the_service_ends_what_is_being_read(settings: Settings, catalo
     assert subprocess.run(["/bin/kill", "-0", number], capture_output=True, check=False).returncode != 0
 
 
+@pytest.mark.whole_flight
 def test_a_crash_before_an_upload_has_its_place_leaves_no_flight_and_one_behind_it_leaves_an_upload(
     settings: Settings, catalogue: Catalogue, tmp_path: Path
 ) -> None:

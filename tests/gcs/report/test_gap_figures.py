@@ -19,6 +19,8 @@ from gcs.report import gapfigures
 from gcs.report.discrepancy import gaps
 from gcs.report.svg import save
 
+pytestmark = pytest.mark.whole_flight
+
 
 def flight(name: str) -> dict[str, Any]:
     """Two windows of four samples and a break; five outputs, of which `ax` does not change and q is lost before."""

@@ -115,6 +115,7 @@ def test_what_a_step_does_to_the_motion_does_not_depend_on_the_integration(max_s
     np.testing.assert_allclose(ends[0], ends[1], atol=3e-5)
 
 
+@pytest.mark.whole_flight
 def test_times_are_counted_from_the_flights_first_stamp_also_when_it_stands_first() -> None:
     """With two seconds and more on the ground before, thrust has sagged by the time of the manoeuvre."""
     for taxi in (False, True):

@@ -137,6 +137,7 @@ def test_deceleration_slows_down_at_level_flight() -> None:
     assert flight.truth["alpha"][-1] > flight.truth["alpha"][0] + 0.08
 
 
+@pytest.mark.whole_flight
 def test_a_whole_flight_from_the_ground_to_the_ground() -> None:
     told: list[Tick] = []
     flight = flown(plan_of(["elevator-pulse"]), noise="table2", altitude=40.0, taxi=True, on_tick=told.append)

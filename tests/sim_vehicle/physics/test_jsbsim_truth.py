@@ -98,6 +98,7 @@ def differences(ours: Array, theirs: Array) -> dict[str, tuple[float, float]]:
     return result
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize(
     ("Ixz", "density", "line"),
     [(0.0, 1.1, (0.1, 0.0, 0.0)), (0.004, None, (0.1, 0.0, 0.01)), (-0.006, 1.225, (0.1, 0.02, -0.01))],

@@ -265,6 +265,7 @@ CONTRACT = (
 )  # fmt: skip
 
 
+@pytest.mark.whole_flight
 @pytest.mark.parametrize("manoeuvre", CONTRACT)
 def test_flies_every_manoeuvre(plant: Plant, manoeuvre: str) -> None:
     vehicle = plant.vehicle

@@ -13,6 +13,8 @@ from sysid.errors import EstimationError, SignalError
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_layout import SensorLayout
 
+pytestmark = pytest.mark.whole_flight
+
 PAPER = ("accel_bias_x", "accel_bias_z", "gyro_bias_q", "alpha_scale", "theta_scale")
 NUISANCE = ("accel_bias_y", "gyro_bias_p", "gyro_bias_r")
 RUNS = 40

@@ -23,6 +23,8 @@ from sysid.design import Prediction, predict, structure_of
 from sysid.design.manoeuvre_sizing import tuned_plan
 from sysid.design.simulated_flight import rehearse
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 MODEL = read_model("iitb-mav")
 SIGMA, LENGTH = 0.3, 20.0

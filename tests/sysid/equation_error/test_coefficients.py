@@ -71,6 +71,7 @@ def test_equation_error_on_perfect_data_has_no_half_sample_error(wave):
         assert found[name] == pytest.approx(true, rel=0.01), name
 
 
+@pytest.mark.whole_flight
 def test_two_step_estimate_with_the_papers_noise():
     truth = mav.fly(mav.pulse())
     errors = {name: [] for name in NAMES}

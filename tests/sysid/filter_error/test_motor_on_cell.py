@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from simulated import fly_mav
 
 from sim_vehicle.effects import EFFECTS
@@ -15,6 +16,7 @@ from sysid.problem.problem import free_coefficients, start_values
 from sysid.signals.preparation import prepare
 
 
+@pytest.mark.whole_flight
 def test_a_misaligned_accelerometer_is_not_taken_for_drag() -> None:
     vehicle, truth = load_vehicle("iitb-mav"), {"pitch": 0.052, "roll": 0.026}
     assert vehicle.propulsion is not None

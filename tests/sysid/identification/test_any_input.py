@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from sysid.identify import identify
 from sysid.numerics.smoothing import fourier_smooth, local_derivative, noise_sigma
 from sysid.signals.flight import FlightData, FlightSignals, Signal
 from sysid.signals.resampling import resample
+
+pytestmark = pytest.mark.whole_flight
 
 Array = NDArray[np.float64]
 

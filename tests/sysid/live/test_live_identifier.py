@@ -13,6 +13,8 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.signals.flight import FlightSignals
 
+pytestmark = pytest.mark.whole_flight
+
 TRUTH = {
     **{"CL_alpha": 2.453, "Cm_alpha": -0.5998, "Cm_de": 1.5894, "CD_k": 0.4, "CL_0": 0.1784, "CD_0": 0.0871},
     **{"Cl_p": -0.45, "Cl_da": 0.15, "Cn_beta": 0.08, "Cn_dr": -0.08, "CY_beta": -0.4},

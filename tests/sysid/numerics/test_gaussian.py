@@ -19,6 +19,8 @@ from sysid.problem.problem import model_of
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 TRUE = read_model("iitb-mav").values()
 

@@ -10,6 +10,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.identify import identify
 
 
+@pytest.mark.whole_flight
 def test_late_commands_move_the_estimates_of_some_runs_as_those_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     flights = [fly_mav("multisine", seed, duration=12.0)[0] for seed in (31, 32)]
     told = []

@@ -17,6 +17,8 @@ from sysid.identify import identify
 from sysid.signals.record import OUTPUTS
 from sysid.validation.residual_series import extremes, output_residuals, rounded
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 ACCELEROMETER_NOISE = 0.0785  # m/s^2, of the simulated sensors
 
