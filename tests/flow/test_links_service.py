@@ -14,6 +14,7 @@ import httpx
 from mavlink_frames import Sender
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from patience import PATIENCE_S
 from processes import free_port, messages_on_disk, run, service, start
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator import mavgen
@@ -66,7 +67,7 @@ def test_a_message_of_ones_own_is_recorded_over_udp_and_read_by_ros_tools(tmp_pa
             sender.seq = (sender.seq + 1) % 256
         wait_until(lambda: messages_on_disk(path) >= 50)
         process.send_signal(signal.SIGINT)
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE_S) == 0
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         read = [entry for _, _, _, entry in reader.iter_decoded_messages(topics="/mavlink/3/1/VANE_RAW")]
@@ -106,13 +107,13 @@ def test_the_service_tells_of_every_link_and_records_what_other_stations_say(tmp
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         other.bind(("127.0.0.1", 0))
-        other.settimeout(60)
+        other.settimeout(PATIENCE_S)
         forward = f"udpout:127.0.0.1:{other.getsockname()[1]}"
         link = f"udpin:127.0.0.1:{port}"
         options = ["--forward", forward, "--signing-key", key_file, "--sign", "--data", tmp_path / "data"]
-        with service("--connect", link, *options) as url, httpx.Client(base_url=url) as client:
+        with service("--connect", link, *options) as url, httpx.Client(base_url=url, timeout=PATIENCE_S) as client:
             vehicle.connect(("127.0.0.1", port))
-            vehicle.settimeout(60)
+            vehicle.settimeout(PATIENCE_S)
             craft, radio = Vehicle(), Vehicle(51, 68)
             signer = Sender(1, 2)
             signer.sign_from_now(key)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+from patience import PATIENCE_S
 from processes import ANSWERS, free_port, service
 from traffic import Vehicle, wait_until
 
@@ -41,9 +42,9 @@ def test_recording_loses_nothing_while_live_identification_runs(tmp_path: Path) 
     with service(*options) as url:
 
         def live() -> Any:
-            return httpx.get(f"{url}/api/live", timeout=60).json()
+            return httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
 
-        wait_until(lambda: live()["process"]["state"] == "running", 300.0)
+        wait_until(lambda: live()["process"]["state"] == "running")
         count = sent(port, frames)
         wait_until(lambda: "phi" in live()["signals"])
         wait_until(lambda: live()["links"][0]["frames"] == count)

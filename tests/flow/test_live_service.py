@@ -10,11 +10,10 @@ from typing import Any
 
 import httpx
 from asking import Asking
+from patience import PATIENCE_S
 from processes import free_port, run, service
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import wait_until
-
-READY_S = 300.0  # the very first start of an installation compiles
 
 
 class Events(threading.Thread):
@@ -26,7 +25,7 @@ class Events(threading.Thread):
         self.heard: list[tuple[str, dict[str, Any]]] = []
 
     def run(self) -> None:
-        with httpx.stream("GET", f"{self._url}/api/live/stream", timeout=60) as answer:
+        with httpx.stream("GET", f"{self._url}/api/live/stream", timeout=PATIENCE_S) as answer:
             assert answer.headers["content-type"].startswith("text/event-stream")
             name = ""
             for line in answer.iter_lines():
@@ -54,19 +53,19 @@ class Neighbour(threading.Thread):
 
 
 def running(url: str) -> bool:
-    return bool(httpx.get(f"{url}/api/live", timeout=60).json()["process"]["state"] == "running")
+    return bool(httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()["process"]["state"] == "running")
 
 
 def estimated(url: str) -> dict[str, Any] | None:
     """What the service says once the whole flight is in its estimates."""
-    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=60).json()
+    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
     known = told["identification"] is not None and told["identification"]["coefficients"]["Cl_da"]["known"]
     return told if known and told["time_s"] > 8.9 else None
 
 
 def flown(url: str, time_s: float) -> dict[str, Any] | None:
     """What the service says once it has read so much of the flight."""
-    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=60).json()
+    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
     return told if (told["time_s"] or 0.0) > time_s else None
 
 
@@ -75,7 +74,7 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
     with service("--connect", f"udpin:127.0.0.1:{port}", "--data", tmp_path) as url:
         events = Events(url)
         events.start()
-        before = httpx.get(f"{url}/api/live", timeout=60).json()
+        before = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
         assert (before["schema"], before["state"], before["flight"], before["signals"]) == (
             "live/1",
             "waiting",
@@ -84,7 +83,7 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
         )
         assert before["identification"] is None
         assert "--vehicle FILE" in before["why"]
-        wait_until(lambda: running(url), READY_S)
+        wait_until(lambda: running(url))
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "4", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: flown(url, 3.5))
         assert after["flight"] is not None
@@ -92,7 +91,7 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
         assert after["signals"]["az"]["unit"] == "m/s^2"
         assert -40.0 < after["signals"]["az"]["value"] < 20.0
         wait_until(lambda: events.of("state")[-1]["state"] == "lost")
-    events.join(30)  # the service ends the stream when it is told to stop
+    events.join(PATIENCE_S)  # the service ends the stream when it is told to stop
     # A new flight or vehicle is told by an event as well, in whatever state the link is.
     states = [state for state, _ in groupby(event["state"] for event in events.of("state"))]
     assert states[:2] == ["waiting", "live"]
@@ -110,12 +109,12 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
         events = Events(url)
         events.start()
         neighbour.start()
-        wait_until(lambda: running(url), READY_S)
+        wait_until(lambda: running(url))
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "9", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: estimated(url))
-    events.join(30)
+    events.join(PATIENCE_S)
     neighbour.done.set()
-    neighbour.join(30)
+    neighbour.join(PATIENCE_S)
     neighbour.station.socket.close()
     assert after["why"] is None
     assert after["process"]["dropped_bytes"] == 0

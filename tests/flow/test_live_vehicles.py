@@ -8,21 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from processes import TIMEOUT_S, free_port, service, start
+from patience import PATIENCE_S
+from processes import free_port, service, start
 from traffic import wait_until
 
-READY_S = 300.0  # the very first start of an installation compiles
 FOR_LONG_S = 600  # they are ended when they have been seen, however busy the machine is
 
 
 def told(url: str) -> dict[str, Any]:
-    answer: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=60).json()
+    answer: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
     return answer
 
 
 def recording(url: str, count: int) -> list[str] | None:
     """The flights that are being recorded, once there are so many."""
-    found: list[str] = httpx.get(f"{url}/api/health", timeout=60).json()["recording"]
+    found: list[str] = httpx.get(f"{url}/api/health", timeout=PATIENCE_S).json()["recording"]
     return found if len(found) == count else None
 
 
@@ -36,7 +36,7 @@ def test_the_first_aircraft_is_followed_until_its_flight_ends_and_then_another(t
             aircraft = ("fly", "--manoeuvre", "multisine", "--duration", seconds, "--system", system, "--out", to)
             return flying.enter_context(start("sim-vehicle", aircraft))
 
-        wait_until(lambda: told(url)["process"]["state"] == "running", READY_S)
+        wait_until(lambda: told(url)["process"]["state"] == "running")
         first = fly(1, FOR_LONG_S)
         wait_until(lambda: (told(url)["time_s"] or 0.0) > 2.0 and told(url)["identification"])
         followed = told(url)["flight"]
@@ -50,7 +50,7 @@ def test_the_first_aircraft_is_followed_until_its_flight_ends_and_then_another(t
         second = fly(2, 6)
         wait_until(lambda: recording(url, 2))
         stays()
-        second.communicate(timeout=TIMEOUT_S)
+        second.communicate(timeout=PATIENCE_S)
         wait_until(lambda: recording(url, 1))  # the second one's flight has ended
         stays()
         since = time.monotonic()
@@ -59,7 +59,7 @@ def test_the_first_aircraft_is_followed_until_its_flight_ends_and_then_another(t
         stays()
         assert times == sorted(times)
         first.terminate()
-        first.communicate(timeout=TIMEOUT_S)
+        first.communicate(timeout=PATIENCE_S)
         (left,) = wait_until(lambda: recording(url, 1))
         assert left != followed
         wait_until(lambda: told(url)["flight"] == left)
@@ -68,4 +68,4 @@ def test_the_first_aircraft_is_followed_until_its_flight_ends_and_then_another(t
         begun = told(url)["time_s"]
         wait_until(lambda: told(url)["time_s"] > begun + 1.0)
         third.terminate()
-        third.communicate(timeout=TIMEOUT_S)
+        third.communicate(timeout=PATIENCE_S)

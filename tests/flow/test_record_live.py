@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-from processes import TIMEOUT_S, free_port, messages_on_disk, run, start
+from patience import PATIENCE_S
+from processes import free_port, messages_on_disk, run, start
 from traffic import wait_until
 
 from gcs.recording.reader import Recording
@@ -26,7 +27,7 @@ def test_coefficients_are_printed_while_everything_is_recorded(tmp_path: Path) -
             lines.append(process.stdout.readline())
         wait_until(lambda: messages_on_disk(path) >= 14 * 400)
         process.send_signal(signal.SIGINT)
-        _, error = process.communicate(timeout=TIMEOUT_S)
+        _, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
     words = lines[-1].split()
     assert " of 28 known" in lines[-1]

@@ -11,6 +11,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from processes import free_port, run, service
 from traffic import wait_until
 
@@ -56,7 +57,7 @@ class Station:
             found = self.get(f"/api/jobs/{job}")
             return found if found["state"] in ENDED else None
 
-        return wait_until(over, 300.0)  # a first use compiles, on a machine that may be busy
+        return wait_until(over)
 
     def run_job(self, flight: str, **request: Any) -> dict[str, Any]:
         answer = self.client.post(f"/api/flights/{flight}/jobs", json=request)
@@ -73,7 +74,7 @@ def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
     options = ("--connect", link, "--vehicle", "iitb-mav", "--data", data, "--host", "0.0.0.0", "--silence", "2")
     with service(*options, GCS_TOKEN=TOKEN) as url:
         url = url.replace("0.0.0.0", "127.0.0.1")
-        with httpx.Client(base_url=url, headers=AUTHORISED, timeout=60) as client:
+        with httpx.Client(base_url=url, headers=AUTHORISED, timeout=PATIENCE_S) as client:
             yield Station(client, url, f"udpout:127.0.0.1:{port}", data)
 
 
@@ -179,6 +180,6 @@ def test_a_recording_of_the_ground_is_no_failure(station: Station, flown: dict[s
 
 @pytest.mark.parametrize("path", ["/api/flights", "/api/models", "/api/links", "/api/live"])
 def test_without_the_token_only_health_answers(station: Station, path: str) -> None:
-    assert httpx.get(f"{station.url}/api/health").status_code == 200
+    assert httpx.get(f"{station.url}/api/health", timeout=PATIENCE_S).status_code == 200
     for headers in ({}, {"Authorization": "Bearer wrong-token-of-someone"}, {"Authorization": TOKEN}):
-        assert httpx.get(station.url + path, headers=headers).status_code == 401
+        assert httpx.get(station.url + path, headers=headers, timeout=PATIENCE_S).status_code == 401

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+from patience import PATIENCE_S
 from processes import free_port, run, service
 from traffic import wait_until
-
-READY_S = 300.0  # the very first start of an installation compiles
 
 
 def fly(port: int, seconds: float) -> None:
@@ -25,9 +24,9 @@ def test_a_restart_from_another_port_ends_the_flight_and_live_begins_anew(tmp_pa
                  "--no-identify", "--silence", 25) as url:  # fmt: skip
 
         def ask(path: str) -> Any:
-            return httpx.get(f"{url}{path}", timeout=60).json()
+            return httpx.get(f"{url}{path}", timeout=PATIENCE_S).json()
 
-        wait_until(lambda: ask("/api/live")["process"]["state"] == "running", READY_S)
+        wait_until(lambda: ask("/api/live")["process"]["state"] == "running")
         fly(port, 8)
         first = wait_until(lambda: ask("/api/live")["flight"])
         again = threading.Thread(target=fly, args=(port, 5))

@@ -10,11 +10,13 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from asking import DEADLINE_S, Asking
-from processes import TIMEOUT_S, free_port, start
+from asking import Asking
+from patience import PATIENCE_S
+from processes import free_port, start
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from serial_line import serial_line
+from traffic import wait_until
 
 
 @contextmanager
@@ -26,7 +28,7 @@ def standing(*arguments: object) -> Iterator[None]:
             yield
             assert process.poll() is None, process.communicate()[1]
             process.send_signal(signal.SIGINT)
-            _, error = process.communicate(timeout=TIMEOUT_S)
+            _, error = process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 130
             assert "Traceback" not in error
         finally:
@@ -35,18 +37,18 @@ def standing(*arguments: object) -> Iterator[None]:
 
 
 def wait_message(connection: Any, kind: str) -> Any:
-    found = connection.recv_match(type=kind, blocking=True, timeout=DEADLINE_S)
+    found = connection.recv_match(type=kind, blocking=True, timeout=PATIENCE_S)
     assert found is not None, f"no {kind} came"
     return found
 
 
 def connect_armed(connection: Any) -> None:
     """What pymavlink's ground stations do first: wait, fetch every parameter, arm."""
-    assert connection.wait_heartbeat(timeout=DEADLINE_S) is not None
+    assert connection.wait_heartbeat(timeout=PATIENCE_S) is not None
     assert not connection.motors_armed()
     connection.param_fetch_all()
     count = wait_message(connection, "PARAM_VALUE").param_count
-    deadline = time.monotonic() + DEADLINE_S
+    deadline = time.monotonic() + PATIENCE_S
     while len(connection.params) < count and time.monotonic() < deadline:
         wait_message(connection, "PARAM_VALUE")
     assert connection.param("SIM_MASS") == 1.0
@@ -57,17 +59,19 @@ def connect_armed(connection: Any) -> None:
         wait_message(connection, "HEARTBEAT")
 
 
+def listens(port: int) -> bool:
+    """Whether somebody takes connections there."""
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S).close()
+    except ConnectionRefusedError:
+        return False
+    return True
+
+
 def test_a_tcp_server() -> None:
     port = free_port(socket.SOCK_STREAM)
     with standing("--out", f"tcpin:127.0.0.1:{port}"):
-        deadline = time.monotonic() + DEADLINE_S
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S).close()
-                break
-            except ConnectionRefusedError:
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+        wait_until(lambda: listens(port))
         with closing(mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=255)) as station:
             connect_armed(station)
 
@@ -79,7 +83,7 @@ def test_a_serial_line() -> None:
         closing(mavutil.mavlink_connection(station_end, baud=921600, source_system=255)) as station,
     ):
         # Opening the device may cut a frame in two; from the first one on nothing may be lost or broken either way.
-        assert station.wait_heartbeat(timeout=DEADLINE_S) is not None
+        assert station.wait_heartbeat(timeout=PATIENCE_S) is not None
         begin = (station.mav.total_receive_errors, station.mav_loss, station.mav_count)
         connect_armed(station)
         for sent in (3, 4):

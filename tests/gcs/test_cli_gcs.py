@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from patience import PATIENCE_S
 from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.cli import main
@@ -232,7 +233,7 @@ def test_record_ends_well_when_it_is_told_to_stop(
 
         wait_until(recorded)
         process.send_signal(number)
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
     assert "messages" in out
     assert 0 < sum(Recording(path).counts().values()) <= sent
@@ -260,13 +261,16 @@ def test_serve_records_a_flight_and_stops_cleanly(
 ) -> None:
     process, url, port = service
     vehicle = Vehicle(4)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender, httpx.Client(base_url=url, timeout=60) as client:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        httpx.Client(base_url=url, timeout=PATIENCE_S) as client,
+    ):
         wait_until(lambda: client.get("/api/health").json()["status"] == "ok")
         sender.connect(("127.0.0.1", port))
         frames = vehicle.second()
         for frame in frames:
             sender.send(frame)
-        sender.settimeout(30)
+        sender.settimeout(PATIENCE_S)
         assert sender.recv(100)[0] == 0xFD  # the station's heartbeat answers whoever spoke
 
         def ended() -> dict[str, object] | None:
@@ -277,11 +281,11 @@ def test_serve_records_a_flight_and_stops_cleanly(
         assert (flight["system"], flight["messages"], flight["end_reason"]) == (4, len(frames), "silence")
         second = start(["serve", "--data", str(tmp_path / "data"), "--port", "0"], environment)
         with second:
-            _, error = second.communicate(timeout=60)
+            _, error = second.communicate(timeout=PATIENCE_S)
         assert second.returncode == 1
         assert "another service" in error
         process.terminate()
-        process.wait(60)
+        process.wait(PATIENCE_S)
     assert process.returncode == 0
 
 
@@ -302,7 +306,7 @@ def test_a_flight_cut_off_by_a_crash_is_listed_after_the_restart(
 
         wait_until(on_disk)
     process.kill()
-    process.wait(60)
+    process.wait(PATIENCE_S)
     again = start(["serve", "--data", str(data), "--port", "0"], environment)
     with again:
         try:
@@ -310,15 +314,15 @@ def test_a_flight_cut_off_by_a_crash_is_listed_after_the_restart(
             url = again.stdout.readline().split()[-1]
 
             def completed() -> dict[str, object] | None:
-                (flight,) = httpx.get(f"{url}/api/flights", timeout=60).json()["flights"]
+                (flight,) = httpx.get(f"{url}/api/flights", timeout=PATIENCE_S).json()["flights"]
                 return flight if flight["messages"] else None
 
             flight = wait_until(completed)  # links open first, what a crash left behind comes after
             assert (flight["state"], flight["system"]) == ("recovered", 5)
-            summary = httpx.get(f"{url}/api/flights/{flight['id']}", timeout=60).json()
+            summary = httpx.get(f"{url}/api/flights/{flight['id']}", timeout=PATIENCE_S).json()
             assert sum(summary["topics"].values()) == flight["messages"]
             again.terminate()
-            again.wait(60)
+            again.wait(PATIENCE_S)
         finally:
             again.kill()
     assert again.returncode == 0

@@ -10,6 +10,7 @@ from typing import Any
 
 import httpx
 import pytest
+from patience import PATIENCE_S
 from ruamel.yaml import YAML
 from traffic import wait_until
 
@@ -87,25 +88,25 @@ def test_the_commands_of_the_compose_file_record_a_flight(compose: dict[str, Any
     log = (tmp_path / "station.log").open("w")
     with log, subprocess.Popen(station_command, env=environment, stdout=log, stderr=log, cwd=tmp_path) as station:
         try:
-            wait_until(lambda: subprocess.run(health, capture_output=True, check=False).returncode == 0, 120)
+            wait_until(lambda: subprocess.run(health, capture_output=True, check=False).returncode == 0)
             url = f"http://127.0.0.1:{web}"
-            assert httpx.get(f"{url}/api/flights", timeout=60).status_code == 401
+            assert httpx.get(f"{url}/api/flights", timeout=PATIENCE_S).status_code == 401
             with subprocess.Popen(vehicle_command, stdout=log, stderr=log, cwd=tmp_path) as vehicle:
                 headers = {"Authorization": f"Bearer {TOKEN}"}
-                with httpx.Client(base_url=url, headers=headers, timeout=60) as client:
+                with httpx.Client(base_url=url, headers=headers, timeout=PATIENCE_S) as client:
 
                     def flying() -> dict[str, Any] | None:
                         assert vehicle.poll() is None, (tmp_path / "station.log").read_text()
                         flights = client.get("/api/flights").json()["flights"]
                         return flights[0] if flights and flights[0]["messages"] > 500 else None
 
-                    flight = wait_until(flying, 200)
+                    flight = wait_until(flying)
                     assert flight["system"] is not None
                     (link,) = client.get("/api/links").json()
                     assert link["dropped"] == link["bad_crc"] == 0
                 vehicle.terminate()
         finally:
             station.terminate()
-            station.wait(60)
+            station.wait(PATIENCE_S)
     assert station.returncode == 0
     assert list((tmp_path / "flights").glob("*.mcap"))

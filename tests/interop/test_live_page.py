@@ -13,8 +13,9 @@ import pytest
 from browser import Visitor, chromium
 from ground import Ground
 from node_reader import NodeReader
+from patience import PATIENCE_S
 from playwright.sync_api import Browser
-from processes import TIMEOUT_S, free_port, start
+from processes import free_port, start
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import Vehicle, wait_until
 
@@ -59,7 +60,7 @@ def flying(ground: Ground, *options: object) -> Iterator[None]:
             yield
         finally:
             simulator.kill()
-            simulator.communicate(timeout=TIMEOUT_S)
+            simulator.communicate(timeout=PATIENCE_S)
 
 
 def counted(ground: Ground) -> Callable[[], float]:

@@ -14,9 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from processes import TIMEOUT_S, free_port, start
-
-DEADLINE_S = 120.0
+from patience import PATIENCE_S
+from processes import free_port, start
 
 
 class MAVProxy:
@@ -49,7 +48,7 @@ class MAVProxy:
 
     def wait_for(self, text: str, typing: str = "") -> None:
         """Wait until `text` is printed; meanwhile type a line every second."""
-        deadline, typed = time.monotonic() + DEADLINE_S, time.monotonic()
+        deadline, typed = time.monotonic() + PATIENCE_S, time.monotonic()
         while text not in self.printed:
             if typing and time.monotonic() - typed > 1.0:
                 typed = time.monotonic()
@@ -80,7 +79,7 @@ def session(tmp_path: Path) -> Iterator[MAVProxy]:
                 yield opened
             finally:
                 simulator.kill()
-                simulator.communicate(timeout=TIMEOUT_S)
+                simulator.communicate(timeout=PATIENCE_S)
 
 
 def test_it_lists_both_vehicles_fetches_their_parameters_and_arms(session: MAVProxy) -> None:

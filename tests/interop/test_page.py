@@ -13,8 +13,9 @@ import pytest
 from browser import SIZES, Visitor, chromium
 from ground import Ground
 from node_reader import NodeReader
+from patience import PATIENCE_S
 from playwright.sync_api import Browser
-from processes import TIMEOUT_S, free_port, run, start
+from processes import free_port, run, start
 from traffic import wait_until
 
 from gcs.catalogue.store import Catalogue, Flight
@@ -69,7 +70,7 @@ def flying(ground: Ground) -> Iterator[None]:
             yield
         finally:
             simulator.kill()
-            simulator.communicate(timeout=TIMEOUT_S)
+            simulator.communicate(timeout=PATIENCE_S)
 
 
 def flight_with(ground: Ground, kind: str) -> str:
@@ -218,7 +219,7 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
     try:
         recording = min((data / "flights").glob("*.mcap"))
         address = f"{ground.url}/api/flights?name={recording.name}"
-        flight = httpx.post(address, content=recording.read_bytes(), timeout=60).raise_for_status().json()["id"]
+        flight = httpx.post(address, content=recording.read_bytes(), timeout=PATIENCE_S).raise_for_status().json()["id"]
         visitor.open("#/flights")
         visitor.page.fill("input[type=search]", "2020-09-14")  # the second of 120
         visitor.wait_for_text("tbody tr:only-child", "calm morning 1.tlog")

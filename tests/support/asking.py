@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-DEADLINE_S = 60.0
 STATION = 255
 
 
@@ -75,7 +75,7 @@ class Asking:
 
     def wait_for(self, wanted: Callable[[Any], bool]) -> Any:
         """The next message of which `wanted` is true; AssertionError when none comes in time."""
-        deadline = time.monotonic() + DEADLINE_S
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             for message in self.receive():
                 if wanted(message):

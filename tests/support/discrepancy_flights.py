@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from patience import PATIENCE_S
 
 from sim_vehicle.model.model_file import Model, read_model
 
@@ -21,7 +22,7 @@ JUDGE = "elevator-3211,aileron-doublet,rudder-doublet"
 
 def fly(path: Path, manoeuvres: str, seed: int, *more: str) -> None:
     command = [sys.executable, "-m", "sim_vehicle", "fly", "--manoeuvre", manoeuvres, "--seed", str(seed)]
-    subprocess.run([*command, "--record", str(path), *more], check=True, capture_output=True, timeout=120)
+    subprocess.run([*command, "--record", str(path), *more], check=True, capture_output=True, timeout=PATIENCE_S)
 
 
 def baseline(seed: int, share: float) -> Model:
@@ -44,7 +45,7 @@ def run_discrepancy(folder: Path, seed: int, share: float, *effect: str, validat
     command = [sys.executable, "-m", "gcs", "discrepancy", str(fit), "--vehicle", "iitb-mav", "--model", str(model)]
     command += ["--validate", str(judge)] if validate else []
     command += ["--json", "--write-model", str(repaired)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
     assert model.read_bytes() == before
     fly(folder / "again.mcap", "cruise", seed, "--duration", "2", "--model", str(repaired))

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from processes import TIMEOUT_S, start
+from patience import PATIENCE_S
+from processes import start
 from traffic import wait_until
 
 
@@ -28,7 +29,7 @@ class Ground:
         return f"http://127.0.0.1:{self.http}"
 
     def get(self, path: str) -> Any:
-        return httpx.get(self.url + path, timeout=60).raise_for_status().json()
+        return httpx.get(self.url + path, timeout=PATIENCE_S).raise_for_status().json()
 
     def start(self) -> None:
         command = ("serve", "--port", self.http, "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", "iitb-mav",
@@ -44,5 +45,5 @@ class Ground:
     def stop(self) -> None:
         assert self.process is not None
         self.process.send_signal(signal.SIGTERM)
-        self.process.communicate(timeout=TIMEOUT_S)
+        self.process.communicate(timeout=PATIENCE_S)
         assert self.process.returncode == 0

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from patience import PATIENCE_S
 from traffic import wait_until
 
 from gcs.errors import RecordingError
 from gcs.recording.reader import Recording
 
-TIMEOUT_S = 120.0
 #: What a vehicle says only because the station asks it for its time.
 ANSWERS = "/TIMESYNC"
 
@@ -37,7 +37,7 @@ def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     """A finished command: its exit code and what it printed."""
     process = start(program, arguments)
     with process:
-        out, error = process.communicate(timeout=TIMEOUT_S)
+        out, error = process.communicate(timeout=PATIENCE_S)
     return subprocess.CompletedProcess(process.args, process.returncode, out, error)
 
 
@@ -67,7 +67,7 @@ def recording_station(url: str, path: Path, expected: int) -> Iterator[None]:
             yield
             wait_until(lambda: messages_on_disk(path) >= expected)
             process.send_signal(signal.SIGINT)
-            _, error = process.communicate(timeout=TIMEOUT_S)
+            _, error = process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 0, error
         finally:
             if process.poll() is None:
@@ -85,7 +85,7 @@ def service(*arguments: object, **environment: str) -> Iterator[str]:
             assert line.startswith("serving on "), process.communicate()[1]
             yield line.split()[-1]
             process.terminate()
-            process.communicate(timeout=TIMEOUT_S)
+            process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 0
         finally:
             if process.poll() is None:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import httpx
 import uvicorn
 from fastapi import FastAPI
+from patience import PATIENCE_S
 from traffic import wait_until
 
 
@@ -22,7 +23,7 @@ def serving(app: FastAPI) -> Iterator[httpx.Client]:
         thread.start()
         try:
             wait_until(lambda: server.started)
-            with httpx.Client(base_url=f"http://localhost:{listener.getsockname()[1]}", timeout=60) as client:
+            with httpx.Client(base_url=f"http://localhost:{listener.getsockname()[1]}", timeout=PATIENCE_S) as client:
                 yield client
         finally:
             server.should_exit = True

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.links.datagrams import Batch
@@ -15,7 +16,7 @@ SECOND = 1_000_000_000
 Result = TypeVar("Result")
 
 
-def wait_until(probe: Callable[[], Result | None], timeout_s: float = 60.0) -> Result:
+def wait_until(probe: Callable[[], Result | None], timeout_s: float = PATIENCE_S) -> Result:
     """The first true answer of `probe`; AssertionError when none comes in time."""
     deadline = time.monotonic() + timeout_s
     while True:

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-from processes import TIMEOUT_S, free_port
+import pytest
+from patience import PATIENCE_S
+from processes import free_port
 from recorded_stream import DIALECT, Stream
 from traffic import Vehicle, wait_until
 
@@ -40,13 +42,14 @@ def slow_service(go: Path, *arguments: object) -> Iterator[httpx.Client]:
         try:
             assert process.stdout is not None
             url = process.stdout.readline().split()[-1]
-            with httpx.Client(base_url=url, timeout=TIMEOUT_S) as client:
+            with httpx.Client(base_url=url, timeout=PATIENCE_S) as client:
                 yield client
         finally:
             process.terminate()
     assert process.returncode == 0
 
 
+@pytest.mark.whole_flight
 def test_the_service_records_while_it_completes_what_the_last_run_left(tmp_path: Path) -> None:
     settings, go, port = Settings(data=tmp_path / "data"), tmp_path / "go", free_port()
     settings.flights.mkdir(parents=True)

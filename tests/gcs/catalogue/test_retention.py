@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from patience import PATIENCE_S
 from processes import service
 from traffic import Vehicle, batch, ground_station_heartbeat, wait_until
 
@@ -132,6 +133,7 @@ def test_what_is_left_of_a_deleted_flight(store: Store) -> None:
         JobRunner(store.settings, store.catalogue).submit("b", {"kind": "x"})
 
 
+@pytest.mark.whole_flight
 def test_the_service_deletes_and_says_so(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.add("20240101T000000.000Z-1", 400.0)
@@ -139,7 +141,7 @@ def test_the_service_deletes_and_says_so(tmp_path: Path) -> None:
     assert store.catalogue.mark_deleted(left_over.stem)  # as if the service had been killed just then
     store.catalogue.close()
     rule = ("--keep-days", "30", "--vehicle", "iitb-mav")
-    with service("--data", tmp_path, *rule) as url, httpx.Client(base_url=url, timeout=60) as client:
+    with service("--data", tmp_path, *rule) as url, httpx.Client(base_url=url, timeout=PATIENCE_S) as client:
         wait_until(lambda: not store.files)
         answer = client.get("/api/flights/20240101T000000.000Z-1/recording")
         assert answer.status_code == 410

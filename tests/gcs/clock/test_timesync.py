@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import Vehicle, decode, wait_until
 
@@ -72,7 +73,7 @@ class Answering:
             yield
         finally:
             self._stopping.set()
-            self._thread.join(30)
+            self._thread.join(PATIENCE_S)
             self.socket.close()
 
 

@@ -187,7 +187,7 @@ def test_the_real_worker_reports_a_recording_without_a_flight_in_words(bench: Be
     bench.runners.append(runner)
     runner.start()
     job = runner.submit(bench.flight, {"kind": "identify"})
-    ended = wait_until(lambda: bench.ended(job.id), timeout_s=200)
+    ended = wait_until(lambda: bench.ended(job.id))
     assert ended.state == "failed"
     assert ended.error
     assert "Error" not in ended.error

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+from patience import PATIENCE_S
 from traffic import Vehicle, wait_until
 
 from gcs.links.opening import Link, TcpServerLink, UdpLink, open_link
@@ -113,7 +114,7 @@ def test_tcp_clients_are_served_together_and_never_mix() -> None:
         assert sorted(streams.values()) == sorted(sent)
         link.send(b"to all")
         for peer in peers:
-            peer.settimeout(30)
+            peer.settimeout(PATIENCE_S)
             assert peer.recv(100) == b"to all"
 
 
@@ -143,7 +144,7 @@ def test_a_tcp_client_that_does_not_read_delays_nobody_and_never_gets_half_a_fra
         link.receive(0.01)
         assert link.counters.send_errors > 0
         # What the slow one gets in the end is made of whole pieces.
-        slow.settimeout(30)
+        slow.settimeout(PATIENCE_S)
         got = bytearray()
 
         def caught_up() -> bool:
@@ -157,7 +158,7 @@ def test_a_tcp_client_that_does_not_read_delays_nobody_and_never_gets_half_a_fra
         for i in range(0, len(got), len(frames[0])):
             piece = bytes(got[i : i + len(frames[0])])
             assert any(frame == piece for frame in expected)
-        reader.join(30)
+        reader.join(PATIENCE_S)
     assert bytes(arrived) == b"".join(frames)
 
 
@@ -166,7 +167,7 @@ def test_broadcast_reaches_whoever_listens_and_then_stays_with_who_answered() ->
         vehicles = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
         for vehicle in vehicles:
             vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            vehicle.settimeout(30)
+            vehicle.settimeout(PATIENCE_S)
         vehicles[0].bind(("0.0.0.0", 0))
         port = vehicles[0].getsockname()[1]
         vehicles[1].bind(("0.0.0.0", port))
@@ -177,7 +178,7 @@ def test_broadcast_reaches_whoever_listens_and_then_stays_with_who_answered() ->
         assert [data for data, _ in answers] == [b"anybody?"] * 2
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.bind(("127.0.0.1", 0))
-            other.settimeout(30)
+            other.settimeout(PATIENCE_S)
             other.sendto(b"here", answers[0][1])
             assert listen(link, 4) == {link.name: b"here"}
             link.send(b"you")

@@ -5,6 +5,7 @@ import time
 from contextlib import closing
 
 import pytest
+from patience import PATIENCE_S
 from traffic import wait_until
 
 from gcs.errors import LinkError
@@ -159,7 +160,7 @@ def test_udp_answers_every_peer_that_spoke() -> None:
         assert link.ready
         link.send(b"answer")
         for peer in (first, second):
-            peer.settimeout(30)
+            peer.settimeout(PATIENCE_S)
             assert peer.recv(100) == b"answer"
 
 
@@ -214,7 +215,7 @@ def test_tcp_client_comes_back_after_the_server_went_away() -> None:
                 peer.sendall(b"telemetry")
                 assert collect(link, 9)[0].data == b"telemetry"
                 link.send(b"command")
-                peer.settimeout(30)
+                peer.settimeout(PATIENCE_S)
                 assert peer.recv(100) == b"command"
             wait_until(lambda: link.receive(0.01) is None and not link.connected)
             assert link.problem

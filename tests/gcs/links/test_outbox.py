@@ -6,6 +6,7 @@ import threading
 from contextlib import closing
 from pathlib import Path
 
+from patience import PATIENCE_S
 from pseudo_terminal import connected, plugged
 from traffic import wait_until
 
@@ -119,14 +120,14 @@ def test_the_close_waits_for_a_write_that_has_begun() -> None:
 
     def write(data: memoryview) -> int:
         writing.set()
-        go.wait(60.0)
+        go.wait(PATIENCE_S)
         return len(data)
 
     outbox = Outbox(write, lambda count: None, lambda count: None)
     sender = threading.Thread(target=outbox.offer, args=([b"command"],))
     closer = threading.Thread(target=outbox.close)
     sender.start()
-    assert writing.wait(60.0)
+    assert writing.wait(PATIENCE_S)
     closer.start()
     closer.join(0.1)
     assert closer.is_alive()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from patience import PATIENCE_S
 from processes import free_port, start
 from recorder_rig import LINK, Rig
 from traffic import Vehicle, wait_until
@@ -94,7 +95,7 @@ def test_the_service_goes_on_without_and_then_with_room(tmp_path: Path) -> None:
     with process, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         assert process.stdout is not None
         url = process.stdout.readline().split()[-1]
-        with httpx.Client(base_url=url, timeout=60) as client:
+        with httpx.Client(base_url=url, timeout=PATIENCE_S) as client:
 
             def health_while_sending() -> dict[str, object]:
                 for frame in vehicle.second(rate_hz=10):
@@ -111,7 +112,7 @@ def test_the_service_goes_on_without_and_then_with_room(tmp_path: Path) -> None:
             flights = wait_until(lambda: client.get("/api/flights").json()["flights"])
             assert client.get("/api/links").json()[0]["frames"] > 0
         process.send_signal(signal.SIGTERM)
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
     assert "Traceback" not in error
     assert flights
@@ -133,7 +134,7 @@ def test_gcs_record_stops_with_one_line_and_keeps_what_there_is(tmp_path: Path) 
             return process.poll() is not None
 
         wait_until(ended)
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     *_, line = error.splitlines()
     assert line.startswith(f"gcs record: {path} cannot be written: File too large; ")

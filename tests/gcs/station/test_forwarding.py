@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 from mavlink_frames import Sender
+from patience import PATIENCE_S
 from processes import free_port
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import Vehicle, decode, wait_until
@@ -198,7 +199,7 @@ def test_a_ground_station_that_does_not_read_holds_up_nothing() -> None:
             assert station.forward[2].counters.send_errors > 0
             wait_until(lambda: len(heard) == station.forward[1].counters.bytes_sent)
             assert decode(bytes(heard[: len(piece)]))[0].get_type() == "GPS_STATUS"
-        listener.join(30)
+        listener.join(PATIENCE_S)
 
 
 def test_pieces_of_two_vehicles_never_mix_on_the_way_to_a_ground_station() -> None:
@@ -209,7 +210,7 @@ def test_pieces_of_two_vehicles_never_mix_on_the_way_to_a_ground_station() -> No
         url = f"tcp:127.0.0.1:{server.getsockname()[1]}"
         with running([f"udpin:127.0.0.1:{port}"], [url], taken) as station:
             reader = stack.enter_context(server.accept()[0])
-            reader.settimeout(60)
+            reader.settimeout(PATIENCE_S)
             wait_until(lambda: station.forward[0].connected)
             vehicles, peers = [Vehicle(1), Vehicle(2)], [Peer(stack, port), Peer(stack, port)]
             sent: list[list[bytes]] = [[], []]
@@ -237,7 +238,7 @@ def test_only_the_stations_own_frames_are_signed_and_only_when_told_to(key: byte
         port = free_port()
         vehicle = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         vehicle.connect(("127.0.0.1", port))
-        vehicle.settimeout(60)
+        vehicle.settimeout(PATIENCE_S)
         with running([f"udpin:127.0.0.1:{port}"], [], Taken(), key):
             vehicle.send(Vehicle().heartbeat())
             frames = [vehicle.recv(1000) for _ in range(2)]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from traffic import SECOND, Vehicle, batch
 
 from gcs.errors import LinkError, RecordingError
@@ -80,7 +81,7 @@ def test_the_timeline_merges_links_in_time_and_keeps_every_byte(recording: Path)
 
 
 def drain(sock: socket.socket, size: int) -> bytes:
-    sock.settimeout(30)
+    sock.settimeout(PATIENCE_S)
     data = b""
     while len(data) < size:
         data += sock.recv(65536)
@@ -101,7 +102,7 @@ def test_a_file_over_tcp_arrives_byte_for_byte(recording: Path) -> None:
         thread = threading.Thread(target=serve)
         thread.start()
         sent = replay_file(recording, f"tcp:127.0.0.1:{server.getsockname()[1]}", 0, link=link)
-        thread.join(30)
+        thread.join(PATIENCE_S)
     assert received == [expected]
     assert (sent.bytes, sent.unsent_bytes) == (len(expected), 0)
 
@@ -190,7 +191,7 @@ def test_in_lock_step_nothing_is_sent_before_the_answer(recording: Path, kind: s
             peer = server.accept()[0] if stream else server
             for step in expected:
                 data, address = b"", None
-                peer.settimeout(30)
+                peer.settimeout(PATIENCE_S)
                 while len(data) < len(step):
                     part, address = peer.recvfrom(65536)
                     data += part
@@ -209,7 +210,7 @@ def test_in_lock_step_nothing_is_sent_before_the_answer(recording: Path, kind: s
         thread.start()
         url = f"{'tcp' if stream else 'udpout'}:127.0.0.1:{server.getsockname()[1]}"
         sent = replay_in_lock_step(recording, url, 250_000_000, link=link)
-        thread.join(30)
+        thread.join(PATIENCE_S)
     assert received == expected
     assert early == []
     assert (sent.bytes, sent.unsent_bytes) == (sum(map(len, expected)), 0)

@@ -11,19 +11,19 @@ from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 
 from sim_vehicle.errors import SinkError
 from sim_vehicle.mavlink import outputs
 from sim_vehicle.mavlink.outputs import Link, SerialSink, TcpSink, UdpSink, open_link, open_recording
 
 FRAMES = [b"first", b"second frame", b"3"]
-DEADLINE_S = 60.0
 
 
 def test_udpout_sends_each_frame_as_its_own_datagram() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(DEADLINE_S)
+        receiver.settimeout(PATIENCE_S)
         link = open_link(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")
         for frame in FRAMES:
             link.write(frame, 0)
@@ -41,7 +41,7 @@ def test_udpout_without_a_listener_goes_on() -> None:
     # Whoever comes to listen later is served by the same link.
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
         late.bind(("127.0.0.1", port))
-        late.settimeout(DEADLINE_S)
+        late.settimeout(PATIENCE_S)
         link.write(b"late", 0)
         link.write(b"late", 0)
         assert late.recv(100) == b"late"
@@ -53,7 +53,7 @@ def test_udpin_answers_whoever_speaks_first(kind: str) -> None:
     link = open_link(f"{kind}:127.0.0.1:0")
     assert isinstance(link, UdpSink)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-        station.settimeout(DEADLINE_S)
+        station.settimeout(PATIENCE_S)
         station.sendto(b"hello", ("127.0.0.1", link.port))
         for frame in FRAMES:
             link.write(frame, 0)
@@ -62,7 +62,7 @@ def test_udpin_answers_whoever_speaks_first(kind: str) -> None:
 
 
 def received(connection: socket.socket, size: int) -> bytes:
-    connection.settimeout(DEADLINE_S)
+    connection.settimeout(PATIENCE_S)
     data = b""
     while len(data) < size:
         part = connection.recv(4096)
@@ -74,7 +74,7 @@ def received(connection: socket.socket, size: int) -> bytes:
 
 def test_tcp_client() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(DEADLINE_S)
+        server.settimeout(PATIENCE_S)
         link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         connection, _ = server.accept()
         with connection:
@@ -111,12 +111,12 @@ def test_tcp_server_serves_the_next_client_when_one_leaves() -> None:
     sender.start()
     try:
         for _ in range(2):
-            with socket.create_connection(("127.0.0.1", link.port), timeout=DEADLINE_S) as client:
+            with socket.create_connection(("127.0.0.1", link.port), timeout=PATIENCE_S) as client:
                 assert received(client, 1000)[:1000] == b"x" * 1000
-        with socket.create_connection(("127.0.0.1", link.port), timeout=DEADLINE_S) as client:
+        with socket.create_connection(("127.0.0.1", link.port), timeout=PATIENCE_S) as client:
             assert received(client, 1000)[:5] == b"xxxxx"
             stop.set()
-            deadline = time.monotonic() + DEADLINE_S
+            deadline = time.monotonic() + PATIENCE_S
             client.settimeout(0.05)
             while sender.is_alive() and time.monotonic() < deadline:
                 with contextlib.suppress(TimeoutError):
@@ -147,7 +147,7 @@ def test_serial_port() -> None:
 
 def heard(link: Link, count: int) -> bytes:
     """The next `count` bytes that a link receives."""
-    data, deadline = b"", time.monotonic() + DEADLINE_S
+    data, deadline = b"", time.monotonic() + PATIENCE_S
     while len(data) < count and time.monotonic() < deadline:
         data += link.receive(0.05)
     return data
@@ -156,7 +156,7 @@ def heard(link: Link, count: int) -> bytes:
 def test_a_udp_client_hears_its_station() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
-        station.settimeout(DEADLINE_S)
+        station.settimeout(PATIENCE_S)
         link = open_link(f"udpout:127.0.0.1:{station.getsockname()[1]}")
         assert link.receive(0.0) == b""
         link.write(b"hello", 0)
@@ -169,7 +169,7 @@ def test_a_udp_client_hears_its_station() -> None:
 def bound() -> socket.socket:
     station = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     station.bind(("127.0.0.1", 0))
-    station.settimeout(DEADLINE_S)
+    station.settimeout(PATIENCE_S)
     return station
 
 
@@ -225,7 +225,7 @@ def test_tcp_hears_its_station_and_goes_on_when_that_says_no_more() -> None:
         link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         station, _ = server.accept()
         with station:
-            station.settimeout(DEADLINE_S)
+            station.settimeout(PATIENCE_S)
             station.sendall(b"question")
             assert heard(link, 8) == b"question"
             station.shutdown(socket.SHUT_WR)

@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+from patience import PATIENCE_S
 
 from sim_vehicle.errors import SinkError
 from sim_vehicle.mavlink.pacing import Pacer
@@ -59,7 +60,7 @@ def test_an_error_is_told_to_the_next_who_gives_an_action() -> None:
         raise SinkError("the link is gone")
 
     timeline.at(0.0, fail)
-    assert failed.wait(30.0)
+    assert failed.wait(PATIENCE_S)
     with pytest.raises(SinkError, match="the link is gone"):
         timeline.finish()
     with pytest.raises(SinkError, match="the link is gone"):
