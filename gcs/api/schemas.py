@@ -238,7 +238,7 @@ class JobRequest(BaseModel):
     rule_out: list[str] = Field(
         default_factory=list, max_length=50, description="Effects that a test on the ground has shown not to be there"
     )
-    method: Literal["auto", "ee", "oe", "fe"] = "auto"
+    method: Literal["auto", "map", "ee", "oe", "fe"] = "auto"
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)
     system: int | None = Field(None, ge=1, le=255)

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result_arguments(parser)
     parser.add_argument("--structure", metavar="MODEL.json", type=Path, help="identify the coefficients of this model")
     parser.add_argument("--prior", metavar="MODEL.json", type=Path, help="start from this model's values and errors")
-    parser.add_argument("--method", choices=("auto", "ee", "oe", "fe"), default="auto")
+    parser.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     parser.add_argument("--from", metavar="S", dest="start", type=float, help="seconds from the flight's first stamp")
     parser.add_argument("--to", metavar="S", dest="stop", type=float)
     parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")

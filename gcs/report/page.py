@@ -14,6 +14,7 @@ from gcs.version import VERSION
 
 Result = Mapping[str, Any]
 _METHODS = {
+    "map": "output error with an estimated noise spectrum (maximum a posteriori)",
     "ee": "equation error (linear regression)",
     "oe": "output error (maximum likelihood, calm air)",
     "fe": "filter error (maximum likelihood, turbulence as process noise)",
@@ -62,7 +63,7 @@ def _identification(result: Result) -> str:
         ),
         section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                 tables.sensor_errors(result)),
-        section("Mistakes and delays", _mistakes(result), tables.delays(result)),
+        section("Mistakes and delays", _mistakes(result), tables.delays(result), tables.nuisances(result)),
         section("Measured and predicted", paragraph(_series_words(series)), *figures.flights(series)),
         section("Residuals", *figures.residual_statistics(series)),
         section("Modes", tables.modes(result)),

@@ -176,6 +176,33 @@ def delays(result: Result) -> str:
     return table("Delays", ["signal", "delay, ms"], rows)
 
 
+# How an unknown beside the coefficients is printed: words, unit, factor.
+_NUISANCES = {
+    "servo_delay": ("servos, delay", "ms", 1e3), "servo_lag": ("servos, lag", "ms", 1e3),
+    "servo_backlash": ("servos, half backlash", "deg", 180.0 / math.pi),
+    "airspeed_error": ("airspeed reads too much by", "%", 100.0),
+    "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),
+    "alpha_scale": ("alpha vane, scale", "1", 1.0), "beta_scale": ("beta vane, scale", "1", 1.0),
+    "vane_clock": ("vane, stamps late by", "ms", 1e3),
+    "vane_log_frequency": ("vane, ln of its frequency in Hz", "1", 1.0),
+    "vane_log_damping": ("vane, ln of its damping ratio", "1", 1.0),
+    "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
+    "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),
+    "alpha_offset": ("alpha vane, offset", "deg", 180.0 / math.pi),
+}  # fmt: skip
+
+
+def nuisances(result: Result) -> str:
+    """What was estimated beside coefficients, and what was known of it before the flight."""
+    rows = []
+    for entry in result.get("nuisances") or []:
+        words, unit, factor = _NUISANCES.get(entry["name"], (entry["name"], entry["unit"], 1.0))
+        rows.append(
+            [text(words), text(entry["group"]), _plus_minus(entry, factor), number(entry["prior_std"], 2, factor), unit]
+        )
+    return table("Between aircraft and log", ["unknown", "axes", "estimate", "known before to", "unit"], rows)
+
+
 def validity(model: Result) -> str:
     """Ranges that the flights covered."""
     names = {"alpha": ("angle of attack", "deg", 180.0 / math.pi), "airspeed": ("airspeed", "m/s", 1.0)}

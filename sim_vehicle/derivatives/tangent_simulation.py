@@ -168,7 +168,7 @@ def initial_tangents(x: Array, states: IntArray, lanes: IntArray, X: Array) -> N
 @jit_fused_arrays
 def simulate_tangents(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
     K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, places: IntArray, states: IntArray, rows: IntArray,
     gain: Array, S: Array,
 ) -> None:  # fmt: skip
@@ -207,8 +207,10 @@ def simulate_tangents(
             _impose_tangents(x, held[k], X)
         for i in range(4):
             now[i] = end[i]
-        if command_first:
+        if command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
+            for i in range(4):
+                now[i] = end[i] + command_first * (now[i] - end[i])
         gust = gusts[k] if gusts.shape[0] > 0 else still
         W[_TIME] = E[START_TIME] + (k - start) * dt
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])

@@ -145,7 +145,7 @@ def settle_lift(
 @jit_arrays
 def simulate(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
     K: IntArray, T: IntArray, y: Array,
 ) -> None:  # fmt: skip
     """Free-running simulation of samples start ... stop - 1 under recorded inputs.
@@ -155,8 +155,9 @@ def simulate(
     commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
     height [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the
     thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the throttle. rho:
-    (N,) kg/m3. command_first: whether a sensor at a sample already sees the command of that sample (as many simulations
-    do), or that of the sample before (as a vehicle does that reads, then commands).
+    (N,) kg/m3. command_first: 1 where a sensor at a sample already sees the command of that sample (as many simulations
+    do), 0 where it sees that of the sample before (as a vehicle does that reads, then commands); between them where
+    commands are means over the intervals, so that at a sample the mean of both acts.
     held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
     where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
     model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples
@@ -190,8 +191,10 @@ def simulate(
             x[2] = -commands[k, HEIGHT_COLUMN]
         for i in range(4):
             now[i] = end[i]
-        if command_first:
+        if command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
+            for i in range(4):
+                now[i] = end[i] + command_first * (now[i] - end[i])
         W[_TIME] = E[START_TIME] + (k - start) * dt
         gust = gusts[k] if gusts.shape[0] > 0 else still
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
@@ -222,7 +225,7 @@ def simulate(
 @jit_arrays
 def simulate_variants(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: bool, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
+    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
     K: IntArray, T: IntArray, thrust_shift: Array, y: Array,
 ) -> None:  # fmt: skip
     """`simulate` for n variants of the same stretch in one call.

@@ -16,6 +16,7 @@ from sysid.identification.equation_error import EquationEstimate, estimate_by_eq
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.method_choice import MaximumLikelihood, maximum_likelihood
 from sysid.identification.method_choice import systematic as systematic_effects
+from sysid.identification.posterior_method import identify_by_posterior
 from sysid.identification.result_model import (
     equation_model,
     linear_model,
@@ -25,6 +26,7 @@ from sysid.identification.result_model import (
     with_extra,
 )
 from sysid.numerics.parallel import begun
+from sysid.posterior.analysis import PosteriorEstimate
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
 from sysid.problem.model_structure import default_structure
@@ -42,7 +44,7 @@ from sysid.validation.held_out import comparison, judge, validation_of
 from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
-METHODS = ("auto", "ee", "oe", "fe")
+METHODS = ("auto", "map", "ee", "oe", "fe")
 # How often a flight is corrected for what the whole motion told of single sensors.
 _CORRECTED = 3
 
@@ -52,7 +54,7 @@ class Identification:
     """Everything an identification found. See `result_json` for the file.
 
     linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
-    it is judged by, or where there are none those that it comes from.
+    it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside.
     """
 
     flights: tuple[Prepared, ...]
@@ -68,6 +70,7 @@ class Identification:
     warnings: tuple[str, ...]
     check: SignalCheck = field(default_factory=SignalCheck)
     compared: ModelComparison | None = None
+    posterior: PosteriorEstimate | None = None
 
 
 def identify(
@@ -91,7 +94,8 @@ def identify(
     flights: one or more, estimated together. validate_on: flights the model is judged by. structure: a model whose
     coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
     before the flight, with its correlations (sysid.numerics.gaussian); start values alone where it has none.
-    method: "ee" equation error, "oe" output error, "fe" filter error; "auto" is "oe", and "fe" in turbulence.
+    method: "map" output error with an estimated noise spectrum and priors, "ee" equation error, "oe" output error, "fe"
+    filter error; "auto" is "oe", and "fe" in turbulence.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
     check: what is known of mistakes in the signals already; None looks for them.
@@ -101,6 +105,8 @@ def identify(
     """
     if method not in METHODS:
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
+    if method == "map":
+        return _by_posterior(flights, vehicle, validate_on, structure, prior, start_s, stop_s, progress)
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     compatible = None
@@ -135,6 +141,34 @@ def identify(
         tuple(flight.name for flight in validate_on), found.likeliest, found.equations,
         linear_model(vehicle, found.model, found.prepared, compatible, found.likeliest),
         tuple(dict.fromkeys(warnings)), found.check, compared,
+    )  # fmt: skip
+
+
+def _by_posterior(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    validate_on: Sequence[FlightSignals],
+    structure: Model | None,
+    prior: Model | None,
+    start_s: float | None,
+    stop_s: float | None,
+    progress: Progress,
+) -> Identification:
+    """`identify` with the method "map"."""
+    found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, progress)
+    warnings = [*found.warnings, *unmeasured_thrust(found.prepared)]
+    check, errors = SignalCheck(), _kinematic_errors(found.compatible)
+    progress(0.88, "validation")
+    judges = [judge(flight, vehicle, check, warnings) for flight in validate_on]
+    compared = comparison(judges or found.prepared, vehicle, found.model, errors, False)
+    validation = validation_of(compared) if judges else None
+    progress(1.0, "done")
+    return Identification(
+        found.prepared, found.compatible, found.model, errors,
+        unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
+        tuple(flight.name for flight in validate_on), None, None,
+        linear_model(vehicle, found.model, found.prepared, found.compatible, None),
+        tuple(dict.fromkeys(warnings)), check, compared, found.estimate,
     )  # fmt: skip
 
 

@@ -68,7 +68,9 @@ def _finally(found: Identification) -> CompatibilityResult:
 
 
 def _method(found: Identification) -> dict[str, Any]:
-    """How the coefficients were estimated, and in what turbulence."""
+    """How the coefficients were estimated, in what turbulence, and what beside them."""
+    if found.posterior is not None:
+        return {"method": "map", "turbulence": None, "nuisances": [one.to_json() for one in found.posterior.nuisances]}
     if found.likeliest is None:
         return {"method": "ee", "turbulence": None}
     result = found.likeliest.result

@@ -189,7 +189,7 @@ class Predictor:
         *,
         sub_steps: int = 2,
         tangent_steps: int | None = None,
-        command_first: bool = False,
+        command_first: float = False,
     ) -> None:
         self.flat = flat
         self.parameters = tuple(parameters)
@@ -255,8 +255,8 @@ class Predictor:
     ) -> None:  # fmt: skip
         simulate_variants(
             x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
-            record.interval_s, self.sub_steps, self.command_first, record.imposed_states, gusts, flat.P, E, C, flat.F,
-            flat.K, flat.T, shift, y,
+            record.interval_s, self.sub_steps, float(self.command_first), record.imposed_states, gusts, flat.P, E, C,
+            flat.F, flat.K, flat.T, shift, y,
         )  # fmt: skip
 
     def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:

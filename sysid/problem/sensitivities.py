@@ -45,7 +45,7 @@ class Inputs:
     rho: Array
     interval_s: float
     sub_steps: int
-    command_first: bool
+    command_first: float
     held: Array
 
 
@@ -87,7 +87,7 @@ def tangents(
     rows = np.array([READINGS.index(name) for name in outputs], dtype=np.int64)
     simulate_tangents(
         x0, 0, inputs.start, inputs.stop, inputs.commands, inputs.thrust, inputs.rho, inputs.interval_s,
-        inputs.sub_steps, inputs.command_first, inputs.held, _STILL_AIR, flat.P, flat.E, flat.C, flat.F, flat.K,
+        inputs.sub_steps, float(inputs.command_first), inputs.held, _STILL_AIR, flat.P, flat.E, flat.C, flat.F, flat.K,
         flat.T, terms, columns, places, np.array(states, dtype=np.int64), rows, np.array(gains, dtype=np.float64), out,
     )  # fmt: skip
     for place in np.nonzero(shares != 1.0)[0]:

@@ -15,7 +15,16 @@ ROOT = Path(__file__).resolve().parents[2]
 ORDER = {
     "sysid": (
         *("arrays", "errors", "numerics", "signals", "compatibility", "signal_check", "equation_error", "problem"),
-        *("output_error", "filter_error", "uncertainty", "validation", "identification", "discrepancy", "design"),
+        *(
+            "output_error",
+            "filter_error",
+            "posterior",
+            "uncertainty",
+            "validation",
+            "identification",
+            "discrepancy",
+            "design",
+        ),
         "live",
     ),
     "sysid.live": ("signals", "estimators", "signal_requirements", "bias_correction", "wording", "identifier"),

@@ -85,7 +85,8 @@ function form(title, words, label, parts, submit) {
 const named = models => models.map(model => [model.id, modelTitle(model, true)])
 
 function identifyForm(validate, models, start) {
-  const method = select([['auto', 'chosen by the flight'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
+  const method = select([['auto', 'chosen by the flight'],
+    ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
   const prior = select([['', 'none'], ...named(models)], '')
   const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
   return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [

@@ -1,0 +1,262 @@
+"""Identification by the posterior with an estimated noise spectrum (`--method map`): from signals to a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
+from sysid.errors import SignalError, SysidError
+from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
+from sysid.posterior.part import NEEDED, FlightPart, make_part
+from sysid.problem.formulation import known_before
+from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
+from sysid.problem.problem import Progress
+from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.record import SURFACES
+
+# Lost samples over so long are bridged, s; a part of the flight is at most so long, s, at least so long.
+_BRIDGED_S, _LONGEST_S, _SHORTEST_S = 2.0, 120.0, 5.0
+
+
+@dataclass(frozen=True)
+class PosteriorIdentification:
+    """What an identification by the posterior found."""
+
+    prepared: tuple[Prepared, ...]
+    compatible: CompatibilityResult
+    model: Model
+    refused: tuple[Refusal, ...]
+    estimate: PosteriorEstimate
+    warnings: tuple[str, ...]
+
+
+def identify_by_posterior(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    structure: Model | None,
+    prior: Model | None,
+    start_s: float | None,
+    stop_s: float | None,
+    progress: Progress,
+) -> PosteriorIdentification:
+    """Estimate a model from one or more flights. Raises SysidError where no flight has what is needed."""
+    progress(0.05, "parts of the flights")
+    prepared = [_prepared(flight, vehicle, start_s, stop_s) for flight in flights]
+    progress(0.15, "data compatibility")
+    compatible, warnings = _compatible(prepared)
+    warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
+    parts = _parts(flights, prepared, vehicle, compatible, warnings)
+    _require_plausible(parts, vehicle)
+    surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
+    if structure is None:
+        structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
+    known = known_before(prior, structure, warnings)
+    effects = [(e.name, key) for e in structure.effects for key, entry in e.parameters.items() if entry.std]
+    found = estimate(
+        parts, vehicle, structure, effects, known, progress=lambda share, text: progress(0.3 + 0.5 * share, text)
+    )
+    refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
+    model = _model(structure, vehicle.name, found, refused, parts)
+    return PosteriorIdentification(
+        tuple(prepared), compatible, model, tuple(refused), found, tuple(dict.fromkeys((*warnings, *found.warnings)))
+    )
+
+
+def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> list[Refusal]:
+    """Coefficients that the flights cannot tell, each with the reason."""
+    refused = [
+        Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
+        for name in found.unexcited
+    ]
+    joint, told = found.joint, set(found.joint.names)
+    for i, name in enumerate(joint.names):
+        if name not in structure.coefficients:
+            continue
+        value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
+        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+            reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
+        elif std > PRIOR_SHARE * found.prior_std[name]:
+            reason = "the flight tells no more of it than was known before"
+        elif name.startswith("CD") and not thrust:
+            reason = "drag needs thrust: measure it, or give [propulsion] for rpm or throttle"
+        else:
+            continue
+        refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+    lost = [name for name in structure.coefficients if name not in told and name not in found.unexcited]
+    why = "; ".join(found.left_out.values()) or "the measurement that shows it is missing"
+    return refused + [Refusal(name, why, helpful_manoeuvre(name)) for name in lost]
+
+
+def bridged(signals: FlightSignals) -> FlightSignals:
+    """The flight with bursts of lost samples up to 2 s filled by straight lines, so that it stays in one part.
+
+    For finding the parts of a flight alone: what is fitted is compared at the stamps of the samples there are.
+    """
+    filled = {}
+    for name, one in signals.signals.items():
+        good = np.isfinite(one.time_s) & np.isfinite(one.values)
+        time_s, values = one.time_s[good], one.values[good]
+        if name in (*NEEDED, "alpha", "beta", *SURFACES, "throttle", "thrust") and time_s.size > 10:
+            time_s, values = _filled(time_s, values)
+        filled[name] = Signal(time_s, values, one.unit, one.source, one.calibration)
+    return replace(signals, signals=filled)
+
+
+def _filled(time_s: Array, values: Array) -> tuple[Array, Array]:
+    steps = np.diff(time_s)
+    usual = float(np.median(steps))
+    more = [
+        np.linspace(time_s[i], time_s[i + 1], max(2, round(steps[i] / usual)) + 1)[1:-1]
+        for i in np.flatnonzero((steps > 1.5 * usual) & (steps < _BRIDGED_S))
+    ]
+    if not more:
+        return time_s, values
+    every = np.sort(np.concatenate((time_s, *more)))
+    return every, np.interp(every, time_s, values)
+
+
+def _prepared(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None) -> Prepared:
+    whole = bridged(flight)
+    whole.require(*NEEDED)
+    try:
+        return prepare(whole, vehicle, start_s, stop_s)
+    except SysidError:
+        if start_s is not None or stop_s is not None:
+            raise
+        time_s = whole.signals["q"].time_s
+        return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1]))
+
+
+def _compatible(prepared: Sequence[Prepared]) -> tuple[CompatibilityResult, list[str]]:
+    """The kinematic reconstruction; where it fails, the measured motion, with a warning."""
+    try:
+        return check_compatibility(prepared), []
+    except SysidError as error:
+        states = []
+        for flight in prepared:
+            for stretch in flight.stretches:
+                data = stretch.data
+                zero = np.zeros(stretch.record.length)
+                columns = {name: data.columns.get(name, zero) for name in ("alpha", "beta", "phi", "theta", "psi")}
+                V = data["airspeed"] * flight.layout.airspeed_factor
+                alpha, beta = np.nan_to_num(columns["alpha"]), np.nan_to_num(columns["beta"])
+                states.append(
+                    {
+                        **columns, **{name: data[name] for name in ("p", "q", "r", "ax", "ay", "az")}, "V": V,
+                        "alpha": alpha, "beta": beta, "u": V * np.cos(alpha) * np.cos(beta), "v": V * np.sin(beta),
+                        "w": V * np.sin(alpha) * np.cos(beta),
+                    }
+                )  # fmt: skip
+        nothing = CompatibilityResult(
+            {}, np.zeros((0, 0)), [], {}, {}, False, [], states, {}, 0.0, prepared[0].layout, False
+        )
+        return nothing, [f"data compatibility could not be checked: {error}"]
+
+
+def _parts(
+    flights: Sequence[FlightSignals],
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    warnings: list[str],
+) -> list[FlightPart]:
+    """Parts of all flights, stretches that follow one another joined."""
+    parts: list[FlightPart] = []
+    problems: list[SysidError] = []
+    index = 0
+    for flight, found in zip(flights, prepared, strict=True):
+        spans: list[list[float]] = []
+        path: dict[str, tuple[list[Array], list[Array]]] = {"alpha": ([], []), "beta": ([], [])}
+        for stretch in found.stretches:
+            begin, end = float(stretch.record.time_s[0]), float(stretch.record.time_s[-1])
+            for name, (stamps, values) in path.items():
+                stamps.append(stretch.record.time_s)
+                values.append(compatible.states[index][name])
+            index += 1
+            if spans and begin - spans[-1][1] < 1.0 and end - spans[-1][0] <= _LONGEST_S:
+                spans[-1][1] = end
+            else:
+                spans.append([begin, end])
+        by_kinematics = {name: (np.concatenate(t), np.concatenate(v)) for name, (t, v) in path.items()}
+        for begin, end in spans:
+            if end - begin < _SHORTEST_S and len(spans) > 1:
+                continue
+            try:
+                parts.append(make_part(flight, vehicle, begin, end, by_kinematics))
+            except SysidError as error:
+                problems.append(error)
+                warnings.append(str(error))
+    if not parts:
+        raise problems[0] if problems else SignalError(f"{flights[0].name}: no part of the flight is long enough")
+    return parts
+
+
+def _require_plausible(parts: Sequence[FlightPart], vehicle: Vehicle) -> None:
+    """Raise SignalError where the level of a signal is one that no flight has, whatever the model."""
+    felt_forces = [np.linalg.norm([part.motion[n] for n in ("ax", "ay", "az")], axis=0) for part in parts]
+    force = float(np.median(np.concatenate(felt_forces)))
+    if not 0.5 < force / vehicle.environment.gravity < 1.6:
+        raise SignalError(
+            f"{parts[0].flight}: the accelerometers feel {force:.3g} m/s^2 in the median, where flight has about"
+            f" {vehicle.environment.gravity:.1f}: wrong unit (g, milli-g?), or accelerations without gravity; scale"
+            " them in [signals]"
+        )
+    for name in ("phi", "theta", "alpha", "beta"):
+        widest = max(float(np.percentile(np.abs(part.motion[name]), 90)) for part in parts)
+        if widest > 2.0 * np.pi:
+            raise SignalError(f"{parts[0].flight}: {name} reaches {widest:.3g} rad: degrees? scale it in [signals]")
+    for rate, angle in (("p", "phi"), ("q", "theta")):
+        turned = np.concatenate([np.gradient(part.motion[angle], part.grid) for part in parts])
+        felt = np.concatenate([part.motion[rate] for part in parts])
+        gain = float(felt @ turned / max(felt @ felt, 1e-12))
+        match = float(felt @ turned / max(np.linalg.norm(felt) * np.linalg.norm(turned), 1e-12))
+        if abs(match) > 0.9 and not 0.3 < gain < 3.0:
+            raise SignalError(
+                f"{parts[0].flight}: {angle} turns {gain:.3g} times as fast as {rate} says: wrong unit or sign of one"
+                " of them; scale it in [signals]"
+            )
+
+
+def _thrust_known(parts: Sequence[FlightPart], vehicle: Vehicle) -> bool:
+    return vehicle.propulsion is not None or any(np.any(part.thrust != 0.0) for part in parts)
+
+
+def _model(
+    structure: Model, name: str, found: PosteriorEstimate, refused: Sequence[Refusal], parts: Sequence[FlightPart]
+) -> Model:
+    """Model file of the estimate."""
+    reasons = {entry.name: entry.reason for entry in refused}
+    joint = found.joint.of([name for name in found.joint.names if name not in reasons])
+    told = {} if joint is None else joint.entries()
+    coefficients = {
+        key: Coefficient(None, refused=reasons[key]) if key in reasons else Coefficient(*told[key])
+        for key in structure.coefficients
+    }
+    effects = tuple(
+        replace(
+            effect,
+            parameters={
+                key: Coefficient(*told[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in told else entry
+                for key, entry in effect.parameters.items()
+            },
+        )
+        for effect in structure.effects
+    )
+    return Model(name, coefficients, effects, _validity(parts), None if joint is None else joint.correlation())
+
+
+def _validity(parts: Sequence[FlightPart]) -> Mapping[str, tuple[float, float]]:
+    """Range of angle of attack and airspeed that the parts covered (1st to 99th percentile)."""
+    alpha = np.concatenate([part.motion["alpha"] for part in parts])
+    speed = np.concatenate([part.airspeed.values for part in parts])
+    return {
+        "alpha": (round(float(np.percentile(alpha, 1)), 4), round(float(np.percentile(alpha, 99)), 4)),
+        "airspeed": (round(float(np.percentile(speed, 1)), 2), round(float(np.percentile(speed, 99)), 2)),
+    }

@@ -1,0 +1,1 @@
+"""Maximum a posteriori output error with an estimated noise spectrum: flights as the field gives them."""

@@ -1,0 +1,233 @@
+"""Parts of flights in, coefficients with error bars and what stands between aircraft and log out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import EstimationError
+from sysid.numerics.gaussian import Gaussian
+from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
+from sysid.posterior.group import SURFACES_OF, GroupModel
+from sysid.posterior.part import FlightPart, outputs_of
+from sysid.posterior.start import equation_error_start
+from sysid.posterior.unknowns import Nuisance, unknowns_of
+from sysid.problem.model_structure import is_longitudinal, usual_size
+
+GROUPS = ("longitudinal", "lateral")
+# Standard deviation of a command, rad, below which it has excited nothing.
+LEAST_TRAVEL = 0.003
+# Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
+_MAIN, _MINOR = 6.0, 1.0
+_MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
+# Above this share of its prior a flight has told nothing of a number.
+PRIOR_SHARE = 0.7
+
+Report = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class NuisanceEstimate:
+    """An unknown beside the coefficients, as estimated."""
+
+    name: str
+    group: str
+    value: float
+    std: float
+    prior_std: float
+    unit: str
+
+    def to_json(self) -> dict[str, float | str]:
+        """The entry of a result file."""
+        return {
+            "name": self.name, "group": self.group, "value": self.value, "std": self.std,
+            "prior_std": self.prior_std, "unit": self.unit,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PosteriorEstimate:
+    """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
+
+    prior_std: of those. results: by group. nuisances: of both groups. unexcited: coefficients whose surface did not
+    move. left_out: group -> why it could not be estimated. warnings: one line each.
+    """
+
+    joint: Gaussian
+    prior_std: Mapping[str, float]
+    results: Mapping[str, PosteriorResult]
+    models: Mapping[str, GroupModel]
+    nuisances: tuple[NuisanceEstimate, ...]
+    unexcited: tuple[str, ...]
+    left_out: Mapping[str, str]
+    warnings: tuple[str, ...]
+
+
+def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
+    """Surfaces (of de, da, dr) that moved in some part."""
+    return frozenset(name for name in ("de", "da", "dr") if any(part.travel(name) > LEAST_TRAVEL for part in parts))
+
+
+def estimate(
+    parts: Sequence[FlightPart],
+    vehicle: Vehicle,
+    structure: Model,
+    effects: Sequence[tuple[str, str]] = (),
+    known: Gaussian | None = None,
+    overrides: Mapping[str, tuple[float, float]] | None = None,
+    progress: Report = lambda share, text: None,
+) -> PosteriorEstimate:
+    """Estimate every group of axes that the parts excite.
+
+    structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
+    free. known: what a prior model tells. overrides: nuisance -> (mean, std) of the vehicle file.
+    Raises EstimationError where no group can be estimated.
+    """
+    moved = excited(parts)
+    found: dict[str, tuple[GroupModel, PosteriorResult]] = {}
+    left_out, unexcited, warnings = {}, [], []
+    for place, group in enumerate(GROUPS):
+        own = [name for name in structure.coefficients if is_longitudinal(name) == (group == "longitudinal")]
+        if not own:
+            continue
+        if not moved & set(SURFACES_OF[group]):
+            unexcited += own
+            left_out[group] = f"{' and '.join(SURFACES_OF[group])} did not move"
+            continue
+        still = set(SURFACES_OF[group]) - moved
+        names = [name for name in own if not still & set(parse_term(name).factors)]
+        unexcited += [name for name in own if name not in names]
+        outputs = outputs_of(group, parts)
+        rates = {"longitudinal": {"q"}, "lateral": {"p", "r"}}[group]
+        if not rates <= set(outputs):
+            left_out[group] = f"{' and '.join(sorted(rates - set(outputs)))} repeats one value or is missing"
+            continue
+        progress(0.5 * place, f"{group} axes")
+        free = effects if not found else ()
+        try:
+            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, overrides or {})
+        except EstimationError as error:
+            left_out[group] = str(error)
+    if not found:
+        raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
+    warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
+    joint, prior_std = _joint(found)
+    return PosteriorEstimate(
+        joint, prior_std, {group: result for group, (_, result) in found.items()},
+        {group: model for group, (model, _) in found.items()}, _nuisances(found), tuple(unexcited), left_out,
+        tuple(warnings),
+    )  # fmt: skip
+
+
+def _group(
+    parts: Sequence[FlightPart],
+    vehicle: Vehicle,
+    structure: Model,
+    names: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    group: str,
+    outputs: Sequence[str],
+    known: Gaussian | None,
+    overrides: Mapping[str, tuple[float, float]],
+) -> tuple[GroupModel, PosteriorResult]:
+    vane = "alpha" if group == "longitudinal" else "beta"
+    position = all(part.position for part in parts)
+    lag = _airspeed_lag(parts)
+    unknowns = unknowns_of(group, vane in outputs, position, overrides, (lag,))
+    own = {name: entry for name, entry in structure.coefficients.items() if name in names}
+    model = GroupModel(
+        parts, vehicle, replace(structure, coefficients=own, correlation=None), names, effects, group, outputs, unknowns
+    )
+    first, delay = equation_error_start(parts, vehicle, names)
+    start, std = [], []
+    for name in names:
+        share = _MINOR if name in _MINOR_NAMES else _MAIN
+        start.append(first[name])
+        std.append(max(share * usual_size(name), abs(first[name])))
+    for effect, parameter in effects:
+        entry = structure.effect(effect) or {}
+        start.append(entry[parameter])
+        std.append(max(abs(entry[parameter]), 1e-3))
+    states, states_std = model.start_states()
+    mean = np.concatenate((start, unknowns.mean, states))
+    information = np.diag(1.0 / np.concatenate((std, unknowns.std, states_std)) ** 2)
+    if known is not None:
+        mean, information = _with_known(mean, information, model.names, known)
+    low, high = _bounds(model, len(names))
+    begin = mean.copy()
+    if "servo_delay" in unknowns.names and not position:
+        # What equation error calls the delay is the servo's whole lateness.
+        places = [
+            len(start) + unknowns.names.index(name) for name in ("servo_delay", "servo_lag") if name in unknowns.names
+        ]
+        lateness = sum(mean[i] for i in places)
+        begin[places[0]] = max(mean[places[0]] + delay - lateness, 0.0)
+    return model, Posterior(model, Prior(mean, information), low, high).solve(begin)
+
+
+def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
+    """The pitot's lag as all parts' kinematics tell it."""
+    weight = np.array([1.0 / part.airspeed.lag_std**2 for part in parts])
+    mean = float(weight @ [part.airspeed.lag for part in parts] / weight.sum())
+    std = max(float(weight.sum() ** -0.5), 0.004)
+    return Nuisance("airspeed_lag", mean, std, 0.0, 0.0, 0.5, 5e-3, "s", "both", "the accelerometers of this flight")
+
+
+def _with_known(mean: Array, information: Array, names: Sequence[str], known: Gaussian) -> tuple[Array, Array]:
+    """The prior with what another model tells of some unknowns."""
+    told = known.of([name for name in names if name in known.names])
+    if told is None:
+        return mean, information
+    places = [list(names).index(name) for name in told.names]
+    own = np.linalg.inv(told.covariance)
+    mean, information = mean.copy(), information.copy()
+    mean[places] = told.mean
+    information[np.ix_(places, places)] = own
+    return mean, information
+
+
+def _bounds(model: GroupModel, coefficients: int) -> tuple[Array, Array]:
+    low, high = np.full(model.size, -np.inf), np.full(model.size, np.inf)
+    for i, parameter in enumerate(model.parameters):
+        if i >= coefficients:
+            low[i], high[i] = parameter.low, parameter.high
+    count = len(model.parameters)
+    here = slice(count, count + len(model.unknowns.names))
+    low[here], high[here] = model.unknowns.bounds
+    return low, high
+
+
+def _joint(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[Gaussian, dict[str, float]]:
+    """Coefficients of all groups, and their prior standard deviations. What the structure never holds is in it."""
+    names: list[str] = []
+    values, blocks = [], []
+    prior: dict[str, float] = {}
+    for model, result in found.values():
+        count = len(model.parameters)
+        theta = result.theta[:count]
+        names += list(result.names[:count])
+        values.append(theta)
+        blocks.append(result.covariance[:count, :count] + np.diag((result.misfit * theta) ** 2))
+        prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
+    covariance = np.zeros((len(names), len(names)))
+    begin = 0
+    for block in blocks:
+        here = slice(begin, begin + block.shape[0])
+        covariance[here, here] = block
+        begin += block.shape[0]
+    return Gaussian(tuple(names), np.concatenate(values), covariance), prior
+
+
+def _nuisances(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[NuisanceEstimate, ...]:
+    estimates = []
+    for group, (model, result) in found.items():
+        for i, one in enumerate(model.unknowns, len(model.parameters)):
+            value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
+            estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit))
+    return tuple(estimates)

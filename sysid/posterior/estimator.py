@@ -1,0 +1,245 @@
+"""The estimator: the posterior's maximum over coefficients, nuisances and initial states of a group of axes.
+
+minimise  sum over f of e(f)* S(f)^-1 e(f)  +  sum over nuisances ((theta - mean) / std)^2,   e: Fourier transform of
+measured less simulated, S: their spectrum matrix, estimated anew from the residuals after every step. Gauss-Newton
+steps with Levenberg's damping and an active set of bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.arrays import Array
+from sysid.errors import EstimationError
+from sysid.numerics.normal_equations import inverse
+from sysid.posterior.group import GroupModel
+from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
+from sysid.posterior.unknowns import ZERO_STD
+
+MAX_PASSES = 12
+# A step below this share of every standard error ends the search.
+_SETTLED = 0.1
+# Blocks of time of the sandwich, s, and the fewest of them.
+_BLOCK_S, _LEAST_BLOCKS = 2.5, 6
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Gaussian prior of all unknowns. mean: (P,). information: (P, P)."""
+
+    mean: Array
+    information: Array
+
+
+@dataclass
+class _Point:
+    """A place of the search: residuals and simulated outputs of every part."""
+
+    theta: Array
+    residuals: list[Array]
+    simulated: list[Array]
+
+
+@dataclass(frozen=True)
+class PosteriorResult:
+    """The maximum, with its uncertainty.
+
+    names: of the unknowns without the initial states, (P,). theta: (P,). covariance: (P, P), the larger of Fisher's and
+    the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of the motion that the structure
+    may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K). passes: steps made.
+    """
+
+    names: tuple[str, ...]
+    theta: Array
+    covariance: Array
+    fisher: Array
+    prior_std: Array
+    misfit: float
+    spectra: Mapping[str, ResidualSpectrum]
+    outputs: tuple[str, ...]
+    residuals: tuple[Array, ...] = field(repr=False)
+    passes: int
+    converged: bool
+    cost: float
+
+
+class Posterior:
+    """Parts of flights under one model. low, high: (P,) bounds of all unknowns."""
+
+    def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array) -> None:
+        self.model, self.prior, self.low, self.high = model, prior, low, high
+        self.parts = model.parts
+        self.flights = list(dict.fromkeys(part.flight for part in self.parts))
+        self._bands = []
+        for part in self.parts:
+            f = np.fft.rfftfreq(part.common.points.size, part.common.interval_s)
+            lowest = max(LOWEST_HZ, 1.0 / part.common.duration_s)
+            self._bands.append((f >= lowest) & (f <= part.highest_hz))
+        self._factors: list[Array] = []
+        self._zero: list[Array] = []
+        self.spectra: dict[str, ResidualSpectrum] = {}
+        self.misfit = 0.0
+        self._logdet = 0.0
+
+    def point(self, theta: Array) -> _Point:
+        """Simulate all parts. Raises EstimationError where the motion diverges."""
+        simulated = [self.model.simulated(i, theta) for i in range(len(self.parts))]
+        if not all(np.isfinite(one).all() for one in simulated):
+            raise EstimationError("the simulated motion diverges")
+        return _Point(theta, [self.model.measured(i) - one for i, one in enumerate(simulated)], simulated)
+
+    def weigh(self, at: _Point) -> None:
+        """Estimate the spectrum matrices from what is left at a point."""
+        factors: list[Array | None] = [None] * len(self.parts)
+        zero: list[Array | None] = [None] * len(self.parts)
+        self._logdet, shares = 0.0, []
+        for flight in self.flights:
+            places = [i for i, part in enumerate(self.parts) if part.flight == flight]
+            grids = [self.parts[i].common for i in places]
+            spectrum, share = residual_spectrum(
+                [at.residuals[i] for i in places], [at.simulated[i] for i in places], grids
+            )
+            shares.append(share)
+            self.spectra[flight] = spectrum
+            for i in places:
+                common = self.parts[i].common
+                f = np.asarray(np.fft.rfftfreq(common.points.size, common.interval_s)[self._bands[i]], dtype=np.float64)
+                S = spectrum.at(f)
+                L = np.linalg.cholesky(S)
+                factors[i] = np.linalg.inv(L) * np.sqrt(4.0 * common.interval_s / common.points.size)
+                # Log determinant of the noise at two numbers a bin, as the squares count them.
+                diagonal = np.abs(np.diagonal(L, axis1=1, axis2=2))
+                self._logdet += 2.0 * float(np.sum(np.log(diagonal)))
+                slow = spectrum.matrices[1].diagonal().real / (2.0 * common.duration_s)
+                own = np.array([ZERO_STD[name] for name in self.model.outputs])
+                zero[i] = 1.0 / np.sqrt(slow + own**2)
+        self._factors = [one for one in factors if one is not None]
+        self._zero = [one for one in zero if one is not None]
+        self.misfit = max(shares)
+
+    def whitened(self, index: int, series: Array) -> Array:
+        """(2 F m + m, C) real, of series (m, K, C) of a part: every frequency, then the mean."""
+        common, band = self.parts[index].common, self._bands[index]
+        Z = np.fft.rfft(series * common.taper[None, :, None], axis=1)[:, band, :]
+        W = self._factors[index] @ np.ascontiguousarray(Z.transpose(1, 0, 2))
+        flat = W.reshape(-1, series.shape[2])
+        # A bin's real and imaginary part have unit variance each.
+        means = (common.taper @ series / common.taper.sum()) * self._zero[index][:, None]
+        return np.concatenate((flat.real, flat.imag, means))
+
+    def cost(self, at: _Point) -> float:
+        """Half the sum of squares, prior included, with the noise held as it was estimated last."""
+        off = at.theta - self.prior.mean
+        total = 0.5 * float(off @ self.prior.information @ off)
+        for i, residual in enumerate(at.residuals):
+            e = self.whitened(i, residual[:, :, None])[:, 0]
+            total += 0.5 * float(e @ e)
+        return total
+
+    def normal(self, at: _Point) -> tuple[Array, Array]:
+        """Information (P, P) and gradient downhill (P,), prior included."""
+        off = at.theta - self.prior.mean
+        H, g = self.prior.information.copy(), -(self.prior.information @ off)
+        for i, residual in enumerate(at.residuals):
+            J = self.whitened(i, self.model.slopes(i, at.theta))
+            e = self.whitened(i, residual[:, :, None])[:, 0]
+            H += J.T @ J
+            g += J.T @ e
+        return H, g
+
+    def solve(self, start: Array, max_passes: int = MAX_PASSES) -> PosteriorResult:
+        """Search from `start` (P,). Raises EstimationError where even the start diverges."""
+        at = self.point(np.clip(start, self.low, self.high))
+        self.weigh(at)
+        damping, converged, passes = 1e-3, False, 0
+        for passes in range(1, max_passes + 1):
+            H, g = self.normal(at)
+            std = np.sqrt(np.diag(inverse(H)))
+            cost, accepted = self.cost(at), None
+            for _ in range(8):
+                theta = self._step(at.theta, H, g, damping)
+                try:
+                    other = self.point(theta)
+                except EstimationError:
+                    other = None
+                if other is not None and self.cost(other) <= cost + 1e-9:
+                    accepted = other
+                    break
+                damping = max(8.0 * damping, 1e-3)
+            if accepted is None:
+                break
+            moved = float(np.max(np.abs(accepted.theta - at.theta) / std))
+            damping, at = max(damping / 10.0, 1e-7), accepted
+            self.weigh(at)
+            if moved < _SETTLED and passes > 2:
+                converged = True
+                break
+        return self._result(at, passes, converged)
+
+    def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:
+        """Damped Gauss-Newton step within the bounds: what would leave them stays there, the rest steps without it."""
+        free = np.ones(theta.size, dtype=bool)
+        target = theta.copy()
+        for _ in range(4):
+            keep = np.flatnonzero(free)
+            A = H[np.ix_(keep, keep)]
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-30))
+            A = A * np.outer(scale, scale)
+            A[np.diag_indices_from(A)] += damping
+            # What is held at a bound has moved there already: its pull on the others counts.
+            right = g[keep] - H[np.ix_(keep, np.flatnonzero(~free))] @ (target - theta)[~free]
+            target[keep] = theta[keep] + np.linalg.solve(A, right * scale) * scale
+            out = free & ((target < self.low) | (target > self.high))
+            target = np.clip(target, self.low, self.high)
+            if not out.any():
+                break
+            free &= ~out
+        return target
+
+    def _result(self, at: _Point, passes: int, converged: bool) -> PosteriorResult:
+        H = self.prior.information.copy()
+        scores = []
+        whitened = []
+        for i, residual in enumerate(at.residuals):
+            J = self.whitened(i, self.model.slopes(i, at.theta))
+            e = self.whitened(i, residual[:, :, None])[:, 0]
+            H += J.T @ J
+            whitened.append((J, e))
+        for i, (J, e) in enumerate(whitened):
+            scores.append(self._block_scores(i, J, e))
+        fisher = inverse(H)
+        B = np.concatenate(scores)
+        count = B.shape[0]
+        middle = B.T @ B * (count / max(count - 1, 1)) + self.prior.information
+        sandwich = fisher @ middle @ fisher
+        # A bar never below Fisher's, correlations as the wider of the two has them.
+        growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
+        covariance = fisher * np.outer(growth, growth)
+        P = len(self.model.names)
+        weight = np.diag(self.prior.information)[:P]
+        prior_std = 1.0 / np.sqrt(np.maximum(weight, 1e-300))
+        return PosteriorResult(
+            self.model.names, at.theta[:P], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
+            dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
+            self.cost(at) + self._logdet,
+        )  # fmt: skip
+
+    def _block_scores(self, index: int, J: Array, e: Array) -> Array:
+        """(B, P) gradients of blocks of time, by which the sandwich sees what colour the whitened residuals keep."""
+        common, band, m = self.parts[index].common, self._bands[index], len(self.model.outputs)
+        n, bins = common.points.size, int(np.count_nonzero(band))
+        blocks = int(np.clip(round(common.duration_s / _BLOCK_S), _LEAST_BLOCKS, 300))
+        edges = np.linspace(0, n, blocks + 1).astype(int)
+        stacked = np.column_stack((J, e))[: 2 * bins * m]
+        W = (stacked[: bins * m] + 1j * stacked[bins * m :]).reshape(bins, m, -1)
+        Z = np.zeros((n // 2 + 1, m, stacked.shape[1]), dtype=complex)
+        Z[band] = W
+        # Sums over time of the products are those over the band.
+        series = np.fft.irfft(Z, n=n, axis=0) * np.sqrt(n / 2.0)
+        products = (series[:, :, :-1] * series[:, :, -1:]).sum(axis=1)
+        found = np.add.reduceat(products, edges[:-1], axis=0)
+        means = J[2 * bins * m :] * e[2 * bins * m :, None]
+        return np.concatenate((found, means))

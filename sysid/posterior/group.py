@@ -1,0 +1,237 @@
+"""A group of axes simulated by what its surfaces did, all else imposed: outputs and their slopes by every unknown.
+
+Longitudinal: w and q are free, with the elevator as input. Lateral: v, p and r, with aileron and rudder. Airspeed,
+attitude and the other group's motion are imposed as measured and smoothed, so that neither gusts nor the slow modes
+carry a simulation of minutes away. The equations are the compiled ones of sim_vehicle, effects included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.posterior.inputs import InputSignal, interval_means, servo, swing
+from sysid.posterior.observations import joined_at, read_at
+from sysid.posterior.part import FlightPart
+from sysid.posterior.unknowns import Unknowns
+from sysid.problem.predictor import Predictor, coefficient, effect_parameter
+from sysid.signals.record import OUTPUTS, STATES, Record
+
+_FREE = {"longitudinal": ("w", "q"), "lateral": ("v", "p", "r")}
+SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+# What initial states are known to before they are estimated: m/s and rad/s.
+_START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
+_VANES = ("alpha", "beta")
+# Nuisances that change what drives the simulation; the others act on what it reads.
+_DRIVING = frozenset(
+    (
+        *("servo_delay", "servo_lag", "servo_backlash", "airspeed_error", "airspeed_alpha", "airspeed_lag"),
+        *("theta_offset", "phi_offset", "alpha_offset"),
+    )
+)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What of a part never changes: its record, and the matrices from the grid to the common one."""
+
+    part: FlightPart
+    record: Record
+    start: Array
+    fixed: Mapping[str, sparse.csr_array]
+    joined: Mapping[str, sparse.csr_array]
+    measured: Array
+
+
+class GroupModel:
+    """Outputs of parts of flights by coefficients, parameters of effects, nuisances and initial states, in that order.
+
+    parts: (K,) of one or more flights. model: structure, values ignored; its effects fly. names: coefficients that are
+    free; effects: (effect, parameter) that are. outputs: what is compared, m of them.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[FlightPart],
+        vehicle: Vehicle,
+        model: Model,
+        names: Sequence[str],
+        effects: Sequence[tuple[str, str]],
+        group: str,
+        outputs: Sequence[str],
+        unknowns: Unknowns,
+    ) -> None:
+        self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
+        self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
+        self.flat = flatten(vehicle, model)
+        self.free_states = [STATES.index(name) for name in _FREE[group]]
+        self._columns = [OUTPUTS.index(name) for name in self.outputs]
+        self._prepared = [self._prepare(part) for part in parts]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns but the initial states."""
+        return (*(one.name for one in self.parameters), *self.unknowns.names)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.names) + len(self.parts) * len(self.free_states)
+
+    def start_states(self) -> tuple[Array, Array]:
+        """Initial states as measured, of all parts, and their prior standard deviations."""
+        states = np.concatenate([one.start[self.free_states] for one in self._prepared])
+        return states, np.tile([_START_STD[name] for name in _FREE[self.group]], len(self.parts))
+
+    def measured(self, index: int) -> Array:
+        """(m, K) measured outputs of a part on its common grid."""
+        return self._prepared[index].measured
+
+    def simulated(self, index: int, theta: Array, inputs: Mapping[str, InputSignal] | None = None) -> Array:
+        """(m, K) simulated outputs of a part on its common grid. inputs: instead of its own."""
+        one, values = self._prepared[index], self._values(theta)
+        y = self._ideal(one, values, theta, self._states(index, theta), inputs)[0]
+        return self._read(one, values, y[:, :, None])[:, :, 0]
+
+    def slopes(self, index: int, theta: Array, inputs: Mapping[str, InputSignal] | None = None) -> Array:
+        """(m, K, P) slopes of a part's outputs by all unknowns."""
+        one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
+        states = self._states(index, theta)
+        y, predictor = self._ideal(one, values, theta, states, inputs)
+        local = np.concatenate((theta[:count], states[self.free_states]))
+        S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
+        nuisances = list(self.unknowns)
+        # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
+        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in _DRIVING]
+        moved = []
+        for _, nuisance in driven:
+            step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
+            other = {**values, nuisance.name: values[nuisance.name] + step}
+            moved.append((self._ideal(one, other, theta, states, inputs)[0] - y) / step)
+        stack = np.concatenate((S, y[:, :, None], *(m[:, :, None] for m in moved)), axis=2)
+        read = self._read(one, values, stack)
+        result = np.zeros((len(self.outputs), one.measured.shape[1], self.size))
+        result[:, :, :count] = read[:, :, :count]
+        width = len(self.free_states)
+        begin = len(self.names) + index * width
+        result[:, :, begin : begin + width] = read[:, :, count : count + width]
+        base = read[:, :, count + width]
+        for place, (i, _) in enumerate(driven):
+            result[:, :, count + i] = read[:, :, count + width + 1 + place]
+        for i, nuisance in enumerate(nuisances):
+            if nuisance.name not in _DRIVING:
+                other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}
+                result[:, :, count + i] = (self._read(one, other, y[:, :, None])[:, :, 0] - base) / nuisance.step
+        return result
+
+    def _values(self, theta: Array) -> dict[str, float]:
+        count = len(self.parameters)
+        return self.unknowns.values(theta[count : count + len(self.unknowns.names)])
+
+    def _states(self, index: int, theta: Array) -> Array:
+        states, width = self._prepared[index].start.copy(), len(self.free_states)
+        begin = len(self.names) + index * width
+        states[self.free_states] = theta[begin : begin + width]
+        return states
+
+    def _all(self, y: Array) -> Array:
+        full = np.zeros((y.shape[0], len(OUTPUTS)))
+        full[:, self._columns] = y
+        return full
+
+    def _prepare(self, part: FlightPart) -> _Prepared:
+        n = part.grid.size
+        record = Record(
+            part.flight, float(part.grid[1] - part.grid[0]), part.grid, 0, np.zeros((n, 4)), part.thrust, part.rho,
+            np.full((n, len(OUTPUTS)), np.nan), np.full((n, 9), np.nan),
+        )  # fmt: skip
+        common = part.common
+        fixed, joined, rows = {}, {}, []
+        for name in self.outputs:
+            channel = part.channels[name]
+            between = common.bridged(joined_at(channel.time_s, common.points))
+            joined[name] = between
+            fixed[name] = sparse.csr_array(between @ read_at(part.grid, channel.time_s))
+            rows.append(between @ channel.values)
+        states = self._imposed(part, self.unknowns.values(self.unknowns.mean))
+        start = states[: max(1, round(0.1 / record.interval_s))].mean(axis=0)
+        return _Prepared(part, record, start, fixed, joined, np.array(rows))
+
+    def _imposed(self, part: FlightPart, values: Mapping[str, float]) -> Array:
+        """(N, 9) u v w p q r phi theta psi of a part, air data corrected by the nuisances."""
+        motion = part.motion
+        alpha = motion["alpha"] - values.get("alpha_offset", 0.0)
+        speed = part.airspeed.values + (values.get("airspeed_lag", part.airspeed.lag) - part.airspeed.lag) * (
+            part.airspeed.by_lag
+        )
+        speed = speed * (1.0 - values.get("airspeed_error", 0.0))
+        speed = speed * (1.0 - values.get("airspeed_alpha", 0.0) * (alpha - float(np.mean(alpha))))
+        beta = motion["beta"]
+        flow = (np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta))
+        phi = motion["phi"] - values.get("phi_offset", 0.0)
+        theta = motion["theta"] - values.get("theta_offset", 0.0)
+        rows = (*(speed * one for one in flow), motion["p"], motion["q"], motion["r"], phi, theta, np.zeros_like(phi))
+        return np.ascontiguousarray(np.stack(rows, axis=1))
+
+    def _driven(self, one: _Prepared, values: Mapping[str, float], inputs: Mapping[str, InputSignal] | None) -> Record:
+        """The record with commands behind their servos, and the motion that is imposed."""
+        part = one.part
+        told = part.inputs if inputs is None else inputs
+        n, step = part.grid.size, one.record.interval_s
+        before = round(0.5 / step)
+        half = part.grid[0] - before * step + 0.5 * step * np.arange(2 * (n + before) + 1)
+        commands = np.zeros((n, 4))
+        for j, name in enumerate(("de", "da", "dr")):
+            if name in told:
+                behind = servo(told[name], half, values["servo_delay"], values["servo_lag"], values["servo_backlash"])
+                commands[:, j] = interval_means(behind)[before:]
+        if "throttle" in told:
+            commands[:, 3] = told["throttle"].at(part.grid)
+        imposed = self._imposed(part, values)
+        imposed[:, self.free_states] = np.nan
+        return replace(one.record, commands=commands, imposed_states=imposed)
+
+    def _ideal(
+        self,
+        one: _Prepared,
+        values: Mapping[str, float],
+        theta: Array,
+        states: Array,
+        inputs: Mapping[str, InputSignal] | None,
+    ) -> tuple[Array, Predictor]:
+        """(N, m) what ideal sensors read on the grid, and what it was predicted by."""
+        predictor = Predictor(
+            self.flat, self.parameters, [self._driven(one, values, inputs)], sub_steps=1, tangent_steps=1,
+            command_first=0.5,
+        )  # fmt: skip
+        flat, _ = predictor.apply(theta[: len(self.parameters)])
+        return predictor.outputs(0, flat, {}, states)[:, self._columns], predictor
+
+    def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
+        """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""
+        result = np.empty((y.shape[1], one.measured.shape[1], y.shape[2]))
+        for j, name in enumerate(self.outputs):
+            column = np.ascontiguousarray(y[:, j, :])
+            if name not in _VANES:
+                result[j] = one.fixed[name] @ column
+                continue
+            column = column * values[f"{name}_scale"]
+            frequency = float(np.exp(values["vane_log_frequency"]))
+            if np.isfinite(frequency):
+                speed = one.part.airspeed.values
+                damping = float(np.exp(values["vane_log_damping"]))
+                swing(column, speed, one.record.interval_s, float(np.median(speed)), frequency, damping)
+            clock = values["vane_clock"]
+            if clock == 0.0:
+                result[j] = one.fixed[name] @ column
+            else:
+                stamps = one.part.channels[name].time_s - clock
+                result[j] = one.joined[name] @ (read_at(one.part.grid, stamps) @ column)
+        return result

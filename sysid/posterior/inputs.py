@@ -1,0 +1,134 @@
+"""Inputs as functions of time: what a surface was told between two samples, and what its servo made of it.
+
+A logged command is one of three things. A command that is really held steps at its stamps. One that is computed anew
+for each sample of the log is a smooth function seen at points, and a straight line between them would be a low-pass
+(5 % at 6 Hz of 50 Hz). A position that was measured is joined by straight lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+
+from sim_vehicle.jit import jit_arrays
+from sysid.arrays import Array
+
+SERVO_DAMPING = 0.8
+# Shorter lags than this make no difference to anything a log can show, s.
+_SHORTEST_LAG_S = 5e-4
+# Share of samples that repeat the one before, from which on a command is taken as one that steps.
+_STEPPING = 0.5
+
+
+@dataclass(frozen=True)
+class InputSignal:
+    """A command or position as a function of time. kind: "held", "splined" or "joined". time_s, values: (N,)."""
+
+    time_s: Array
+    values: Array
+    kind: str
+
+    def at(self, time_s: Array) -> Array:
+        """Values at any times; constant beyond the ends."""
+        if self.kind == "held":
+            place = np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1
+            return np.asarray(self.values[np.clip(place, 0, self.values.size - 1)])
+        found = np.interp(time_s, self.time_s, self.values)
+        if self.kind == "splined":
+            for begin, end in unbroken(self.time_s):
+                if end - begin < 4:
+                    continue
+                inside = (time_s >= self.time_s[begin]) & (time_s <= self.time_s[end - 1])
+                found[inside] = CubicSpline(self.time_s[begin:end], self.values[begin:end])(time_s[inside])
+        return np.asarray(found)
+
+
+def unbroken(time_s: Array) -> list[tuple[int, int]]:
+    """First sample and one past the last of each part of a message without samples lost."""
+    steps = np.diff(time_s)
+    if not steps.size:
+        return [(0, time_s.size)]
+    breaks = np.flatnonzero(steps > 2.2 * float(np.median(steps))) + 1
+    edges = [0, *breaks.tolist(), time_s.size]
+    return list(pairwise(edges))
+
+
+def input_signal(time_s: Array, values: Array, position: bool) -> InputSignal:
+    """The function of time that logged samples stand for."""
+    if position:
+        return InputSignal(time_s, values, "joined")
+    repeats = float(np.mean(np.diff(values) == 0.0)) if values.size > 1 else 1.0
+    return InputSignal(time_s, values, "held" if repeats > _STEPPING else "splined")
+
+
+def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:
+    """(N,) positions behind a servo on an even grid: delay, second order with `lag` = 2 damping / omega, play.
+
+    delay, lag: s. backlash: half width, in the signal's unit.
+    """
+    behind = told.at(grid - delay)
+    if lag > _SHORTEST_LAG_S:
+        omega, h = 2.0 * SERVO_DAMPING / lag, float(grid[1] - grid[0])
+        # State, input and its rise over one step: exact for an input that goes in straight lines.
+        A = np.zeros((4, 4))
+        A[0, 1], A[1, :3] = h, (-omega * omega * h, -2.0 * SERVO_DAMPING * omega * h, omega * omega * h)
+        A[2, 3] = 1.0
+        behind = _second_order(behind, np.ascontiguousarray(expm(A)[:2]))
+    return _play(behind, backlash) if backlash > 0.0 else behind
+
+
+def interval_means(values: Array) -> Array:
+    """(N,) means over the intervals of a grid from values at its points and half way (2 N + 1,), by Simpson's rule."""
+    return np.asarray((values[:-1:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)
+
+
+@jit_arrays
+def _second_order(u: Array, M: Array) -> Array:
+    y = np.empty(u.size)
+    x, v = u[0], 0.0
+    y[0] = x
+    for k in range(1, u.size):
+        before, rise = u[k - 1], u[k] - u[k - 1]
+        x, v = (
+            M[0, 0] * x + M[0, 1] * v + M[0, 2] * before + M[0, 3] * rise,
+            M[1, 0] * x + M[1, 1] * v + M[1, 2] * before + M[1, 3] * rise,
+        )
+        y[k] = x
+    return y
+
+
+@jit_arrays
+def _play(u: Array, half: float) -> Array:
+    y = np.empty(u.size)
+    at = u[0]
+    for k in range(u.size):
+        at = min(max(at, u[k] - half), u[k] + half)
+        y[k] = at
+    return y
+
+
+@jit_arrays
+def swing(read: Array, airspeed: Array, dt: float, middle: float, frequency: float, damping: float) -> None:
+    """Pass (N, K) in place through a vane of second order, at rest at the start.
+
+    frequency: Hz at the airspeed `middle`, m/s; it grows with airspeed (Wieringa 1967).
+    """
+    parts = 4
+    h = dt / parts
+    columns = read.shape[1]
+    x, v, before = read[0].copy(), np.zeros(columns), read[0].copy()
+    for k in range(1, read.shape[0]):
+        omega = 2.0 * np.pi * frequency * airspeed[k] / middle
+        for i in range(parts):
+            share = (i + 0.5) / parts
+            for j in range(columns):
+                here = before[j] + (read[k, j] - before[j]) * share
+                v[j] += h * (omega * omega * (here - x[j]) - 2.0 * damping * omega * v[j])
+                x[j] += h * v[j]
+        for j in range(columns):
+            before[j] = read[k, j]
+            read[k, j] = x[j]

@@ -1,0 +1,219 @@
+"""One part of a flight as the estimator takes it: inputs, imposed motion, outputs, each with its own stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SignalError
+from sysid.posterior.inputs import InputSignal, input_signal
+from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
+from sysid.posterior.smoothing import Airspeed, airspeed_through, smoothed
+from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
+from sysid.signals.flight import FlightSignals
+
+# Step of the simulation, s; residuals are compared at no finer steps than the second.
+STEP_S, COMMON_STEP_S = 0.01, 0.02
+# The start of a part is left out of the spectrum over so long, s.
+_RISE_S = 0.5
+# Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
+_HALF_S = {"rates": 0.06, "angles": 0.10, "airspeed": 0.15}
+_HALF_SAMPLES = 2.6
+_DEAD = 1e-6
+_THRUST_HALF_S = 0.1
+
+MEASURED = ("ax", "ay", "az", "p", "q", "r", "alpha", "beta")
+NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
+
+
+@dataclass(frozen=True)
+class FlightPart:
+    """One part of one flight.
+
+    grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
+    [rad, rad/s] smoothed, (N,). airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from the throttle.
+    rho: (N,) kg/m3. channels: measured outputs by name. common: grid of the residuals. highest_hz: to which they count.
+    position: whether the log holds positions of the surfaces.
+    """
+
+    flight: str
+    grid: Array
+    inputs: Mapping[str, InputSignal]
+    motion: Mapping[str, Array]
+    airspeed: Airspeed
+    thrust: Array
+    rho: Array
+    channels: Mapping[str, Channel]
+    common: CommonGrid
+    highest_hz: float
+    position: bool
+
+    @property
+    def duration_s(self) -> float:
+        """Length, s."""
+        return float(self.grid[-1] - self.grid[0])
+
+    def travel(self, surface: str) -> float:
+        """Standard deviation of a surface's command through the part, rad."""
+        return float(np.std(self.inputs[surface].at(self.grid))) if surface in self.inputs else 0.0
+
+
+def finite(signals: FlightSignals, name: str, begin: float, end: float) -> tuple[Array, Array]:
+    """Stamps and values of the samples of a signal that carry a number, in order, from begin to end [s]."""
+    if name not in signals.signals:
+        return np.zeros(0), np.zeros(0)
+    one = signals.signals[name]
+    good = np.isfinite(one.time_s) & np.isfinite(one.values) & (one.time_s >= begin) & (one.time_s <= end)
+    time_s, values = one.time_s[good], one.values[good]
+    later = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0.0)) if time_s.size else good[:0]
+    return time_s[later], values[later]
+
+
+def make_part(
+    signals: FlightSignals,
+    vehicle: Vehicle,
+    begin: float,
+    end: float,
+    reconstructed: Mapping[str, tuple[Array, Array]] | None = None,
+) -> FlightPart:
+    """A part of a flight. reconstructed: alpha or beta by kinematics (stamps, rad) for where no vane is.
+
+    Raises SignalError where something that nothing can stand for is missing.
+    """
+    read = {name: finite(signals, name, begin, end) for name in (*MEASURED, "phi", "theta", "airspeed")}
+    missing = [name for name in NEEDED if read[name][0].size < 10]
+    if missing:
+        raise SignalError(
+            f"{signals.name}: no {', '.join(missing)} from {begin:.1f} to {end:.1f} s: coefficients need the"
+            " accelerometers, the gyros, roll and pitch, and the airspeed"
+        )
+    commands = {name: finite(signals, name, begin - 1.0, end) for name in ("de", "da", "dr", "throttle")}
+    commands = {name: one for name, one in commands.items() if one[0].size >= 2}
+    begin = max(begin, *(read[name][0][0] for name in NEEDED))
+    end = min(end, *(read[name][0][-1] for name in NEEDED))
+    if end - begin < 3.0:
+        raise SignalError(
+            f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than 3 s in which all is read"
+        )
+    grid: Array = begin + STEP_S * np.arange(int((end - begin) / STEP_S), dtype=np.float64)
+    surfaces = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+    position = any(
+        getattr(vehicle.controls.get(long), "signal", "command") == "position"
+        for short, long in surfaces.items()
+        if short in commands
+    )
+    inputs = {name: input_signal(*one, position and name != "throttle") for name, one in commands.items()}
+    motion = {
+        **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in ("ax", "ay", "az", "p", "q", "r")},
+        **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
+    }
+    rho = _density(signals, vehicle, grid, begin, end)
+    true = 1.0 if vehicle.sensors.airspeed.kind == "true" else np.sqrt(SEA_LEVEL_DENSITY / float(np.median(rho)))
+    stamps, airspeed = read["airspeed"][0], read["airspeed"][1] * true
+    if np.ptp(airspeed) == 0.0 or float(np.median(airspeed)) < 1.0:
+        raise SignalError(f"{signals.name}: the airspeed repeats one value: its sensor is dead or not connected")
+    alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
+    rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
+    motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
+    speed = airspeed_through(stamps, airspeed, grid, _along_path(motion, vehicle.environment.gravity))
+    channels = {
+        name: Channel(name, *_inside(alive[name], grid)) for name in MEASURED if name in alive and name != "airspeed"
+    }
+    imu = float(np.median(np.diff(read["q"][0])))
+    rates = [
+        1.0 / imu,
+        *(1.0 / float(np.median(np.diff(t))) for t, _ in (commands[n] for n in surfaces if n in commands)),
+    ]
+    rates += [1.0 / float(np.median(np.diff(channels[n].time_s))) for n in ("alpha", "beta") if n in channels]
+    lost = bursts(read["q"][0]) + [one for n in surfaces if n in commands for one in bursts(commands[n][0])]
+    for name in ("alpha", "beta"):
+        lost += bursts(channels[name].time_s) if name in channels else []
+    common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
+    highest = min(HIGHEST_HZ, NYQUIST_SHARE * min(rates))
+    thrust = _thrust(signals, vehicle, grid, motion["ax"], begin, end)
+    return FlightPart(
+        signals.name, grid, inputs, motion, speed, thrust, rho, channels, common, highest, position
+    )  # fmt: skip
+
+
+def _smooth(read: tuple[Array, Array], grid: Array, half: float) -> Array:
+    time_s, values = read
+    return smoothed(time_s, values, grid, max(half, _HALF_SAMPLES * float(np.median(np.diff(time_s)))))
+
+
+def _inside(read: tuple[Array, Array], grid: Array) -> tuple[Array, Array]:
+    inside = (read[0] >= grid[0]) & (read[0] <= grid[-1])
+    return read[0][inside], read[1][inside]
+
+
+def _density(signals: FlightSignals, vehicle: Vehicle, grid: Array, begin: float, end: float) -> Array:
+    if vehicle.environment.air_density is not None:
+        return np.full(grid.size, vehicle.environment.air_density)
+    time_s, values = finite(signals, "air_density", begin, end)
+    if not time_s.size:
+        return np.full(grid.size, SEA_LEVEL_DENSITY)
+    # Density follows height, and no small aircraft climbs within a second: noise of the pressure is not air.
+    return smoothed(time_s, values, grid, 1.0) if time_s.size > 10 else np.interp(grid, time_s, values)
+
+
+def _thrust(signals: FlightSignals, vehicle: Vehicle, grid: Array, ahead: Array, begin: float, end: float) -> Array:
+    """Measured thrust, what accelerates the motor on its cell added; NaN where the throttle tells it."""
+    time_s, values = finite(signals, "thrust", begin, end)
+    if time_s.size < 10:
+        return np.full(grid.size, np.nan if vehicle.propulsion is not None else 0.0)
+    moving = 0.0 if vehicle.propulsion is None else vehicle.propulsion.moving_mass
+    return np.asarray(_smooth((time_s, values), grid, _THRUST_HALF_S) + moving * ahead)
+
+
+def _flow(
+    read: Mapping[str, tuple[Array, Array]],
+    reconstructed: Mapping[str, tuple[Array, Array]],
+    motion: Mapping[str, Array],
+    speed: Array,
+    grid: Array,
+    vehicle: Vehicle,
+) -> dict[str, Array]:
+    """alpha and beta at the centre of gravity, from the vanes, else from kinematics; no sideslip where neither is."""
+    sensors, p, q, r = vehicle.sensors, motion["p"], motion["q"], motion["r"]
+    found = {}
+    for name in ("alpha", "beta"):
+        if name in read:
+            found[name] = _smooth(read[name], grid, _HALF_S["angles"])
+        elif name in reconstructed:
+            found[name] = np.interp(grid, *reconstructed[name])
+        elif name == "beta":
+            found[name] = np.zeros(grid.size)
+        else:
+            raise SignalError("no angle of attack: neither a vane nor what kinematics could take it from")
+    if "alpha" in read:
+        x, y, _ = sensors.alpha_vane.position
+        found["alpha"] = found["alpha"] + x * q / speed - y * p / speed
+    if "beta" in read:
+        x, _, z = sensors.beta_vane.position
+        beta = found["beta"]
+        if sensors.beta_vane.kind == "flank":
+            beta = np.arctan(np.tan(beta) * np.cos(found["alpha"]))
+        found["beta"] = beta - x * r / speed + z * p / speed
+    return found
+
+
+def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:
+    """(N,) m/s^2, rate of airspeed in still air by what the accelerometers feel."""
+    ca, sa, cb, sb = (f(motion[n]) for n in ("alpha", "beta") for f in (np.cos, np.sin))
+    ct, st, cp, sp = (f(motion[n]) for n in ("theta", "phi") for f in (np.cos, np.sin))
+    return np.asarray(
+        (motion["ax"] - gravity * st) * ca * cb
+        + (motion["ay"] + gravity * ct * sp) * sb
+        + (motion["az"] + gravity * ct * cp) * sa * cb
+    )
+
+
+def outputs_of(group: str, parts: Sequence[FlightPart]) -> tuple[str, ...]:
+    """Outputs of a group of axes that every part measured."""
+    wanted = ("q", "az", "ax", "alpha") if group == "longitudinal" else ("p", "r", "ay", "beta")
+    return tuple(name for name in wanted if all(name in part.channels for part in parts))

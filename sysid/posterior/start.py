@@ -1,0 +1,97 @@
+"""Start values: equation error on the smoothed signals of the parts (Klein & Morelli, ch. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.posterior.inputs import servo
+from sysid.posterior.part import FlightPart
+
+# Delays of the commands that are tried, s: those by which the moments fit best give the start.
+_DELAYS_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11)
+# Ends of a part that are left out, s, where smoothing and derivatives are poor.
+_ENDS_S = 0.3
+
+
+def equation_error_start(
+    parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str]
+) -> tuple[dict[str, float], float]:
+    """Value of each coefficient that the parts' smoothed motion gives by least squares, and the commands' delay, s.
+
+    A wrong delay turns the signs of damping and stability, from where no search comes back.
+    """
+    delays = (0.0,) if all(part.position for part in parts) else _DELAYS_S
+    tried = [(*_fit(parts, vehicle, names, delay), delay) for delay in delays]
+    found, _, delay = min(tried, key=lambda one: one[1])
+    return found, delay
+
+
+def _fit(
+    parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str], delay: float
+) -> tuple[dict[str, float], float]:
+    """Values, and the log of what the moments' equations leave."""
+    columns = [_columns(part, vehicle, delay) for part in parts]
+    found: dict[str, float] = {}
+    left = 0.0
+    for axis in dict.fromkeys(parse_term(name).axis for name in names):
+        own = [name for name in names if parse_term(name).axis == axis]
+        y = np.concatenate([one[axis] for one in columns])
+        X = np.concatenate([np.stack([_regressor(name, one) for name in own], axis=1) for one in columns])
+        size = np.sqrt(np.mean(X * X, axis=0))
+        scale = np.where(size > 0.0, size, 1.0)
+        values = np.linalg.lstsq(X / scale, y, rcond=1e-10)[0] / scale
+        found |= {name: float(value) for name, value in zip(own, values, strict=True)}
+        if axis in ("Cl", "Cm", "Cn"):
+            left += float(np.log(max(np.mean((y - X @ values) ** 2), 1e-300)))
+    return found, left
+
+
+def _regressor(name: str, columns: dict[str, Array]) -> Array:
+    factors = ("CL2",) if name == "CD_k" else parse_term(name).factors
+    return np.asarray(np.prod([columns[f] for f in factors] or [np.ones_like(columns["alpha"])], axis=0))
+
+
+def _columns(part: FlightPart, vehicle: Vehicle, delay: float) -> dict[str, Array]:
+    """Coefficients and their regressors along a part."""
+    dt = float(part.grid[1] - part.grid[0])
+    mass, geometry, motion, V = vehicle.mass, vehicle.geometry, part.motion, part.airspeed.values
+    p, q, r, alpha, beta = (motion[name] for name in ("p", "q", "r", "alpha", "beta"))
+    pd, qd, rd, ad = (np.gradient(one, dt) for one in (p, q, r, alpha))
+    x, y, z = vehicle.sensors.accelerometer.position
+    ax = motion["ax"] - (qd * z - rd * y - (q * q + r * r) * x + p * q * y + p * r * z)
+    ay = motion["ay"] - (rd * x - pd * z + p * q * x - (p * p + r * r) * y + q * r * z)
+    az = motion["az"] - (pd * y - qd * x + p * r * x + q * r * y - (p * p + q * q) * z)
+    qS = 0.5 * part.rho * V * V * geometry.S
+    throttle = part.inputs["throttle"].at(part.grid) if "throttle" in part.inputs else np.zeros_like(V)
+    thrust = np.where(np.isfinite(part.thrust), part.thrust, throttle * _full_thrust(vehicle))
+    ahead = mass.mass * ax - thrust
+    found = {
+        "CL": (ahead * np.sin(alpha) - mass.mass * az * np.cos(alpha)) / qS,
+        "CD": (-ahead * np.cos(alpha) - mass.mass * az * np.sin(alpha)) / qS,
+        "CY": mass.mass * ay / qS,
+        "Cl": (mass.Ixx * pd - mass.Ixz * (rd + p * q) + (mass.Izz - mass.Iyy) * q * r) / (qS * geometry.b),
+        "Cm": (mass.Iyy * qd + (mass.Ixx - mass.Izz) * p * r + mass.Ixz * (p * p - r * r)) / (qS * geometry.c),
+        "Cn": (mass.Izz * rd - mass.Ixz * (pd - q * r) + (mass.Iyy - mass.Ixx) * p * q) / (qS * geometry.b),
+        "alpha": alpha, "beta": beta, "p": p * geometry.b / (2.0 * V), "q": q * geometry.c / (2.0 * V),
+        "r": r * geometry.b / (2.0 * V), "alphadot": ad * geometry.c / (2.0 * V), "throttle": throttle,
+    }  # fmt: skip
+    found["CL2"] = found["CL"] ** 2
+    for name in ("de", "da", "dr"):
+        if name in part.inputs:
+            found[name] = servo(part.inputs[name], part.grid, delay, 0.0, 0.0)
+        else:
+            found[name] = np.zeros_like(V)
+    ends = round(_ENDS_S / dt)
+    counted = np.interp(part.grid, part.common.points, part.common.counted.astype(float)) > 0.5
+    counted[:ends] = counted[-ends:] = False
+    return {name: values[counted] for name, values in found.items()}
+
+
+def _full_thrust(vehicle: Vehicle) -> float:
+    """N at full throttle, at rest; 0 where the vehicle file says nothing."""
+    return float(getattr(vehicle.propulsion, "max_thrust", None) or 0.0)

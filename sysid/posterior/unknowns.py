@@ -1,0 +1,132 @@
+"""What is estimated beside coefficients, and what is known of it before the flight: the one table of priors.
+
+A nuisance is what stands between the aircraft and the numbers in the log: servos that come late, vanes that swing, an
+airspeed that reads too little. Each has a prior, for the flight alone often cannot tell it, and a null, the value at
+which it does nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.arrays import Array
+
+DEGREE = math.pi / 180.0
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One unknown beside the coefficients.
+
+    mean, std: Gaussian prior. null: the value that does nothing. low, high: bounds. step: for difference quotients.
+    group: "longitudinal", "lateral" or "both". source: where the prior is from.
+    """
+
+    name: str
+    mean: float
+    std: float
+    null: float
+    low: float
+    high: float
+    step: float
+    unit: str
+    group: str
+    source: str
+
+    def serves(self, group: str) -> bool:
+        """Whether the unknown belongs to a group of axes."""
+        return self.group in (group, "both")
+
+
+# Sizes of what hobby-grade parts do; each is one standard deviation of the population of aircraft.
+PRIORS: tuple[Nuisance, ...] = (
+    Nuisance("servo_delay", 0.045, 0.030, 0.0, -0.03, 0.25, 1e-3, "s", "both",
+             "frame of 20 ms, its place in the log, the servo's own controller"),
+    Nuisance("servo_lag", 0.035, 0.020, 0.0, 0.0, 0.20, 1e-3, "s", "both",
+             "0.06 to 0.15 s per 60 deg of hobby servos, small strokes"),
+    Nuisance("servo_backlash", 0.15 * DEGREE, 0.12 * DEGREE, 0.0, 0.0, 0.6 * DEGREE, 0.02 * DEGREE, "rad", "both",
+             "half the play of clevis, horn and gear train of small linkages"),
+    Nuisance("airspeed_error", 0.0, 0.015, 0.0, -0.2, 0.2, 1e-3, "1", "both",
+             "bench calibration of a differential pressure sensor, 3 % of dynamic pressure"),
+    Nuisance("airspeed_alpha", 0.0, 0.08, 0.0, -1.0, 1.0, 5e-3, "1/rad", "longitudinal",
+             "position error of a pitot in the upwash of a wing"),
+    Nuisance("alpha_scale", 1.0, 0.08, 1.0, 0.5, 1.6, 1e-3, "1", "longitudinal", "upwash before a wing"),
+    Nuisance("beta_scale", 1.0, 0.056, 1.0, 0.5, 1.6, 1e-3, "1", "lateral", "sidewash beside a fuselage"),
+    Nuisance("vane_clock", 0.0, 0.020, 0.0, -0.1, 0.1, 1e-3, "s", "both", "stamps given when a message is sent"),
+    Nuisance("vane_log_frequency", math.log(8.0), math.log(1.5), math.inf, math.log(2.0), math.log(40.0), 0.02, "ln Hz",
+             "both", "small balanced vanes at 15 m/s: 5 to 12 Hz"),
+    Nuisance("vane_log_damping", math.log(0.3), math.log(1.8), math.inf, math.log(0.08), math.log(2.0), 0.03, "1",
+             "both", "vane in an airstream, Wieringa 1967"),
+    Nuisance("theta_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "longitudinal", "mounting of the IMU"),
+    Nuisance("phi_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral", "mounting of the IMU"),
+    Nuisance("alpha_offset", 0.0, 1.5 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral",
+             "zero of the alpha vane, by which a roll makes sideslip"),
+)  # fmt: skip
+
+# A log that says where the surfaces were leaves only its own stamp open.
+POSITION: dict[str, tuple[float, float]] = {"servo_delay": (0.0, 0.010)}
+POSITION_FIXED = ("servo_lag", "servo_backlash")
+
+# Largest zero error, 1 sigma, that the mean of an output is trusted to. SI units.
+ZERO_STD = {"ax": 0.25, "ay": 0.25, "az": 0.25, "p": 0.005, "q": 0.005, "r": 0.005, "alpha": 0.017, "beta": 0.017}
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Nuisances of one group that are estimated, with their priors, and values of those that are not."""
+
+    free: tuple[Nuisance, ...]
+    fixed: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free ones, in order."""
+        return tuple(one.name for one in self.free)
+
+    def __iter__(self) -> Iterator[Nuisance]:
+        return iter(self.free)
+
+    def values(self, theta: Array) -> dict[str, float]:
+        """All values by name, from those of the free ones."""
+        return {**self.fixed, **dict(zip(self.names, (float(v) for v in theta), strict=True))}
+
+    @property
+    def mean(self) -> Array:
+        """(K,) prior means."""
+        return np.array([one.mean for one in self.free])
+
+    @property
+    def std(self) -> Array:
+        """(K,) prior standard deviations."""
+        return np.array([one.std for one in self.free])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """(K,) lowest and highest values."""
+        return np.array([one.low for one in self.free]), np.array([one.high for one in self.free])
+
+
+def unknowns_of(
+    group: str, vane: bool, position: bool, overrides: Mapping[str, tuple[float, float]], more: Sequence[Nuisance] = ()
+) -> Unknowns:
+    """Unknowns of a group of axes.
+
+    vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
+    overrides: name -> (mean, std) from the vehicle file; a std of 0 fixes the value. more: further ones of this flight.
+    """
+    free, fixed = [], {}
+    for one in (*PRIORS, *more):
+        known = {**(POSITION if position else {}), **overrides}.get(one.name)
+        fixes = (position and one.name in POSITION_FIXED) or not one.serves(group)
+        fixes = fixes or (not vane and (one.name.startswith("vane") or one.name in ("alpha_scale", "beta_scale")))
+        if known is not None:
+            one = replace(one, mean=known[0], std=known[1])
+        if fixes or one.std == 0.0:
+            fixed[one.name] = one.mean if known is not None and not position else one.null
+        else:
+            free.append(one)
+    return Unknowns(tuple(free), fixed)

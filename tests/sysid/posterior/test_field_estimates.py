@@ -1,0 +1,102 @@
+"""Flights of JSBSim seen through servos, gusts, filters and links, estimated with an estimated noise spectrum."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from field_flight import FieldFlight, field_flight
+
+from sim_vehicle.model.model_file import Coefficient, Model
+from sysid.errors import SignalError
+from sysid.identification.identify import Identification, identify
+from sysid.identification.result_file import result_json
+from sysid.posterior.group import GroupModel
+from sysid.posterior.part import make_part, outputs_of
+from sysid.posterior.unknowns import PRIORS, unknowns_of
+from sysid.problem.model_structure import default_structure, is_longitudinal
+from sysid.signals.flight import FlightSignals, Signal
+
+pytestmark = pytest.mark.whole_flight
+
+
+@cache
+def flown(family: str, seed: int) -> FieldFlight:
+    with TemporaryDirectory() as folder:
+        return field_flight(family, seed, Path(folder))
+
+
+@cache
+def identified(family: str, seed: int) -> Identification:
+    flight = flown(family, seed)
+    return identify([flight.signals], flight.vehicle, method="map")
+
+
+@pytest.mark.parametrize(("family", "seed"), [("mild", 0), ("stock", 0), ("short", 0)])
+def test_truth_of_another_engine_is_within_the_bars(family: str, seed: int) -> None:
+    flight, found = flown(family, seed), identified(family, seed)
+    off = []
+    for name in flight.excited:
+        entry, (low, high) = found.model.coefficients[name], flight.truth[name]
+        if entry.value is not None and entry.std is not None:
+            off.append(max(low - entry.value, entry.value - high, 0.0) / entry.std)
+    assert len(off) >= 0.7 * len(flight.excited)  # eight seconds tell less than a minute
+    assert max(off) < 5.0
+    assert np.mean(np.array(off) < 2.5) >= 0.8
+
+
+def test_a_result_says_what_stood_between_aircraft_and_log() -> None:
+    result = result_json(identified("mild", 0))
+    assert result["method"] == "map"
+    nuisances = {(one["group"], one["name"]): one for one in result["nuisances"]}
+    late = sum(nuisances["longitudinal", name]["value"] for name in ("servo_delay", "servo_lag"))
+    assert 0.01 < late < 0.06
+    assert all(0.0 < one["std"] < 2.0 * one["prior_std"] for one in nuisances.values())
+    assert result["model"]["coefficients"]["Cm_alpha"]["value"] < 0.0
+
+
+def test_slopes_are_those_of_the_simulation() -> None:
+    flight = flown("short", 0)
+    time_s = flight.signals.signals["q"].time_s
+    part = make_part(flight.signals, flight.vehicle, float(time_s[0]), float(time_s[-1]))
+    for group in ("longitudinal", "lateral"):
+        names = [n for n in default_structure(("de", "da", "dr")) if is_longitudinal(n) == (group == "longitudinal")]
+        unknowns = unknowns_of(group, True, False, {})
+        structure = Model("linear", {name: Coefficient(0.0) for name in names})
+        model = GroupModel([part], flight.vehicle, structure, names, (), group, outputs_of(group, [part]), unknowns)
+        values = [float(np.mean(flight.truth.get(name, (0.0, 0.0)))) for name in names]
+        theta = np.concatenate((values, unknowns.mean, model.start_states()[0]))
+        slopes = model.slopes(0, theta)
+        for i, name in enumerate((*model.names, *(f"state {k}" for k in range(len(model.free_states))))):
+            step = 1e-4 * max(1.0, abs(theta[i]))
+            up, down = theta.copy(), theta.copy()
+            up[i], down[i] = theta[i] + step, theta[i] - step
+            expected = (model.simulated(0, up) - model.simulated(0, down)) / (2.0 * step)
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(slopes[:, :, i], expected, atol=0.08 * scale + 1e-9, err_msg=name)
+
+
+def test_a_level_that_no_flight_has_is_refused_with_the_cure_and_a_doubtful_side_signal_is_not() -> None:
+    flight = flown("short", 0)
+    signals = dict(flight.signals.signals)
+    for name in ("ax", "ay", "az"):
+        one = signals[name]
+        signals[name] = Signal(one.time_s, one.values / 9.80665, one.unit, one.source)
+    with pytest.raises(SignalError, match="wrong unit"):
+        identify([FlightSignals("in-g", signals)], flight.vehicle, method="map")
+    dead = dict(flight.signals.signals)
+    beta = dead["beta"]
+    dead["beta"] = Signal(beta.time_s, np.zeros_like(beta.values), beta.unit, beta.source)
+    found = identify([FlightSignals("dead-beta", dead)], flight.vehicle, method="map")
+    assert found.model.coefficients["Cm_alpha"].value is not None
+
+
+def test_every_prior_has_its_null_inside_its_bounds_and_a_source() -> None:
+    for one in PRIORS:
+        assert one.low < one.mean < one.high
+        assert one.null == np.inf or one.low <= one.null <= one.high
+        assert one.std > 0.0
+        assert one.source

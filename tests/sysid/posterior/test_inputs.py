@@ -1,0 +1,70 @@
+"""Inputs as functions of time and servos against closed forms and scipy's simulation of a linear system."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from sysid.posterior.inputs import InputSignal, input_signal, interval_means, servo, swing
+
+TIMES = np.arange(0.0, 4.0, 0.02)
+
+
+def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve() -> None:
+    stick = np.where(TIMES > 2.0, 0.1, 0.0)
+    assert input_signal(TIMES, stick, False).kind == "held"
+    between = np.array([2.0099, 2.0199, 2.0201])
+    np.testing.assert_array_equal(input_signal(TIMES, stick, False).at(between), [0.0, 0.0, 0.1])
+    wave = np.sin(2.0 * np.pi * 6.0 * TIMES)
+    curve = input_signal(TIMES, wave, False)
+    middle = TIMES[20:-20] + 0.01
+    assert np.abs(curve.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() < 0.01
+    # Straight lines lose far more, and are what positions are joined by.
+    line = input_signal(TIMES, wave, True)
+    assert line.kind == "joined"
+    assert np.abs(line.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() > 0.05
+
+
+def test_a_curve_is_not_drawn_through_lost_samples() -> None:
+    kept = (TIMES < 1.0) | (TIMES > 1.5)
+    curve = input_signal(TIMES[kept], np.sin(9.0 * TIMES[kept]), False)
+    edge = np.sin(9.0 * TIMES[kept])[[49, 50]]
+    stamps = TIMES[kept][[49, 50]]
+    np.testing.assert_allclose(curve.at(np.array([1.25])), np.interp(1.25, stamps, edge))
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.06, 0.15])
+def test_a_servo_is_the_second_order_system_with_that_lag_behind_its_delay(lag: float) -> None:
+    grid = np.arange(0.0, 4.0, 0.005)
+    told = InputSignal(TIMES, np.interp(TIMES, [0.0, 1.0, 1.5, 4.0], [0.0, 0.0, 0.2, 0.1]), "joined")
+    delay, omega = 0.035, 1.6 / lag  # the corners of the command fall on the grid, where it is exact
+    system = signal.TransferFunction([omega**2], [1.0, 1.6 * omega, omega**2])
+    fine = np.arange(0.0, 4.0, 0.001)
+    _, expected, _ = signal.lsim(system, told.at(fine - delay), fine)
+    np.testing.assert_allclose(servo(told, grid, delay, lag, 0.0), expected[::5], atol=2e-5)
+
+
+def test_backlash_holds_until_the_command_has_crossed_the_play() -> None:
+    grid = np.arange(0.0, 4.0, 0.01)
+    told = InputSignal(grid, np.abs((grid + 1.0) % 2.0 - 1.0), "joined")  # a triangle between 0 and 1
+    moved = servo(told, grid, 0.0, 0.0, 0.05)
+    assert np.abs(moved - told.values).max() == pytest.approx(0.05)
+    assert np.ptp(moved[300:]) == pytest.approx(0.9, abs=0.02)
+
+
+def test_means_over_intervals_are_exact_for_cubics() -> None:
+    half = np.arange(0.0, 1.01, 0.05)
+    mean = interval_means(half**3)
+    edges = half[::2]
+    np.testing.assert_allclose(mean, np.diff(edges**4) / 4.0 / 0.1)
+
+
+def test_a_vane_swings_as_the_linear_system_of_its_frequency_and_damping() -> None:
+    grid = np.arange(0.0, 3.0, 0.01)
+    read = np.column_stack((np.sin(2.0 * np.pi * grid), np.cos(3.0 * grid) - 1.0))
+    expected = []
+    omega, fine = 2.0 * np.pi * 6.0, np.arange(0.0, 3.0, 0.001)
+    for column in read.T:
+        _, y, _ = signal.lsim(([omega**2], [1.0, 0.8 * omega, omega**2]), np.interp(fine, grid, column), fine)
+        expected.append(y[::10])
+    swing(read, np.full(grid.size, 15.0), 0.01, 15.0, 6.0, 0.4)
+    np.testing.assert_allclose(read.T, expected, atol=0.03)
