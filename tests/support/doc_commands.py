@@ -1,4 +1,4 @@
-"""The commands that stand in README.md and docs/: where they stand, and how they are to be tried.
+"""The commands that stand in README.md, CONTRIBUTING.md and docs/: where they stand, and how they are to be tried.
 
 A block of shell commands is fenced as `sh` (commands) or `console` (`$ command` and what it prints). It is run as it
 stands, unless the line above it says another way in a comment: `<!-- commands: WAY -->`, see `WAYS`. A `text` block
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 WAYS = {
     "run": "run as it stands, in the page's order, in one folder; must end with 0",
