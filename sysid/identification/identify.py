@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -16,7 +17,6 @@ from sysid.identification.equation_error import EquationEstimate, estimate_by_eq
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.method_choice import MaximumLikelihood, maximum_likelihood
 from sysid.identification.method_choice import systematic as systematic_effects
-from sysid.identification.posterior_method import identify_by_posterior
 from sysid.identification.result_model import (
     equation_model,
     linear_model,
@@ -26,7 +26,6 @@ from sysid.identification.result_model import (
     with_extra,
 )
 from sysid.numerics.parallel import begun
-from sysid.posterior.analysis import PosteriorEstimate
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
 from sysid.problem.model_structure import default_structure
@@ -43,6 +42,9 @@ from sysid.uncertainty.reconstruction_errors import held_errors
 from sysid.validation.held_out import comparison, judge, validation_of
 from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
+
+if TYPE_CHECKING:
+    from sysid.posterior.analysis import PosteriorEstimate
 
 METHODS = ("auto", "map", "ee", "oe", "fe")
 # How often a flight is corrected for what the whole motion told of single sensors.
@@ -155,6 +157,8 @@ def _by_posterior(
     progress: Progress,
 ) -> Identification:
     """`identify` with the method "map"."""
+    from sysid.identification.posterior_method import identify_by_posterior  # slow to import, and seldom wanted
+
     found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, progress)
     warnings = [*found.warnings, *unmeasured_thrust(found.prepared)]
     check, errors = SignalCheck(), _kinematic_errors(found.compatible)

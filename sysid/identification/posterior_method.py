@@ -23,6 +23,8 @@ from sysid.signals.record import SURFACES
 
 # Lost samples over so long are bridged, s; a part of the flight is at most so long, s, at least so long.
 _BRIDGED_S, _LONGEST_S, _SHORTEST_S = 2.0, 120.0, 5.0
+# Quiet flight of up to so long between two excited stretches stays in their part, s: it tells what noise there is.
+_JOINED_S = 15.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def identify_by_posterior(
     progress(0.05, "parts of the flights")
     prepared = [_prepared(flight, vehicle, start_s, stop_s) for flight in flights]
     progress(0.15, "data compatibility")
-    compatible, warnings = _compatible(prepared)
+    compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
     warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
     parts = _parts(flights, prepared, vehicle, compatible, warnings)
     _require_plausible(parts, vehicle)
@@ -122,9 +124,30 @@ def _filled(time_s: Array, values: Array) -> tuple[Array, Array]:
     return every, np.interp(every, time_s, values)
 
 
+def dead_channels(signals: FlightSignals) -> list[str]:
+    """IMU channels that a flight can do without and that repeat one value throughout."""
+    return [name for name in ("ay", "p") if float(np.ptp(signals.signals[name].values)) == 0.0]
+
+
+def _without_dead(signals: FlightSignals, dead: Sequence[str]) -> FlightSignals:
+    """The flight with each dead channel told, and given a slope far below any noise so that it counts as a signal.
+
+    For finding the parts of a flight alone; the estimate leaves the channel out.
+    """
+    every = dict(signals.signals)
+    for name in dead:
+        one = every[name]
+        every[name] = replace(one, values=one.values + 1e-12 * np.arange(one.values.size))
+    told = [f"{name} repeats one value: the sensor is dead or not connected; it is left out" for name in dead]
+    return replace(signals, signals=every, warnings=(*signals.warnings, *told))
+
+
 def _prepared(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None) -> Prepared:
     whole = bridged(flight)
     whole.require(*NEEDED)
+    dead = dead_channels(whole)
+    if dead:
+        whole = _without_dead(whole, dead)
     try:
         return prepare(whole, vehicle, start_s, stop_s)
     except SysidError:
@@ -134,9 +157,11 @@ def _prepared(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, st
         return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1]))
 
 
-def _compatible(prepared: Sequence[Prepared]) -> tuple[CompatibilityResult, list[str]]:
-    """The kinematic reconstruction; where it fails, the measured motion, with a warning."""
+def _compatible(prepared: Sequence[Prepared], dead: bool) -> tuple[CompatibilityResult, list[str]]:
+    """The kinematic reconstruction; where it fails, the measured motion, with a warning. dead: an IMU channel is."""
     try:
+        if dead:
+            raise SignalError("it needs all accelerometers and gyros")
         return check_compatibility(prepared), []
     except SysidError as error:
         states = []
@@ -180,7 +205,7 @@ def _parts(
                 stamps.append(stretch.record.time_s)
                 values.append(compatible.states[index][name])
             index += 1
-            if spans and begin - spans[-1][1] < 1.0 and end - spans[-1][0] <= _LONGEST_S:
+            if spans and begin - spans[-1][1] < _JOINED_S and end - spans[-1][0] <= _LONGEST_S:
                 spans[-1][1] = end
             else:
                 spans.append([begin, end])

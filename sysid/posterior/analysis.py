@@ -16,7 +16,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.part import FlightPart, outputs_of
-from sysid.posterior.start import equation_error_start
+from sysid.posterior.start import equation_error_starts
 from sysid.posterior.unknowns import Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
@@ -28,6 +28,11 @@ _MAIN, _MINOR = 6.0, 1.0
 _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
 # Above this share of its prior a flight has told nothing of a number.
 PRIOR_SHARE = 0.7
+
+# Steps from each of two starts before one is chosen.
+_FIRST_PASSES = 3
+# By how much servos of one aircraft differ, s, one standard deviation.
+_ALIKE = {"servo_delay": 0.006, "servo_lag": 0.008}
 
 Report = Callable[[float, str], None]
 
@@ -110,8 +115,9 @@ def estimate(
             continue
         progress(0.5 * place, f"{group} axes")
         free = effects if not found else ()
+        told = {**_alike(found), **(overrides or {})}
         try:
-            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, overrides or {})
+            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, told)
         except EstimationError as error:
             left_out[group] = str(error)
     if not found:
@@ -123,6 +129,17 @@ def estimate(
         {group: model for group, (model, _) in found.items()}, _nuisances(found), tuple(unexcited), left_out,
         tuple(warnings),
     )  # fmt: skip
+
+
+def _alike(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> dict[str, tuple[float, float]]:
+    """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
+    told = {}
+    for model, result in found.values():
+        for i, one in enumerate(model.unknowns, len(model.parameters)):
+            if one.name in _ALIKE and not result.closed_loop and not all(part.position for part in model.parts):
+                std = float(np.hypot(np.sqrt(result.covariance[i, i]), _ALIKE[one.name]))
+                told[one.name] = (float(result.theta[i]), std)
+    return told
 
 
 def _group(
@@ -144,31 +161,47 @@ def _group(
     model = GroupModel(
         parts, vehicle, replace(structure, coefficients=own, correlation=None), names, effects, group, outputs, unknowns
     )
-    first, delay = equation_error_start(parts, vehicle, names)
-    start, std = [], []
-    for name in names:
-        share = _MINOR if name in _MINOR_NAMES else _MAIN
-        start.append(first[name])
-        std.append(max(share * usual_size(name), abs(first[name])))
-    for effect, parameter in effects:
-        entry = structure.effect(effect) or {}
-        start.append(entry[parameter])
-        std.append(max(abs(entry[parameter]), 1e-3))
+    starts = equation_error_starts(parts, vehicle, names)
     states, states_std = model.start_states()
-    mean = np.concatenate((start, unknowns.mean, states))
-    information = np.diag(1.0 / np.concatenate((std, unknowns.std, states_std)) ** 2)
-    if known is not None:
-        mean, information = _with_known(mean, information, model.names, known)
     low, high = _bounds(model, len(names))
-    begin = mean.copy()
-    if "servo_delay" in unknowns.names and not position:
-        # What equation error calls the delay is the servo's whole lateness.
-        places = [
-            len(start) + unknowns.names.index(name) for name in ("servo_delay", "servo_lag") if name in unknowns.names
-        ]
-        lateness = sum(mean[i] for i in places)
-        begin[places[0]] = max(mean[places[0]] + delay - lateness, 0.0)
-    return model, Posterior(model, Prior(mean, information), low, high).solve(begin)
+    tried: list[tuple[float, Array, Posterior]] = []
+    for first, delay in starts:
+        mean, std = [], []
+        for name in names:
+            share = _MINOR if name in _MINOR_NAMES else _MAIN
+            mean.append(first[name])
+            std.append(max(share * usual_size(name), abs(first[name])))
+        for effect, parameter in effects:
+            entry = structure.effect(effect) or {}
+            mean.append(entry[parameter])
+            std.append(max(abs(entry[parameter]), 1e-3))
+        middle = np.concatenate((mean, unknowns.mean, states))
+        information = np.diag(1.0 / np.concatenate((std, unknowns.std, states_std)) ** 2)
+        if known is not None:
+            middle, information = _with_known(middle, information, model.names, known)
+        begin = middle.copy()
+        lateness = [len(mean) + unknowns.names.index(n) for n in ("servo_delay", "servo_lag") if n in unknowns.names]
+        if lateness and not position:
+            # What equation error calls the delay is the servo's whole lateness.
+            begin[lateness[0]] = max(middle[lateness[0]] + delay - float(middle[lateness].sum()), 0.0)
+        posterior = Posterior(model, Prior(middle, information), low, high)
+        tried.append((posterior.profile(begin), begin, posterior))
+    return model, _best(tried)
+
+
+def _best(tried: list[tuple[float, Array, Posterior]]) -> PosteriorResult:
+    """The likeliest maximum from the two likeliest starts, of those from which the simulation does not diverge."""
+    usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
+    if not usable:
+        raise EstimationError("the simulated motion diverges from every start: the aircraft may be unstable")
+    if len(usable) == 1:
+        return usable[0][2].solve(usable[0][1])
+    searched = []
+    for _, begin, posterior in usable:
+        theta = posterior.search(begin, _FIRST_PASSES)
+        searched.append((posterior.profile(theta), theta, posterior))
+    _, theta, posterior = min(searched, key=lambda one: one[0])
+    return posterior.solve(theta)
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:

@@ -32,9 +32,17 @@ class InputSignal:
     values: Array
     kind: str
 
-    def at(self, time_s: Array) -> Array:
-        """Values at any times; constant beyond the ends."""
+    def at(self, time_s: Array, width: float = 0.0) -> Array:
+        """Values at any times; constant beyond the ends.
+
+        width: s, over which a command that steps is averaged about each time: the moment of a step then moves what is
+        read smoothly, though the times lie on a grid.
+        """
         if self.kind == "held":
+            if width > 0.0:
+                passed = np.concatenate(([0.0], np.cumsum(self.values[:-1] * np.diff(self.time_s))))
+                after, before = (self._passed(time_s + side * width, passed) for side in (0.5, -0.5))
+                return np.asarray((after - before) / width)
             place = np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1
             return np.asarray(self.values[np.clip(place, 0, self.values.size - 1)])
         found = np.interp(time_s, self.time_s, self.values)
@@ -45,6 +53,13 @@ class InputSignal:
                 inside = (time_s >= self.time_s[begin]) & (time_s <= self.time_s[end - 1])
                 found[inside] = CubicSpline(self.time_s[begin:end], self.values[begin:end])(time_s[inside])
         return np.asarray(found)
+
+    def _passed(self, time_s: Array, passed: Array) -> Array:
+        """Integral of a held command from its first stamp."""
+        inside = np.interp(time_s, self.time_s, passed)
+        early = np.minimum(time_s - self.time_s[0], 0.0) * self.values[0]
+        late = np.maximum(time_s - self.time_s[-1], 0.0) * self.values[-1]
+        return np.asarray(inside + early + late)
 
 
 def unbroken(time_s: Array) -> list[tuple[int, int]]:
@@ -70,9 +85,10 @@ def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: fl
 
     delay, lag: s. backlash: half width, in the signal's unit.
     """
-    behind = told.at(grid - delay)
+    h = float(grid[1] - grid[0])
+    behind = told.at(grid - delay, h)
     if lag > _SHORTEST_LAG_S:
-        omega, h = 2.0 * SERVO_DAMPING / lag, float(grid[1] - grid[0])
+        omega = 2.0 * SERVO_DAMPING / lag
         # State, input and its rise over one step: exact for an input that goes in straight lines.
         A = np.zeros((4, 4))
         A[0, 1], A[1, :3] = h, (-omega * omega * h, -2.0 * SERVO_DAMPING * omega * h, omega * omega * h)

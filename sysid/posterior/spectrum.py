@@ -24,8 +24,9 @@ NYQUIST_SHARE = 0.42
 _LONGEST_WINDOW_S, _LEAST_WINDOW_S, _WINDOWS = 8.0, 1.5, 6.0
 # Fewer windows than this tell nothing of how outputs go together.
 _LEAST_FOR_CROSS = 6.0
-# What a structure never holds: this share of the motion, at most; the flight says how much of it (`misfit_share`).
-LARGEST_MISFIT = 0.03
+# What a structure never holds: this share of the motion, at most; the flight says how much of it (`misfit_share`). At
+# least what the smoothing of the imposed motion and interpolation cost.
+LEAST_MISFIT, LARGEST_MISFIT = 0.003, 0.03
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def misfit_share(frequencies: Array, residual: Array, simulated: Array) -> float
     noise = np.median(residual[top], axis=0)
     beyond = np.maximum(residual[band].sum(axis=0) - 1.3 * noise * np.count_nonzero(band), 0.0)
     ratio = beyond / np.maximum(simulated[band].sum(axis=0), 1e-300)
-    return float(min(LARGEST_MISFIT, np.sqrt(np.median(ratio))))
+    return float(np.clip(np.sqrt(np.median(ratio)), LEAST_MISFIT, LARGEST_MISFIT))
 
 
 def _thirds(C: NDArray[np.complex128]) -> Complex:

@@ -12,32 +12,28 @@ from sysid.arrays import Array
 from sysid.posterior.inputs import servo
 from sysid.posterior.part import FlightPart
 
-# Delays of the commands that are tried, s: those by which the moments fit best give the start.
+# Delays of the commands that are tried, s.
 _DELAYS_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11)
 # Ends of a part that are left out, s, where smoothing and derivatives are poor.
 _ENDS_S = 0.3
 
 
-def equation_error_start(
+def equation_error_starts(
     parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str]
-) -> tuple[dict[str, float], float]:
-    """Value of each coefficient that the parts' smoothed motion gives by least squares, and the commands' delay, s.
+) -> list[tuple[dict[str, float], float]]:
+    """Values of the coefficients that the parts' smoothed motion gives by least squares, for each delay [s] of the
+    commands that is tried.
 
-    A wrong delay turns the signs of damping and stability, from where no search comes back.
+    A wrong delay turns the signs of damping and stability, from where no search comes back; and a vane that lags makes
+    the wrong one fit best. So all are given, and the likelihood of a simulation chooses.
     """
     delays = (0.0,) if all(part.position for part in parts) else _DELAYS_S
-    tried = [(*_fit(parts, vehicle, names, delay), delay) for delay in delays]
-    found, _, delay = min(tried, key=lambda one: one[1])
-    return found, delay
+    return [(_fit(parts, vehicle, names, delay), delay) for delay in delays]
 
 
-def _fit(
-    parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str], delay: float
-) -> tuple[dict[str, float], float]:
-    """Values, and the log of what the moments' equations leave."""
+def _fit(parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str], delay: float) -> dict[str, float]:
     columns = [_columns(part, vehicle, delay) for part in parts]
     found: dict[str, float] = {}
-    left = 0.0
     for axis in dict.fromkeys(parse_term(name).axis for name in names):
         own = [name for name in names if parse_term(name).axis == axis]
         y = np.concatenate([one[axis] for one in columns])
@@ -46,9 +42,7 @@ def _fit(
         scale = np.where(size > 0.0, size, 1.0)
         values = np.linalg.lstsq(X / scale, y, rcond=1e-10)[0] / scale
         found |= {name: float(value) for name, value in zip(own, values, strict=True)}
-        if axis in ("Cl", "Cm", "Cn"):
-            left += float(np.log(max(np.mean((y - X @ values) ** 2), 1e-300)))
-    return found, left
+    return found
 
 
 def _regressor(name: str, columns: dict[str, Array]) -> Array:

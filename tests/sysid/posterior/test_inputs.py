@@ -68,3 +68,12 @@ def test_a_vane_swings_as_the_linear_system_of_its_frequency_and_damping() -> No
         expected.append(y[::10])
     swing(read, np.full(grid.size, 15.0), 0.01, 15.0, 6.0, 0.4)
     np.testing.assert_allclose(read.T, expected, atol=0.03)
+
+
+def test_a_step_that_comes_a_little_later_moves_the_servo_a_little() -> None:
+    grid = np.arange(0.0, 4.0, 0.005)
+    told = InputSignal(TIMES, np.where(TIMES > 2.0, 0.1, 0.0), "held")
+    moved = [servo(told, grid, delay, 0.04, 0.0) for delay in (0.0302, 0.0307, 0.0312)]
+    rate = (moved[2] - moved[0]) / 0.001
+    assert rate.sum() * 0.005 == pytest.approx(-0.1, rel=1e-6)
+    assert np.abs(rate + np.gradient(moved[1], grid)).max() < 0.2 * np.abs(rate).max()

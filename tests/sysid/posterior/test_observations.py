@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.posterior.observations import AFTER_GAP_S, bursts, common_grid, joined_at, read_at
-from sysid.posterior.spectrum import LARGEST_MISFIT, residual_spectrum
+from sysid.posterior.spectrum import LARGEST_MISFIT, LEAST_MISFIT, residual_spectrum
 
 GRID = np.arange(0.0, 10.0, 0.01)
 
@@ -62,7 +62,7 @@ def test_flat_residuals_leave_nothing_for_what_a_structure_lacks_and_coloured_on
     grid = common_grid(0.0, 60.0, 0.02, [], 0.5)
     motion = np.sin(2.0 * np.pi * 0.8 * grid.points)[None] + 0.1 * generator.standard_normal((1, grid.points.size))
     white = 0.001 * generator.standard_normal((1, grid.points.size))
-    assert residual_spectrum([white], [motion], [grid])[1] < 0.002
+    assert residual_spectrum([white], [motion], [grid])[1] == LEAST_MISFIT
     misfit = white + 0.02 * motion
     assert 0.01 < residual_spectrum([misfit], [motion], [grid])[1] <= LARGEST_MISFIT
     assert residual_spectrum([white + 0.5 * motion], [motion], [grid])[1] == LARGEST_MISFIT
