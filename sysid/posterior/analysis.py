@@ -123,6 +123,12 @@ def estimate(
     if not found:
         raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
+    warnings += [
+        f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an autopilot or"
+        " pilot in the loop; bars are wider by that, and narrow where test inputs are flown that answer nothing"
+        for group, (_, result) in found.items()
+        if result.feedback > 0.0
+    ]
     joint, prior_std = _joint(found)
     return PosteriorEstimate(
         joint, prior_std, {group: result for group, (_, result) in found.items()},
@@ -136,7 +142,7 @@ def _alike(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> dict[str,
     told = {}
     for model, result in found.values():
         for i, one in enumerate(model.unknowns, len(model.parameters)):
-            if one.name in _ALIKE and not result.closed_loop and not all(part.position for part in model.parts):
+            if one.name in _ALIKE and result.feedback == 0.0 and not all(part.position for part in model.parts):
                 std = float(np.hypot(np.sqrt(result.covariance[i, i]), _ALIKE[one.name]))
                 told[one.name] = (float(result.theta[i]), std)
     return told
@@ -246,7 +252,7 @@ def _joint(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[Gau
         theta = result.theta[:count]
         names += list(result.names[:count])
         values.append(theta)
-        blocks.append(result.covariance[:count, :count] + np.diag((result.misfit * theta) ** 2))
+        blocks.append(result.covariance[:count, :count] + np.diag(_beyond(result, theta, count) ** 2))
         prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
     covariance = np.zeros((len(names), len(names)))
     begin = 0
@@ -255,6 +261,23 @@ def _joint(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[Gau
         covariance[here, here] = block
         begin += block.shape[0]
     return Gaussian(tuple(names), np.concatenate(values), covariance), prior
+
+
+def _beyond(result: PosteriorResult, theta: Array, count: int) -> Array:
+    """(count,) standard deviations of what neither Fisher's bar nor the sandwich holds.
+
+    A share of the value for what no structure holds. In a closed loop the estimate mixes the aircraft with the inverse
+    of what flies it, in the ratio of the commands' shares that do and do not answer noise: of its own size then, or of
+    the usual one, since the mixture need not be small where the coefficient is.
+    """
+    size = np.array([max(abs(value), _usual(name)) for name, value in zip(result.names[:count], theta, strict=True)])
+    loop = result.feedback / max(1.0 - result.feedback, 0.1) * size
+    return np.asarray(np.hypot(result.misfit * np.abs(theta), loop))
+
+
+def _usual(name: str) -> float:
+    """Usual size of a coefficient; 0 of an effect's parameter."""
+    return 0.0 if "." in name else usual_size(name)
 
 
 def _nuisances(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[NuisanceEstimate, ...]:

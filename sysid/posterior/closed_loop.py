@@ -1,4 +1,8 @@
-"""Commands of a closed loop without what they owe to the residuals."""
+"""How far the commands follow what a model leaves: an autopilot, or a pilot, who answers gusts with the surfaces.
+
+Direct estimates from a closed loop mix the aircraft with the inverse of what flies it, by the share of the commands
+that answers noise (Soderstrom, Gustavsson & Ljung, Int. J. Control 21, 1975): the share is what bars must hold.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +12,18 @@ from sysid.arrays import Array
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import CommonGrid
 
-# On a shorter part the filter would take the whole command away, s.
-SHORTEST_LOOP_S = 40.0
-# Share of a command's variance explained by residuals, beyond chance, from which on it follows them.
-FOLLOWS = 0.05
+# A shorter part cannot tell an answer from chance, s.
+SHORTEST_LOOP_S = 20.0
+# Share of a command's variance, beyond chance, below which it follows nothing.
+_LEAST_SHARE = 0.05
 # The causal filter: steps and memory, s, and its ridge.
-_STEP_S, _MEMORY_S, _RIDGE = 0.06, 1.5, 0.02
+_STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 
 
-def cleaned(command: InputSignal, residual: Array, common: CommonGrid) -> tuple[InputSignal, float]:
-    """The command less what a causal filter of the residuals (m, K) explains, and the share of it that this is.
+def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) -> float:
+    """Share of a command's variance that a causal filter of the residuals (m, K) explains, 0 to 1.
 
-    The share is adjusted for chance: many lags explain a part of anything.
+    Adjusted for chance, by which many lags explain a part of anything.
     """
     every = max(1, round(_STEP_S / common.interval_s))
     lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
@@ -33,14 +37,12 @@ def cleaned(command: InputSignal, residual: Array, common: CommonGrid) -> tuple[
     A = np.zeros((count, residual.shape[0] * lags))
     for lag in range(lags):
         A[lag:, lag::lags] = means[:, : count - lag].T
-    times = common.points[::every]
-    u = command.at(times)
+    u = command.at(common.points[::every])
     off = u - u.mean()
-    weights = np.linalg.solve(A.T @ A + _RIDGE * count * np.eye(A.shape[1]), A.T @ off)
-    explained = A @ weights
     power = float(off @ off)
-    share = 1.0 - float((off - explained) @ (off - explained)) / max(power, 1e-300)
-    chance = A.shape[1] / max(count - 1, 1)
-    adjusted = 1.0 - (1.0 - share) / max(1.0 - chance, 0.05)
-    values = command.at(common.points) - np.interp(common.points, times, explained)
-    return InputSignal(common.points, values, "joined"), adjusted
+    if count < 2 * A.shape[1] or power == 0.0:
+        return 0.0
+    weights = np.linalg.solve(A.T @ A + _RIDGE * count * np.eye(A.shape[1]), A.T @ off)
+    left = off - A @ weights
+    adjusted = 1.0 - float(left @ left) / power / (1.0 - A.shape[1] / count)
+    return adjusted if adjusted > _LEAST_SHARE else 0.0

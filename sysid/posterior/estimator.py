@@ -15,18 +15,14 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.closed_loop import FOLLOWS, SHORTEST_LOOP_S, cleaned
+from sysid.posterior.closed_loop import SHORTEST_LOOP_S, feedback_share
 from sysid.posterior.group import SURFACES_OF, GroupModel
-from sysid.posterior.inputs import InputSignal
 from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
 from sysid.posterior.unknowns import ZERO_STD
 
-Instruments = list[dict[str, InputSignal]]
-
 MAX_PASSES = 12
-# A step below this share of every standard error ends the search.
+# A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
-_INSTRUMENT_PASSES = 4
 # Blocks of time of the sandwich, s, and the fewest of them.
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
 
@@ -55,7 +51,7 @@ class PosteriorResult:
     names: of the unknowns without the initial states, (P,). theta: (P,). covariance: (P, P), the larger of Fisher's and
     the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of the motion that the structure
     may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K). passes: steps made.
-    closed_loop: whether commands followed the residuals, so that instruments took the place of sensitivities.
+    feedback: share of the commands' variance that follows the residuals: a closed loop.
     """
 
     names: tuple[str, ...]
@@ -70,7 +66,7 @@ class PosteriorResult:
     passes: int
     converged: bool
     cost: float
-    closed_loop: bool
+    feedback: float
 
 
 class Posterior:
@@ -146,16 +142,15 @@ class Posterior:
             total += 0.5 * float(e @ e)
         return total
 
-    def normal(self, at: _Point, instruments: Instruments | None = None) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,), prior included. instruments: inputs of the left slopes."""
+    def normal(self, at: _Point) -> tuple[Array, Array]:
+        """Information (P, P) and gradient downhill (P,), prior included."""
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
         for i, residual in enumerate(at.residuals):
             J = self.whitened(i, self.model.slopes(i, at.theta))
             e = self.whitened(i, residual[:, :, None])[:, 0]
-            left = J if instruments is None else self.whitened(i, self.model.slopes(i, at.theta, instruments[i]))
-            H += left.T @ J
-            g += left.T @ e
+            H += J.T @ J
+            g += J.T @ e
         return H, g
 
     def profile(self, theta: Array) -> float:
@@ -174,8 +169,7 @@ class Posterior:
     def solve(self, start: Array, max_passes: int = MAX_PASSES) -> PosteriorResult:
         """Search from `start` (P,). Raises EstimationError where even the start diverges."""
         at, passes, converged = self._search(start, max_passes)
-        at, instruments = self._in_closed_loop(at)
-        return self._result(at, passes, converged, instruments)
+        return self._result(at, passes, converged)
 
     def _search(self, start: Array, max_passes: int) -> tuple[_Point, int, bool]:
         """Where the steps end, how many there were, and whether the last was small."""
@@ -198,7 +192,8 @@ class Posterior:
                 damping = max(8.0 * damping, 1e-3)
             if accepted is None:
                 break
-            moved = float(np.max(np.abs(accepted.theta - at.theta) / std))
+            count = len(self.model.parameters)
+            moved = float(np.max((np.abs(accepted.theta - at.theta) / std)[:count]))
             damping, at = max(damping / 10.0, 1e-7), accepted
             self.weigh(at)
             if moved < _SETTLED and passes > 2:
@@ -206,45 +201,18 @@ class Posterior:
                 break
         return at, passes, converged
 
-    def _in_closed_loop(self, at: _Point) -> tuple[_Point, Instruments | None]:
-        """The estimate by instrumental variables where commands follow the residuals; else as it is.
-
-        An autopilot answers gusts with the surfaces, so what is left and what drives the simulation go together, and
-        the estimate is biased towards the inverse of the autopilot. Sensitivities to commands without what a causal
-        filter of the residuals explains of them do not know of the gusts (Soderstrom & Stoica, Instrumental Variable
-        Methods for System Identification, 1983).
-        """
-        instruments: Instruments | None = None
-        for _ in range(_INSTRUMENT_PASSES):
-            instruments = self._instruments(at)
-            if instruments is None:
-                return at, None
-            H, g = self.normal(at, instruments)
-            std = np.sqrt(np.maximum(np.diag(inverse(0.5 * (H + H.T))), 0.0))
-            step = np.linalg.solve(H, g)
-            largest = float(np.max(np.abs(step) / np.maximum(std, 1e-12)))
-            theta = np.clip(at.theta + step * min(1.0, 3.0 / max(largest, 1e-9)), self.low, self.high)
-            try:
-                at = self.point(theta)
-            except EstimationError:
-                return at, None
-            self.weigh(at)
-            if largest < _SETTLED:
-                break
-        return at, instruments
-
-    def _instruments(self, at: _Point) -> Instruments | None:
-        """Cleaned commands of every part, None where none follows the residuals."""
-        found, follows = [], False
-        for part, residual in zip(self.parts, at.residuals, strict=True):
-            inputs = dict(part.inputs)
-            if part.duration_s >= SHORTEST_LOOP_S and not part.position:
-                for name in SURFACES_OF[self.model.group]:
-                    if name in inputs:
-                        inputs[name], share = cleaned(inputs[name], residual, part.common)
-                        follows |= share > FOLLOWS
-            found.append(inputs)
-        return found if follows else None
+    def _feedback(self, at: _Point) -> float:
+        """Largest share of a command that follows the residuals, of the parts that can tell."""
+        shares = [0.0]
+        for name in SURFACES_OF[self.model.group]:
+            told = [
+                (part.duration_s, feedback_share(part.inputs[name], residual, part.common))
+                for part, residual in zip(self.parts, at.residuals, strict=True)
+                if name in part.inputs and part.duration_s >= SHORTEST_LOOP_S and not part.position
+            ]
+            if told:
+                shares.append(sum(d * s for d, s in told) / sum(d for d, _ in told))
+        return max(shares)
 
     def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:
         """Damped Gauss-Newton step within the bounds: what would leave them stays there, the rest steps without it."""
@@ -266,26 +234,19 @@ class Posterior:
             free &= ~out
         return target
 
-    def _result(self, at: _Point, passes: int, converged: bool, instruments: Instruments | None) -> PosteriorResult:
+    def _result(self, at: _Point, passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
-        left_squares = self.prior.information.copy()
         scores = []
         for i, residual in enumerate(at.residuals):
             J = self.whitened(i, self.model.slopes(i, at.theta))
-            left = J if instruments is None else self.whitened(i, self.model.slopes(i, at.theta, instruments[i]))
             e = self.whitened(i, residual[:, :, None])[:, 0]
-            H += left.T @ J
-            left_squares += left.T @ left
-            scores.append(self._block_scores(i, left, e))
-        if instruments is None:
-            outer = fisher = inverse(H)
-        else:
-            outer = np.asarray(np.linalg.inv(H), dtype=np.float64)
-            fisher = outer @ left_squares @ outer.T
+            H += J.T @ J
+            scores.append(self._block_scores(i, J, e))
+        fisher = inverse(H)
         B = np.concatenate(scores)
         count = B.shape[0]
         middle = B.T @ B * (count / max(count - 1, 1)) + self.prior.information
-        sandwich = outer @ middle @ outer.T
+        sandwich = fisher @ middle @ fisher
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
         covariance = fisher * np.outer(growth, growth)
@@ -295,7 +256,7 @@ class Posterior:
         return PosteriorResult(
             self.model.names, at.theta[:P], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
-            self.cost(at) + self._logdet, instruments is not None,
+            self.cost(at) + self._logdet, self._feedback(at),
         )  # fmt: skip
 
     def _block_scores(self, index: int, J: Array, e: Array) -> Array:

@@ -14,10 +14,11 @@ import numpy as np
 from scipy import sparse
 
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.posterior.inputs import InputSignal, interval_means, servo, swing
+from sysid.posterior.inputs import interval_means, servo, swing
 from sysid.posterior.observations import joined_at, read_at
 from sysid.posterior.part import FlightPart
 from sysid.posterior.unknowns import Unknowns
@@ -29,10 +30,13 @@ SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 # What initial states are known to before they are estimated: m/s and rad/s.
 _START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
 _VANES = ("alpha", "beta")
+# A servo is let run so long before a part begins, s.
+_SERVO_LEAD_S = 0.5
+_SERVO = ("servo_delay", "servo_lag", "servo_backlash")
 # Nuisances that change what drives the simulation; the others act on what it reads.
 _DRIVING = frozenset(
     (
-        *("servo_delay", "servo_lag", "servo_backlash", "airspeed_error", "airspeed_alpha", "airspeed_lag"),
+        *(*_SERVO, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
         *("theta_offset", "phi_offset", "alpha_offset"),
     )
 )
@@ -71,6 +75,8 @@ class GroupModel:
         self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
         self.flat = flatten(vehicle, model)
+        own = SURFACES_OF[group]
+        self._surfaces = {*own, *(factor for name in names for factor in parse_term(name).factors)}
         self.free_states = [STATES.index(name) for name in _FREE[group]]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._prepared = [self._prepare(part) for part in parts]
@@ -94,17 +100,17 @@ class GroupModel:
         """(m, K) measured outputs of a part on its common grid."""
         return self._prepared[index].measured
 
-    def simulated(self, index: int, theta: Array, inputs: Mapping[str, InputSignal] | None = None) -> Array:
-        """(m, K) simulated outputs of a part on its common grid. inputs: instead of its own."""
+    def simulated(self, index: int, theta: Array) -> Array:
+        """(m, K) simulated outputs of a part on its common grid."""
         one, values = self._prepared[index], self._values(theta)
-        y = self._ideal(one, values, theta, self._states(index, theta), inputs)[0]
+        y = self._ideal(one, values, theta, self._states(index, theta))[0]
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
-    def slopes(self, index: int, theta: Array, inputs: Mapping[str, InputSignal] | None = None) -> Array:
+    def slopes(self, index: int, theta: Array) -> Array:
         """(m, K, P) slopes of a part's outputs by all unknowns."""
         one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
         states = self._states(index, theta)
-        y, predictor = self._ideal(one, values, theta, states, inputs)
+        y, predictor = self._ideal(one, values, theta, states)
         local = np.concatenate((theta[:count], states[self.free_states]))
         S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
         nuisances = list(self.unknowns)
@@ -114,7 +120,8 @@ class GroupModel:
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
             other = {**values, nuisance.name: values[nuisance.name] + step}
-            moved.append((self._ideal(one, other, theta, states, inputs)[0] - y) / step)
+            record = self._driven(one, other, predictor.records[0], nuisance.name in _SERVO)
+            moved.append((self._ideal(one, other, theta, states, record)[0] - y) / step)
         stack = np.concatenate((S, y[:, :, None], *(m[:, :, None] for m in moved)), axis=2)
         read = self._read(one, values, stack)
         result = np.zeros((len(self.outputs), one.measured.shape[1], self.size))
@@ -180,23 +187,41 @@ class GroupModel:
         rows = (*(speed * one for one in flow), motion["p"], motion["q"], motion["r"], phi, theta, np.zeros_like(phi))
         return np.ascontiguousarray(np.stack(rows, axis=1))
 
-    def _driven(self, one: _Prepared, values: Mapping[str, float], inputs: Mapping[str, InputSignal] | None) -> Record:
-        """The record with commands behind their servos, and the motion that is imposed."""
-        part = one.part
-        told = part.inputs if inputs is None else inputs
-        n, step = part.grid.size, one.record.interval_s
-        before = round(0.5 / step)
-        half = part.grid[0] - before * step + 0.5 * step * np.arange(2 * (n + before) + 1)
-        commands = np.zeros((n, 4))
-        for j, name in enumerate(("de", "da", "dr")):
-            if name in told:
-                behind = servo(told[name], half, values["servo_delay"], values["servo_lag"], values["servo_backlash"])
-                commands[:, j] = interval_means(behind)[before:]
-        if "throttle" in told:
-            commands[:, 3] = told["throttle"].at(part.grid)
-        imposed = self._imposed(part, values)
+    def _driven(
+        self,
+        one: _Prepared,
+        values: Mapping[str, float],
+        before: Record | None = None,
+        by_servo: bool = True,
+    ) -> Record:
+        """The record with commands behind their servos, and the motion that is imposed.
+
+        before: a record of which only the commands change (by_servo), or only what is imposed.
+        """
+        if before is None or by_servo:
+            commands = self._commands(one, values)
+            if before is not None:
+                return replace(before, commands=commands)
+        else:
+            commands = before.commands
+        imposed = self._imposed(one.part, values)
         imposed[:, self.free_states] = np.nan
         return replace(one.record, commands=commands, imposed_states=imposed)
+
+    def _commands(self, one: _Prepared, values: Mapping[str, float]) -> Array:
+        """(N, 4) means of what the surfaces did over each step, and the throttle."""
+        part = one.part
+        n, step = part.grid.size, one.record.interval_s
+        lead = round(_SERVO_LEAD_S / step)
+        half = part.grid[0] - lead * step + 0.5 * step * np.arange(2 * (n + lead) + 1)
+        commands = np.zeros((n, 4))
+        for j, name in enumerate(("de", "da", "dr")):
+            if name in part.inputs and name in self._surfaces:
+                behind = servo(part.inputs[name], half, *(values[key] for key in _SERVO))
+                commands[:, j] = interval_means(behind)[lead:]
+        if "throttle" in part.inputs:
+            commands[:, 3] = part.inputs["throttle"].at(part.grid)
+        return commands
 
     def _ideal(
         self,
@@ -204,11 +229,12 @@ class GroupModel:
         values: Mapping[str, float],
         theta: Array,
         states: Array,
-        inputs: Mapping[str, InputSignal] | None,
+        record: Record | None = None,
     ) -> tuple[Array, Predictor]:
-        """(N, m) what ideal sensors read on the grid, and what it was predicted by."""
+        """(N, m) what ideal sensors read on the grid, and what it was predicted by. record: what drives it."""
+        record = self._driven(one, values) if record is None else record
         predictor = Predictor(
-            self.flat, self.parameters, [self._driven(one, values, inputs)], sub_steps=1, tangent_steps=1,
+            self.flat, self.parameters, [record], sub_steps=1, tangent_steps=1,
             command_first=0.5,
         )  # fmt: skip
         flat, _ = predictor.apply(theta[: len(self.parameters)])

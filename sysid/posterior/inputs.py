@@ -8,6 +8,7 @@ for each sample of the log is a smooth function seen at points, and a straight l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -40,23 +41,29 @@ class InputSignal:
         """
         if self.kind == "held":
             if width > 0.0:
-                passed = np.concatenate(([0.0], np.cumsum(self.values[:-1] * np.diff(self.time_s))))
-                after, before = (self._passed(time_s + side * width, passed) for side in (0.5, -0.5))
+                after, before = (self._passed(time_s + side * width) for side in (0.5, -0.5))
                 return np.asarray((after - before) / width)
             place = np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1
             return np.asarray(self.values[np.clip(place, 0, self.values.size - 1)])
         found = np.interp(time_s, self.time_s, self.values)
         if self.kind == "splined":
-            for begin, end in unbroken(self.time_s):
-                if end - begin < 4:
-                    continue
-                inside = (time_s >= self.time_s[begin]) & (time_s <= self.time_s[end - 1])
-                found[inside] = CubicSpline(self.time_s[begin:end], self.values[begin:end])(time_s[inside])
+            for curve in self._curves:
+                inside = (time_s >= curve.x[0]) & (time_s <= curve.x[-1])
+                found[inside] = curve(time_s[inside])
         return np.asarray(found)
 
-    def _passed(self, time_s: Array, passed: Array) -> Array:
+    @cached_property
+    def _curves(self) -> list[CubicSpline]:
+        parts = [slice(begin, end) for begin, end in unbroken(self.time_s) if end - begin >= 4]
+        return [CubicSpline(self.time_s[part], self.values[part]) for part in parts]
+
+    @cached_property
+    def _integral(self) -> Array:
+        return np.concatenate(([0.0], np.cumsum(self.values[:-1] * np.diff(self.time_s))))
+
+    def _passed(self, time_s: Array) -> Array:
         """Integral of a held command from its first stamp."""
-        inside = np.interp(time_s, self.time_s, passed)
+        inside = np.interp(time_s, self.time_s, self._integral)
         early = np.minimum(time_s - self.time_s[0], 0.0) * self.values[0]
         late = np.maximum(time_s - self.time_s[-1], 0.0) * self.values[-1]
         return np.asarray(inside + early + late)

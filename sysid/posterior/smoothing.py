@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -81,12 +82,16 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array) -> A
     noise = max(float(np.std(rough)) if rough.size else 0.1, _LEAST_NOISE) ** 2
     start = float(np.median(read[:10]))
 
+    @cache
     def run(lag: float, power: float) -> tuple[Array, float]:
         return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start)
 
-    table = np.array([[run(lag, power)[1] for lag in _LAGS_S] for power in _GUST_POWERS])
-    power = _GUST_POWERS[int(np.argmax(table.max(axis=1)))]
-    score = table.max(axis=0) - 0.5 * ((np.array(_LAGS_S) - _LAG_PRIOR_S[0]) / _LAG_PRIOR_S[1]) ** 2
+    # One after the other, and the first again: both matter little to each other.
+    power = max(_GUST_POWERS, key=lambda one: run(_LAG_PRIOR_S[0], one)[1])
+    lag = max(_LAGS_S, key=lambda one: run(one, power)[1])
+    power = max(_GUST_POWERS, key=lambda one: run(lag, one)[1])
+    likelihood = np.array([run(one, power)[1] for one in _LAGS_S])
+    score = likelihood - 0.5 * ((np.array(_LAGS_S) - _LAG_PRIOR_S[0]) / _LAG_PRIOR_S[1]) ** 2
     best = int(np.argmax(score))
     weight = np.exp(np.clip(score - score[best], -50.0, 0.0)) * np.gradient(np.array(_LAGS_S))
     lag = float(weight @ np.array(_LAGS_S) / weight.sum())

@@ -1,0 +1,54 @@
+"""How far commands follow what a model leaves: none where they are given, much where an autopilot answers gusts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_flight import field_flight
+
+from sysid.identification.identify import identify
+from sysid.posterior.closed_loop import feedback_share
+from sysid.posterior.inputs import InputSignal
+from sysid.posterior.observations import common_grid
+
+GRID = common_grid(0.0, 60.0, 0.02, [], 0.5)
+
+
+def noise(seed: int) -> np.ndarray:
+    """Two residuals, coloured as gusts are."""
+    white = np.random.default_rng(seed).standard_normal((2, GRID.points.size))
+    for k in range(1, GRID.points.size):
+        white[:, k] = 0.95 * white[:, k - 1] + 0.3 * white[:, k]
+    return white
+
+
+def test_given_commands_follow_nothing_and_fed_back_ones_follow_by_their_share() -> None:
+    residual = noise(0)
+    given = noise(1)[0]
+    given *= residual[0].std() / given.std()
+    assert feedback_share(InputSignal(GRID.points, given, "joined"), residual, GRID) < 0.12
+    late = np.concatenate((np.zeros(5), residual[0, :-5]))  # an autopilot that answers 0.1 s later
+    for share in (0.2, 0.5, 0.8):
+        command = np.sqrt(1.0 - share) * given + np.sqrt(share) * late
+        told = feedback_share(InputSignal(GRID.points, command, "joined"), residual, GRID)
+        assert told == pytest.approx(share, abs=0.15)
+
+
+def test_commands_know_nothing_of_gusts_to_come() -> None:
+    # White steps half a second ahead: no causal filter of what is left explains them.
+    fast = np.random.default_rng(3).standard_normal((2, GRID.points.size))
+    early = np.concatenate((fast[0, 25:], np.zeros(25)))
+    assert feedback_share(InputSignal(GRID.points, early, "joined"), fast, GRID) < 0.1
+
+
+@pytest.mark.whole_flight
+def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(tmp_path: Path) -> None:
+    flight = field_flight("closed-loop", 1, tmp_path)
+    found = identify([flight.signals], flight.vehicle, method="map")
+    assert any("autopilot or pilot in the loop" in warning for warning in found.warnings)
+    for name in flight.excited:
+        entry, (low, high) = found.model.coefficients[name], flight.truth[name]
+        if entry.value is not None and entry.std is not None:
+            assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
