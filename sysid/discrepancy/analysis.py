@@ -156,7 +156,7 @@ def _without(base: Baseline) -> Search:
 
 def _left(base: Baseline, search: Search) -> str:
     """What the search's model leaves unexplained, in words; empty for nothing."""
-    found = left_over(search.problem, search.setting, search.imprecise)
+    found = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
     return "; ".join(f"{name} ({why})" for name, why in found.items())
 
 

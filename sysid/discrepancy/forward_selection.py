@@ -53,11 +53,11 @@ class Search:
         return FittedModel(self.model, list(self.coefficients), list(self.effects), self.result, given)
 
     @property
-    def imprecise(self) -> float:
+    def unmodelled_memory_gain(self) -> float:
         """Gain (twice the log likelihood) that lags named so far may leave to others."""
         return unmodelled_memory_gain(self.named)
 
-    def imprecise_without(self, left_out: Named) -> float:
+    def memory_gain_without(self, left_out: Named) -> float:
         """The same of all the others."""
         return unmodelled_memory_gain([one for one in self.named if one is not left_out])
 
@@ -87,7 +87,7 @@ def extend(search: Search, progress: Progress) -> bool:
     weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
     top = max(range(len(found)), key=lambda i: weights[i].probability)
     candidate, result = found[top].candidate, found[top].result
-    if weights[top].gain < search.imprecise:
+    if weights[top].gain < search.unmodelled_memory_gain:
         return False
     if not is_significant(weights[top], len(choices)):
         if is_unlikely(weights[top], len(choices)):
@@ -135,7 +135,7 @@ def eliminate_redundant(search: Search) -> None:
             (without, one)
             for one, (_, without) in zip(search.named, asked, strict=True)
             if without is not None
-            and not (is_significant(one.weight, one.tried) and without.gain > search.imprecise_without(one))
+            and not (is_significant(one.weight, one.tried) and without.gain > search.memory_gain_without(one))
         ]
         if not needless:
             return

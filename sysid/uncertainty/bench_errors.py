@@ -121,7 +121,7 @@ class BenchEffect:
     """A bench error with what it feigns, and what it adds to the residuals (N, 15) of each record."""
 
     error: BenchError
-    feigned: ApparentChange
+    apparent: ApparentChange
     added: list[Array]
 
 
@@ -156,10 +156,10 @@ def carry(
     information, _ = here.normal
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for one, pull in zip(every, here.gradient_changes([one.added for one in every]).T, strict=True):
-        pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.feigned.sensors)
+        pull[: len(result.parameters)] += _prior_pull(here.estimation, here.problem, one.apparent.sensors)
         step = solve(information, pull)
         for i, parameter in enumerate(result.parameters):
-            step[i] -= one.feigned.sensors.get(parameter.name, 0.0)
+            step[i] -= one.apparent.sensors.get(parameter.name, 0.0)
             moved = shares[parameter.name].get(one.error.source, 0.0)
             shares[parameter.name][one.error.source] = float(np.hypot(moved, step[i]))
         covariance += np.outer(step, step)

@@ -44,6 +44,8 @@ ORDER = {
         *("mavlink", "cli"),
     ),
 }
+# Standard gravity, density at sea level, gas constant of air: in sim_vehicle/constants.py alone.
+PHYSICAL_CONSTANTS = (9.80665, 1.225, 287.05287)
 # Second names, for users of the library, of modules in the folders. They come last: nothing in a package imports them.
 ALIASES = {"sysid": {"calibration", "identify"}, "sim_vehicle": {"__main__"}, "sysid.live": set[str]()}
 # What all of sysid may import of sim_vehicle, and what a folder or a module may beside that.
@@ -217,3 +219,29 @@ def test_each_check_sees_what_it_is_for(
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     assert check(tmp_path) == found
+
+
+def constants_written_out(root: Path) -> list[str]:
+    """Places in the code where a physical constant stands as a number."""
+    found = []
+    for package in ("gcs", "sysid", "sim_vehicle"):
+        for path in sorted((root / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            numbers = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and type(node.value) is float)
+            found += [
+                f"{path.relative_to(root)}:{node.lineno} {node.value}"
+                for node in numbers
+                if node.value in PHYSICAL_CONSTANTS and path.relative_to(root) != Path("sim_vehicle/constants.py")
+            ]
+    return found
+
+
+def test_physical_constants_are_defined_once() -> None:
+    assert constants_written_out(ROOT) == []
+
+
+def test_a_constant_written_out_is_found(tmp_path: Path) -> None:
+    for package in ("gcs", "sysid", "sim_vehicle"):
+        (tmp_path / package).mkdir()
+    (tmp_path / "sysid" / "weight.py").write_text("def weight(mass):\n    return mass * 9.80665\n")
+    assert constants_written_out(tmp_path) == ["sysid/weight.py:2 9.80665"]
