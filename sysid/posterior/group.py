@@ -37,7 +37,7 @@ _SERVO = ("servo_delay", "servo_lag", "servo_backlash")
 _DRIVING = frozenset(
     (
         *(*_SERVO, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
-        *("theta_offset", "phi_offset", "alpha_offset"),
+        *("theta_offset", "phi_offset", "alpha_offset", "thrust_error"),
     )
 )
 
@@ -206,7 +206,8 @@ class GroupModel:
             commands = before.commands
         imposed = self._imposed(one.part, values)
         imposed[:, self.free_states] = np.nan
-        return replace(one.record, commands=commands, imposed_states=imposed)
+        thrust = one.record.thrust * (1.0 - values.get("thrust_error", 0.0))
+        return replace(one.record, commands=commands, imposed_states=imposed, thrust=thrust)
 
     def _commands(self, one: _Prepared, values: Mapping[str, float]) -> Array:
         """(N, 4) means of what the surfaces did over each step, and the throttle."""
@@ -242,6 +243,10 @@ class GroupModel:
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
         """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""
+        tilt = values.get("accelerometer_tilt", 0.0)
+        if tilt != 0.0 and {"ax", "az"} <= set(self.outputs):
+            y = y.copy()
+            y[:, self.outputs.index("ax"), :] += tilt * y[:, self.outputs.index("az"), :]
         result = np.empty((y.shape[1], one.measured.shape[1], y.shape[2]))
         for j, name in enumerate(self.outputs):
             column = np.ascontiguousarray(y[:, j, :])

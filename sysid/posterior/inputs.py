@@ -12,7 +12,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.linalg import expm
 
 from sim_vehicle.jit import jit_arrays
@@ -21,13 +21,19 @@ from sysid.arrays import Array
 SERVO_DAMPING = 0.8
 # Shorter lags than this make no difference to anything a log can show, s.
 _SHORTEST_LAG_S = 5e-4
+# Longest interval at which a control loop sends its commands, s (50 Hz; a fifth for jitter).
+_LOOP_INTERVAL_S = 0.024
 # Share of samples that repeat the one before, from which on a command is taken as one that steps.
 _STEPPING = 0.5
 
 
 @dataclass(frozen=True)
 class InputSignal:
-    """A command or position as a function of time. kind: "held", "splined" or "joined". time_s, values: (N,)."""
+    """A command or position as a function of time. time_s, values: (N,).
+
+    kind: "held" from stamp to stamp; "splined", a cubic spline; "eased", a monotone one that does not overshoot at
+    steps; "joined" by straight lines.
+    """
 
     time_s: Array
     values: Array
@@ -46,15 +52,17 @@ class InputSignal:
             place = np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1
             return np.asarray(self.values[np.clip(place, 0, self.values.size - 1)])
         found = np.interp(time_s, self.time_s, self.values)
-        if self.kind == "splined":
+        if self.kind in ("splined", "eased"):
             for curve in self._curves:
                 inside = (time_s >= curve.x[0]) & (time_s <= curve.x[-1])
                 found[inside] = curve(time_s[inside])
         return np.asarray(found)
 
     @cached_property
-    def _curves(self) -> list[CubicSpline]:
+    def _curves(self) -> list[CubicSpline] | list[PchipInterpolator]:
         parts = [slice(begin, end) for begin, end in unbroken(self.time_s) if end - begin >= 4]
+        if self.kind == "eased":
+            return [PchipInterpolator(self.time_s[part], self.values[part]) for part in parts]
         return [CubicSpline(self.time_s[part], self.values[part]) for part in parts]
 
     @cached_property
@@ -84,7 +92,11 @@ def input_signal(time_s: Array, values: Array, position: bool) -> InputSignal:
     if position:
         return InputSignal(time_s, values, "joined")
     repeats = float(np.mean(np.diff(values) == 0.0)) if values.size > 1 else 1.0
-    return InputSignal(time_s, values, "held" if repeats > _STEPPING else "splined")
+    if repeats <= _STEPPING:
+        return InputSignal(time_s, values, "splined")
+    # A slow log sees the steps of a faster loop somewhere between its own stamps.
+    slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
+    return InputSignal(time_s, values, "eased" if slow else "held")
 
 
 def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:

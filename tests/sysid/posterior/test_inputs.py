@@ -24,6 +24,16 @@ def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve
     assert np.abs(line.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() > 0.05
 
 
+def test_steps_of_a_loop_that_is_faster_than_the_log_lie_between_its_stamps_and_do_not_overshoot() -> None:
+    slow = np.arange(0.0, 4.0, 0.1)
+    stick = input_signal(slow, np.where(slow > 2.05, 0.1, 0.0), False)
+    assert stick.kind == "eased"
+    read = stick.at(np.arange(0.0, 3.9, 0.005))
+    assert read.min() >= 0.0
+    assert read.max() <= 0.1
+    assert stick.at(np.array([2.05]))[0] == pytest.approx(0.05)
+
+
 def test_a_curve_is_not_drawn_through_lost_samples() -> None:
     kept = (TIMES < 1.0) | (TIMES > 1.5)
     curve = input_signal(TIMES[kept], np.sin(9.0 * TIMES[kept]), False)
