@@ -110,8 +110,12 @@ class Posterior:
             for i in places:
                 common = self.parts[i].common
                 f = np.asarray(np.fft.rfftfreq(common.points.size, common.interval_s)[self._bands[i]], dtype=np.float64)
-                S = spectrum.at(f)
-                L = np.linalg.cholesky(S)
+                try:
+                    L = np.linalg.cholesky(spectrum.at(f))
+                except np.linalg.LinAlgError:
+                    raise EstimationError(
+                        f"{flight}: what is left of the outputs has no spectrum: one of them is dead"
+                    ) from None
                 factors[i] = np.linalg.inv(L) * np.sqrt(4.0 * common.interval_s / common.points.size)
                 # Log determinant of the noise at two numbers a bin, as the squares count them.
                 diagonal = np.abs(np.diagonal(L, axis1=1, axis2=2))
@@ -158,7 +162,7 @@ class Posterior:
         try:
             at = self.point(np.clip(theta, self.low, self.high))
             self.weigh(at)
-        except (EstimationError, np.linalg.LinAlgError):
+        except EstimationError:
             return np.inf
         return self.cost(at) + self._logdet
 
