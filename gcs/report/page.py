@@ -171,6 +171,11 @@ def _correlated(result: Result) -> str:
 
 def _mistakes(result: Result) -> str:
     found = result.get("mistakes", [])
+    if not found and result.get("method") == "map":
+        return (
+            "<p>Of units, signs, axes and delays only levels that no flight has were looked for: this method does not"
+            " correct the signals, and estimates what is below beside the coefficients.</p>"
+        )
     if not found:
         return "<p>No unit, sign, axis, scale or delay mistake was found in the signals.</p>"
     return listing([f"{text(one['signal'])} ({text(one['kind'])}): {text(one['sentence'])}" for one in found])

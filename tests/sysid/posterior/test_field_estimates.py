@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from field_flight import FieldFlight, field_flight
 
+from gcs.report.page import report
 from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.errors import SignalError
 from sysid.identification.identify import Identification, identify
@@ -56,6 +57,10 @@ def test_a_result_says_what_stood_between_aircraft_and_log() -> None:
     assert 0.01 < late < 0.06
     assert all(0.0 < one["std"] < 2.0 * one["prior_std"] for one in nuisances.values())
     assert result["model"]["coefficients"]["Cm_alpha"]["value"] < 0.0
+    page = report(result)
+    assert "Between aircraft and log" in page
+    assert "servos, delay" in page
+    assert "mistake was found" not in page  # none was looked for
 
 
 def test_slopes_are_those_of_the_simulation() -> None:
