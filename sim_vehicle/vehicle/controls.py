@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_vehicle.vehicle.strict_toml import Table
+from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,8 @@ class Control:
     pwm: us, one strictly increasing tuple for each servo.
     deflection: rad (throttle: 0 to 1) at those pulse widths, strictly monotone.
     gain_std, bias_std: how well the linkage is known, 1 sigma: share of the deflection, and rad.
+    delay, lag, backlash: of the servo and its linkage, s, s, and rad (half of the play), with their standard
+    deviations; None where nothing is known of them.
     """
 
     name: str
@@ -38,6 +40,9 @@ class Control:
     deflection: tuple[tuple[float, ...], ...]
     gain_std: float = 0.0
     bias_std: float = 0.0
+    delay: Known = NOT_SAID
+    lag: Known = NOT_SAID
+    backlash: Known = NOT_SAID
 
     def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
         """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.
@@ -130,6 +135,7 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
     listed = len(numbers) > 1 or table.is_list("mix")
     mix = table.numbers("mix") if listed else (table.number("mix", 1.0),)
     gain_std, bias_std = table.number("gain_std", 0.0, low=0.0), table.number("bias_std", 0.0, low=0.0)
+    delay, lag, backlash = (table.known(key) for key in ("delay", "lag", "backlash"))
     table.close()
     for key, rows in (("pwm", pwm), ("deflection", deflection), ("mix", mix)):
         if len(rows) != len(numbers):
@@ -139,7 +145,7 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
     curves = [_check_curve(table, name, xs, ys, warnings) for xs, ys in zip(pwm, deflection, strict=True)]
     servos = tuple(int(value) for value in numbers)
     pulses, travels = tuple(x for x, _ in curves), tuple(y for _, y in curves)
-    return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std)
+    return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std, delay, lag, backlash)
 
 
 def _check_curve(

@@ -5,11 +5,23 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from sim_vehicle.errors import VehicleFileError
 
 # Alike enough to be a slip: "mas" is "mass" (0.86), "Ixz" is not "Ixx" (0.67).
 _NEAR = 0.75
+
+
+@dataclass(frozen=True)
+class Known:
+    """A quantity as far as a vehicle file tells it: its value, and its standard deviation; None where it is silent."""
+
+    value: float | None = None
+    std: float | None = None
+
+
+NOT_SAID = Known()
 
 
 class Table:
@@ -75,6 +87,10 @@ class Table:
     def optional_number(self, key: str, *, above: float = -math.inf, low: float = -math.inf) -> float | None:
         """As `number`, and None where the key is absent."""
         return self.number(key, above=above, low=low) if self.optional(key) else None
+
+    def known(self, key: str) -> Known:
+        """A number and, under the key with `_std` behind it, its standard deviation; either may be absent."""
+        return Known(self.optional_number(key), self.optional_number(f"{key}_std", low=0.0))
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
         """A text, one of `choices` if any are given; `default` where absent, None meaning demanded."""

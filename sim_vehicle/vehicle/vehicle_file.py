@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.vehicle.plausibility import impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion
-from sim_vehicle.vehicle.strict_toml import Table
+from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
-_SWING_TEST_ERROR = 0.02  # of the moments of inertia: the sum of two may fall short of the third by that much
+# Of the moments of inertia: by how much the sum of two may fall short of the third, without and with a warning.
+_SWING_TEST_ERROR, _LARGEST_SWING_ERROR = 0.02, 0.10
+_MASS_KEYS = ("mass", "Ixx", "Iyy", "Izz", "Ixz")
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
 VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
@@ -25,13 +28,21 @@ VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass, kg, and moments of inertia about the centre of gravity, kg m^2; Ixz is + integral of x z dm."""
+    """Mass, kg, and moments of inertia about the centre of gravity, kg m^2; Ixz is + integral of x z dm.
+
+    *_std: how well each is known, 1 sigma; None where nothing is said.
+    """
 
     mass: float
     Ixx: float
     Iyy: float
     Izz: float
     Ixz: float = 0.0
+    mass_std: float | None = None
+    Ixx_std: float | None = None
+    Iyy_std: float | None = None
+    Izz_std: float | None = None
+    Ixz_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -45,11 +56,20 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Where a sensor sits from the centre of gravity, m, its noise (1 sigma, SI) if known, and its kind."""
+    """Where a sensor sits from the centre of gravity, m, its noise (1 sigma, SI) if known, and its kind.
+
+    bias_std, scale_std: of its zero, SI, and of its gain, 1 sigma. position_error_std: of an airspeed, its change by
+    angle of attack, 1/rad, 1 sigma. delay, lag: s, by which it reads late and slowly. None where nothing is said.
+    """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: float | None = None
     kind: str = ""
+    bias_std: float | None = None
+    scale_std: float | None = None
+    position_error_std: float | None = None
+    delay: Known = NOT_SAID
+    lag: Known = NOT_SAID
 
 
 @dataclass(frozen=True)
@@ -120,7 +140,10 @@ class Flight:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Everything a vehicle file says. `warnings` are doubts about it, one line each."""
+    """Everything a vehicle file says. `warnings` are doubts about it, one line each.
+
+    timing: message -> how much later than the moment measured its stamps are, s.
+    """
 
     name: str
     mass: MassProperties
@@ -134,6 +157,7 @@ class Vehicle:
     flight: Flight
     path: Path
     warnings: tuple[str, ...] = ()
+    timing: Mapping[str, Known] = field(default_factory=dict)
 
     @classmethod
     def unknown(cls) -> Vehicle:
@@ -193,7 +217,7 @@ def _find(name_or_path: str | Path) -> Path:
 def _read(top: Table, path: Path) -> Vehicle:
     warnings: list[str] = []
     name = top.text("name", path.stem)
-    mass = _read_mass(top.table("mass", demanded=True))
+    mass = _read_mass(top.table("mass", demanded=True), warnings)
     geometry = _read_geometry(top.table("geometry", demanded=True))
     controls = read_controls(top.table("controls"), warnings)
     propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
@@ -205,32 +229,36 @@ def _read(top: Table, path: Path) -> Vehicle:
         table.optional_number("air_density", above=0.0), table.number("gravity", STANDARD_GRAVITY, above=0.0)
     )
     table.close()
-    sizes = {**vars(mass), **vars(geometry), "gravity": environment.gravity}
+    timing = _read_timing(top.table("timing"))
+    sizes = {key: value for key, value in {**vars(mass), **vars(geometry)}.items() if not key.endswith("_std")}
+    sizes["gravity"] = environment.gravity
     if problem := impossible(sizes, _WING_LOADING, _SMALL_SPAN):
         raise top.error(*problem)
     flight = _read_flight(top.table("flight"), mass, geometry, environment)
     top.close()
     vehicle = Vehicle(
-        name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path
+        name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path, (), timing
     )
     return Vehicle(**{**vehicle.__dict__, "warnings": (*warnings, *doubts(vehicle))})
 
 
-def _read_mass(table: Table) -> MassProperties:
+def _read_mass(table: Table, warnings: list[str]) -> MassProperties:
     mass = table.number("mass", above=0.0)
     Ixx, Iyy, Izz = (table.number(key, above=0.0) for key in ("Ixx", "Iyy", "Izz"))
     Ixz = table.number("Ixz", 0.0)
+    doubts = {f"{key}_std": table.optional_number(f"{key}_std", low=0.0) for key in _MASS_KEYS}
     table.close()
     if Ixz * Ixz >= Ixx * Izz:
         raise table.error("Ixz", f"is {Ixz:g}; its square must be below Ixx Izz = {Ixx * Izz:g}")
     smallest, middle, largest = np.linalg.eigvalsh(np.array([[Ixx, 0, -Ixz], [0, Iyy, 0], [-Ixz, 0, Izz]]))
-    if largest > (smallest + middle) * (1.0 + _SWING_TEST_ERROR):
+    beyond = largest / (smallest + middle) - 1.0
+    if beyond > _SWING_TEST_ERROR:
         key = ("Ixx", "Iyy", "Izz")[int(np.argmax([Ixx, Iyy, Izz]))]
-        raise table.error(
-            key,
-            f"is too large: a principal moment of inertia ({largest:g}) exceeds the sum of the other two",
-        )
-    return MassProperties(mass, Ixx, Iyy, Izz, Ixz)
+        problem = f"is too large: a principal moment of inertia ({largest:g}) exceeds the sum of the other two"
+        if beyond > _LARGEST_SWING_ERROR:
+            raise table.error(key, problem)
+        warnings.append(f"{table.path(key)}: {problem} by {beyond:.0%}, which no body does: a swing test repeated?")
+    return MassProperties(mass, Ixx, Iyy, Izz, Ixz, **doubts)
 
 
 def _read_geometry(table: Table) -> Geometry:
@@ -251,10 +279,24 @@ def _read_sensors(table: Table) -> Sensors:
             continue
         entry = table.table(name)
         kind = entry.text("kind", kinds[name][0], kinds[name]) if name in kinds else ""
-        found[name] = Sensor(entry.vector("position"), entry.optional_number("noise", above=0.0), kind)
+        bias, scale = (entry.optional_number(f"{key}_std", low=0.0) for key in ("bias", "scale"))
+        position = entry.optional_number("position_error_std", low=0.0) if name == "airspeed" else None
+        found[name] = Sensor(
+            entry.vector("position"), entry.optional_number("noise", above=0.0), kind, bias, scale, position,
+            entry.known("delay"), entry.known("lag"),
+        )  # fmt: skip
         entry.close()
     table.close()
     return Sensors(**found)
+
+
+def _read_timing(table: Table) -> dict[str, Known]:
+    timing = {}
+    for message in table:
+        entry = table.table(message)
+        timing[message] = Known(entry.number("offset", 0.0), entry.optional_number("std", low=0.0))
+        entry.close()
+    return timing
 
 
 def _read_signals(table: Table) -> dict[str, SignalSource]:

@@ -13,6 +13,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
+from sysid.posterior.declared import Told, declared, zero_stds
 from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.part import FlightPart, outputs_of
@@ -85,13 +86,12 @@ def estimate(
     structure: Model,
     effects: Sequence[tuple[str, str]] = (),
     known: Gaussian | None = None,
-    overrides: Mapping[str, tuple[float, float]] | None = None,
     progress: Report = lambda share, text: None,
 ) -> PosteriorEstimate:
     """Estimate every group of axes that the parts excite.
 
     structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
-    free. known: what a prior model tells. overrides: nuisance -> (mean, std) of the vehicle file.
+    free. known: what a prior model tells. Priors of the nuisances that the vehicle file states replace the table's.
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
@@ -115,7 +115,7 @@ def estimate(
             continue
         progress(0.5 * place, f"{group} axes")
         free = effects if not found else ()
-        told = {**_alike(found), **(overrides or {})}
+        told = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
         try:
             found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, told)
         except EstimationError as error:
@@ -137,9 +137,9 @@ def estimate(
     )  # fmt: skip
 
 
-def _alike(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> dict[str, tuple[float, float]]:
+def _alike(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> dict[str, Told]:
     """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
-    told = {}
+    told: dict[str, Told] = {}
     for model, result in found.values():
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             if one.name in _ALIKE and result.feedback == 0.0 and not all(part.position for part in model.parts):
@@ -157,12 +157,12 @@ def _group(
     group: str,
     outputs: Sequence[str],
     known: Gaussian | None,
-    overrides: Mapping[str, tuple[float, float]],
+    told: Mapping[str, Told],
 ) -> tuple[GroupModel, PosteriorResult]:
     vane = "alpha" if group == "longitudinal" else "beta"
     position = all(part.position for part in parts)
     lag = _airspeed_lag(parts)
-    unknowns = unknowns_of(group, vane in outputs, position, overrides, (lag,))
+    unknowns = unknowns_of(group, vane in outputs, position, told, (lag,))
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
     model = GroupModel(
         parts, vehicle, replace(structure, coefficients=own, correlation=None), names, effects, group, outputs, unknowns
@@ -190,7 +190,7 @@ def _group(
         if lateness and not position:
             # What equation error calls the delay is the servo's whole lateness.
             begin[lateness[0]] = max(middle[lateness[0]] + delay - float(middle[lateness].sum()), 0.0)
-        posterior = Posterior(model, Prior(middle, information), low, high)
+        posterior = Posterior(model, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
     return model, _best(tried)
 
@@ -212,9 +212,10 @@ def _best(tried: list[tuple[float, Array, Posterior]]) -> PosteriorResult:
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
     """The pitot's lag as all parts' kinematics tell it."""
-    weight = np.array([1.0 / part.airspeed.lag_std**2 for part in parts])
+    weight = np.array([1.0 / max(part.airspeed.lag_std, 1e-6) ** 2 for part in parts])
     mean = float(weight @ [part.airspeed.lag for part in parts] / weight.sum())
-    std = max(float(weight.sum() ** -0.5), 0.004)
+    least = min(part.airspeed.lag_std for part in parts)
+    std = max(float(weight.sum() ** -0.5), min(least, 0.004)) if least > 0.0 else 0.0
     return Nuisance("airspeed_lag", mean, std, 0.0, 0.0, 0.5, 5e-3, "s", "both", "the accelerometers of this flight")
 
 

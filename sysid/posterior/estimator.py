@@ -18,7 +18,6 @@ from sysid.numerics.normal_equations import inverse
 from sysid.posterior.closed_loop import SHORTEST_LOOP_S, feedback_share
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
-from sysid.posterior.unknowns import ZERO_STD
 
 MAX_PASSES = 12
 # A step below this share of every coefficient's standard error ends the search.
@@ -70,10 +69,11 @@ class PosteriorResult:
 
 
 class Posterior:
-    """Parts of flights under one model. low, high: (P,) bounds of all unknowns."""
+    """Parts of flights under one model. low, high: (P,) bounds of all unknowns. zeros: output -> std of its zero."""
 
-    def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array) -> None:
+    def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array, zeros: Mapping[str, float]) -> None:
         self.model, self.prior, self.low, self.high = model, prior, low, high
+        self._zero_std = np.array([zeros[name] for name in model.outputs])
         self.parts = model.parts
         self.flights = list(dict.fromkeys(part.flight for part in self.parts))
         self._bands = []
@@ -121,8 +121,7 @@ class Posterior:
                 diagonal = np.abs(np.diagonal(L, axis1=1, axis2=2))
                 self._logdet += 2.0 * float(np.sum(np.log(diagonal)))
                 slow = spectrum.matrices[1].diagonal().real / (2.0 * common.duration_s)
-                own = np.array([ZERO_STD[name] for name in self.model.outputs])
-                zero[i] = 1.0 / np.sqrt(slow + own**2)
+                zero[i] = 1.0 / np.sqrt(slow + self._zero_std**2)
         self._factors = [one for one in factors if one is not None]
         self._zero = [one for one in zero if one is not None]
         self.misfit = max(shares)

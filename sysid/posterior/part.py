@@ -11,6 +11,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
+from sysid.posterior.declared import airspeed_lag
 from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.smoothing import Airspeed, airspeed_through, smoothed
@@ -38,7 +39,7 @@ class FlightPart:
     grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
     [rad, rad/s] smoothed, (N,). airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from the throttle.
     rho: (N,) kg/m3. channels: measured outputs by name. common: grid of the residuals. highest_hz: to which they count.
-    position: whether the log holds positions of the surfaces.
+    position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
     """
 
     flight: str
@@ -52,6 +53,7 @@ class FlightPart:
     common: CommonGrid
     highest_hz: float
     position: bool
+    messages: Mapping[str, str]
 
     @property
     def duration_s(self) -> float:
@@ -120,7 +122,9 @@ def make_part(
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
     rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
     motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
-    speed = airspeed_through(stamps, airspeed, grid, _along_path(motion, vehicle.environment.gravity))
+    messages = {name: one.source.partition(".")[0] for name, one in signals.signals.items()}
+    along = _along_path(motion, vehicle.environment.gravity)
+    speed = airspeed_through(stamps, airspeed, grid, along, airspeed_lag(vehicle, messages))
     channels = {
         name: Channel(name, *_inside(alive[name], grid)) for name in MEASURED if name in alive and name != "airspeed"
     }
@@ -137,7 +141,7 @@ def make_part(
     highest = min(HIGHEST_HZ, NYQUIST_SHARE * min(rates))
     thrust = _thrust(signals, vehicle, grid, motion["ax"], begin, end)
     return FlightPart(
-        signals.name, grid, inputs, motion, speed, thrust, rho, channels, common, highest, position
+        signals.name, grid, inputs, motion, speed, thrust, rho, channels, common, highest, position, messages
     )  # fmt: skip
 
 

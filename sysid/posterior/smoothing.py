@@ -10,9 +10,9 @@ import numpy as np
 from sim_vehicle.jit import jit_arrays
 from sysid.arrays import Array
 
-# Lags of a pitot and its tubes that are tried, s; a prior of 0.05 +- 0.05 s (Tavoularis, hobby tubing of 0.2 to 0.5 m).
+# Lags of a pitot and its tubes that are tried, s, and steps between which the likelihood goes in straight lines.
 _LAGS_S = (0.0, 0.02, 0.05, 0.10, 0.15, 0.20, 0.30)
-_LAG_PRIOR_S = (0.05, 0.05)
+_LAG_STEP_S, _LEAST_LAG_STD_S = 0.002, 0.004
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
@@ -67,10 +67,11 @@ class Airspeed:
     lag_std: float
 
 
-def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array) -> Airspeed:
+def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_prior: tuple[float, float]) -> Airspeed:
     """Airspeed from a lagging, noisy reading and the acceleration along the flight path that the IMU feels.
 
     time_s, read: (M,) stamps and true airspeed as read. along: (N,) m/s^2 on the grid, gravity's part taken off.
+    lag_prior: mean and standard deviation of the lag, s.
     """
     dt = float(grid[1] - grid[0])
     place = np.clip(np.round((time_s - grid[0]) / dt).astype(np.int64), 0, grid.size - 1)
@@ -87,16 +88,19 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array) -> A
         return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start)
 
     # One after the other, and the first again: both matter little to each other.
-    power = max(_GUST_POWERS, key=lambda one: run(_LAG_PRIOR_S[0], one)[1])
+    power = max(_GUST_POWERS, key=lambda one: run(max(lag_prior[0], 0.0), one)[1])
     lag = max(_LAGS_S, key=lambda one: run(one, power)[1])
     power = max(_GUST_POWERS, key=lambda one: run(lag, one)[1])
-    likelihood = np.array([run(one, power)[1] for one in _LAGS_S])
-    score = likelihood - 0.5 * ((np.array(_LAGS_S) - _LAG_PRIOR_S[0]) / _LAG_PRIOR_S[1]) ** 2
-    best = int(np.argmax(score))
-    weight = np.exp(np.clip(score - score[best], -50.0, 0.0)) * np.gradient(np.array(_LAGS_S))
-    lag = float(weight @ np.array(_LAGS_S) / weight.sum())
-    std = float(np.sqrt(weight @ (np.array(_LAGS_S) - lag) ** 2 / weight.sum()))
-    std = min(max(std, 0.004), _LAG_PRIOR_S[1])
+    if lag_prior[1] == 0.0:
+        lag, std = max(lag_prior[0], 0.0), 0.0
+    else:
+        fine = np.arange(0.0, _LAGS_S[-1], _LAG_STEP_S)
+        score = np.interp(fine, _LAGS_S, [run(one, power)[1] for one in _LAGS_S])
+        score -= 0.5 * ((fine - lag_prior[0]) / lag_prior[1]) ** 2
+        weight = np.exp(np.clip(score - score.max(), -50.0, 0.0))
+        lag = float(weight @ fine / weight.sum())
+        spread = float(np.sqrt(weight @ (fine - lag) ** 2 / weight.sum()))
+        std = min(max(spread, _LEAST_LAG_STD_S), lag_prior[1])
     step = 0.01
     values, later = run(lag, power)[0], run(lag + step, power)[0]
     return Airspeed(values, (later - values) / step, lag, std)

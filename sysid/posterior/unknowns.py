@@ -114,22 +114,30 @@ class Unknowns:
 
 
 def unknowns_of(
-    group: str, vane: bool, position: bool, overrides: Mapping[str, tuple[float, float]], more: Sequence[Nuisance] = ()
+    group: str,
+    vane: bool,
+    position: bool,
+    told: Mapping[str, tuple[float | None, float | None]],
+    more: Sequence[Nuisance] = (),
 ) -> Unknowns:
     """Unknowns of a group of axes.
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
-    overrides: name -> (mean, std) from the vehicle file; a std of 0 fixes the value. more: further ones of this flight.
+    told: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones of
+    this flight.
     """
     free, fixed = [], {}
     for one in (*PRIORS, *more):
-        known = {**(POSITION if position else {}), **overrides}.get(one.name)
-        fixes = (position and one.name in POSITION_FIXED) or not one.serves(group)
-        fixes = fixes or (not vane and (one.name.startswith("vane") or one.name in ("alpha_scale", "beta_scale")))
-        if known is not None:
-            one = replace(one, mean=known[0], std=known[1])
-        if fixes or one.std == 0.0:
-            fixed[one.name] = one.mean if known is not None and not position else one.null
+        for mean, std in (
+            POSITION.get(one.name, (None, None)) if position else (None, None),
+            told.get(one.name, (None, None)),
+        ):
+            one = replace(one, mean=one.mean if mean is None else mean, std=one.std if std is None else std)
+        idle = not one.serves(group) or (position and one.name in POSITION_FIXED)
+        if idle or (not vane and (one.name.startswith("vane") or one.name in ("alpha_scale", "beta_scale"))):
+            fixed[one.name] = one.null
+        elif one.std == 0.0:
+            fixed[one.name] = one.mean
         else:
             free.append(one)
     return Unknowns(tuple(free), fixed)

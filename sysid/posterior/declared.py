@@ -1,0 +1,122 @@
+"""What a vehicle file says of the unknowns: its standard deviations, delays, lags and offsets of stamps, as priors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.posterior.unknowns import PRIORS, ZERO_STD
+
+# Mean and standard deviation of a prior, None where the table's stands.
+Told = tuple[float | None, float | None]
+
+AIRSPEED_LAG_S = (0.05, 0.05)  # hobby tubing of 0.2 to 0.5 m (Tavoularis)
+_NOMINAL = {one.name: one for one in PRIORS}
+_CONTROLS = {"longitudinal": ("elevator",), "lateral": ("aileron", "rudder")}
+_SURFACES = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+_VANES = {"longitudinal": "alpha", "lateral": "beta"}
+_OUTPUTS = {
+    "accelerometer": ("ax", "ay", "az"),
+    "gyro": ("p", "q", "r"),
+    "alpha_vane": ("alpha",),
+    "beta_vane": ("beta",),
+}
+
+
+def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[str, Told]:
+    """Priors of a group's nuisances by name. messages: signal -> the message that carried it."""
+    sensors, found = vehicle.sensors, {}
+    controls = [vehicle.controls[name] for name in _CONTROLS[group] if name in vehicle.controls]
+    for key in ("delay", "lag", "backlash"):
+        found[f"servo_{key}"] = _one(getattr(control, key) for control in controls)
+    found["servo_delay"] = _later(
+        found["servo_delay"], _NOMINAL["servo_delay"], lateness(vehicle, messages, _SURFACES[group]), -1.0
+    )
+    name = _VANES[group]
+    vane = sensors[f"{name}_vane"]
+    found["vane_clock"] = _later(
+        (vane.delay.value, vane.delay.std), _NOMINAL["vane_clock"], lateness(vehicle, messages, (name,)), 1.0
+    )
+    found |= _swinging(vane.lag)
+    found[f"{name}_scale"] = (None, vane.scale_std)
+    found["alpha_offset"] = (None, sensors.alpha_vane.bias_std)
+    found["theta_offset"] = found["phi_offset"] = (None, sensors.attitude.bias_std)
+    found["airspeed_error"] = (None, _airspeed_std(vehicle))
+    found["airspeed_alpha"] = (None, sensors.airspeed.position_error_std)
+    found["thrust_error"] = (None, sensors.thrust.scale_std)
+    return {name: told for name, told in found.items() if told != (None, None)}
+
+
+def zero_stds(vehicle: Vehicle) -> dict[str, float]:
+    """Standard deviation of each output's zero, SI: the vehicle file's `bias_std`, else the table's."""
+    found = dict(ZERO_STD)
+    for sensor, outputs in _OUTPUTS.items():
+        if (std := vehicle.sensors[sensor].bias_std) is not None:
+            found |= dict.fromkeys(outputs, std)
+    return found
+
+
+def airspeed_lag(vehicle: Vehicle, messages: Mapping[str, str]) -> tuple[float, float]:
+    """Mean and standard deviation, s, of how late the airspeed reads: lag, delay and stamps together."""
+    sensor, (offset, offset_std) = vehicle.sensors.airspeed, lateness(vehicle, messages, ("airspeed",))
+    mean, std = AIRSPEED_LAG_S
+    mean = mean if sensor.lag.value is None else sensor.lag.value
+    std = std if sensor.lag.std is None else sensor.lag.std
+    return mean + (sensor.delay.value or 0.0) + offset, math.hypot(std, sensor.delay.std or 0.0, offset_std)
+
+
+def lateness(vehicle: Vehicle, messages: Mapping[str, str], signals: Iterable[str]) -> tuple[float, float]:
+    """By how much the stamps of signals are later than those of the gyro, s, and its standard deviation."""
+    reference = messages.get("q")
+    own = {messages[name] for name in signals if name in messages} - {reference}
+    told = [vehicle.timing[name] for name in own if name in vehicle.timing]
+    if not own or not (told or reference in vehicle.timing):
+        return 0.0, 0.0
+    gyro = vehicle.timing.get(reference or "", NOT_SAID)
+    offset = float(np.mean([one.value or 0.0 for one in told])) if told else 0.0
+    std = max([one.std or 0.0 for one in told], default=0.0)
+    return offset - (gyro.value or 0.0), math.hypot(std, gyro.std or 0.0)
+
+
+def _one(each: Iterable[Known]) -> Told:
+    """What is said of several servos that one unknown stands for; what they differ by widens it."""
+    said = list(each)
+    values = [one.value for one in said if one.value is not None]
+    stds = [one.std for one in said if one.std is not None]
+    mean = float(np.mean(values)) if values else None
+    return mean, math.hypot(max(stds), float(np.std(values)) if values else 0.0) if stds else None
+
+
+def _later(told: Told, nominal: object, stamps: tuple[float, float], sign: float) -> Told:
+    """A delay with what the stamps of its message add."""
+    offset, std = stamps
+    if (offset, std) == (0.0, 0.0):
+        return told
+    mean, own = (getattr(nominal, key) if one is None else one for key, one in zip(("mean", "std"), told, strict=True))
+    return mean + sign * offset, math.hypot(own, std)
+
+
+def _swinging(lag: Known) -> dict[str, Told]:
+    """Natural frequency of a vane of usual damping that lags so: 2 damping over omega. A lag of 0 is no swinging."""
+    if lag == NOT_SAID:
+        return {}
+    damping = math.exp(_NOMINAL["vane_log_damping"].mean)
+    usual = 2.0 * damping / (2.0 * math.pi * math.exp(_NOMINAL["vane_log_frequency"].mean))
+    middle = usual if lag.value is None else lag.value
+    if middle <= 0.0:
+        return {"vane_log_frequency": (math.inf, 0.0), "vane_log_damping": (None, 0.0)}
+    frequency = math.log(2.0 * damping / (2.0 * math.pi * middle))
+    return {"vane_log_frequency": (frequency, None if lag.std is None else lag.std / middle)}
+
+
+def _airspeed_std(vehicle: Vehicle) -> float | None:
+    """Share by which the airspeed may be wrong throughout: its gain and, at the speed flown, its zero."""
+    sensor = vehicle.sensors.airspeed
+    if sensor.scale_std is None and sensor.bias_std is None:
+        return None
+    zero = (sensor.bias_std or 0.0) / vehicle.flight.airspeed
+    return math.hypot(sensor.scale_std or 0.0, zero)
