@@ -11,6 +11,7 @@ from gcs.errors import SettingsError
 from gcs.text.chance import p_text, probability_text
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
+from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.cli.writable import unwritable
 
 _Z95 = 1.96
@@ -27,8 +28,7 @@ def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
         low, high = value - _Z95 * std, value + _Z95 * std
     interval = f"{_number(low)} … {_number(high)}" if low is not None else ""
     error = f"± {_number(std, 3)}" if std is not None else ""
-    moved = entry.get("systematic")
-    parts = [part for part in (moved or {}).values() if part is not None]
+    parts = beside_bars(entry)
     systematic = f"± {_number(math.hypot(*parts), 2)}" if parts else ""
     return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {systematic or unit}".rstrip()
 
@@ -51,9 +51,10 @@ def _model_lines(model: dict[str, Any]) -> list[str]:
 def _systematic_lines(model: dict[str, Any]) -> list[str]:
     """What the column `systematic` means."""
     names = {name for entry in model.get("coefficients", {}).values() for name in entry.get("systematic", {})}
-    if not names:
-        return []
-    return ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names))]
+    stated = {name for name in names if name.endswith(STATED)}
+    lines = ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names - stated))]
+    lines += ["  std holds what the vehicle file says of its own errors: " + ", ".join(sorted(stated))]
+    return [line for line, told in zip(lines, (names - stated, stated), strict=True) if told]
 
 
 def _bench_lines(model: dict[str, Any]) -> list[str]:
@@ -66,6 +67,20 @@ def _bench_lines(model: dict[str, Any]) -> list[str]:
         return []
     told = ", ".join(f"{source} (up to {share:.0%})" for source, share in sources.items())
     return ["  std holds the bench's own errors, and the share of them in it: " + told]
+
+
+def _unknown_lines(entries: Sequence[dict[str, Any]]) -> list[str]:
+    """What stands between aircraft and log, as estimated beside the coefficients."""
+    if not entries:
+        return []
+    lines = ["", "between aircraft and log:", f"  {'unknown':<36}{'axes':<14}{'value':>10} {'std':<12} known before to"]
+    for entry in entries:
+        words, unit, factor = unknown_words(entry)
+        value, std, prior = (_number(factor * entry[key], 3) for key in ("value", "std", "prior_std"))
+        lines.append(
+            f"  {words:<36}{entry['group']:<14}{value:>10} ± {std:<10} {prior} {unit if unit != '1' else ''}".rstrip()
+        )
+    return lines
 
 
 def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
@@ -129,10 +144,12 @@ def identification_text(result: dict[str, Any]) -> str:
         *_bench_lines(result["model"]),
         *_systematic_lines(result["model"]),
     ]
+    lines += _unknown_lines(result.get("nuisances") or [])
     lines += _regression_lines(result.get("regression"))
     lines += _mode_lines(result.get("modes"))
+    by_map = result.get("method") == "map"
     if result.get("sensor_errors"):
-        lines += ["", "sensor errors:"]
+        lines += ["", "sensor errors by the kinematics" + (", of which the estimate uses none:" if by_map else ":")]
         lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]
     compatibility = result.get("compatibility") or {}
     if compatibility:

@@ -8,6 +8,7 @@ from typing import Any
 
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
+from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.model.terms import AXES
 
 Result = Mapping[str, Any]
@@ -15,6 +16,7 @@ _Z95 = 1.96
 _PERTURBATIONS = {
     "mass_1pct": "mass 1 %", "inertia_5pct": "inertia 5 %", "density_2pct": "density 2 %",
     "linkage_5pct": "linkage gain 5 %", "timing_10ms": "timing 10 ms",
+    "thrust_5pct": "thrust 5 %",
 }  # fmt: skip
 _SCORES = {
     "tic": "TIC", "tic_bias": "TIC: bias", "tic_variance": "TIC: variance", "tic_covariance": "TIC: covariance",
@@ -67,7 +69,7 @@ def coefficients(model: Result) -> str:
     rows = []
     known = False
     for name, entry in _told(model).items():
-        moved = [part for part in entry.get("systematic", {}).values() if part is not None]
+        moved = beside_bars(entry)
         total = shown(math.hypot(*moved), 2) if moved else NONE
         known |= bool(moved)
         rows.append([_named(name), *_estimate_cells(entry), total])
@@ -83,8 +85,14 @@ def systematic(model: Result) -> str:
     entries = {name: entry["systematic"] for name, entry in _told(model).items() if entry.get("systematic")}
     causes = list(dict.fromkeys(cause for moved in entries.values() for cause in moved))
     rows = [[_named(name), *(number(moved.get(cause), 2) for cause in causes)] for name, moved in entries.items()]
-    head = ["coefficient", *(_PERTURBATIONS.get(cause, text(cause)) for cause in causes)]
+    head = ["coefficient", *(_perturbation(cause) for cause in causes)]
     return table("Systematic: what such an error of the vehicle file would change", head, rows)
+
+
+def _perturbation(cause: str) -> str:
+    if cause.endswith(STATED):
+        return f"{text(cause.removesuffix(STATED).replace('_', ' '))}, as the file states it (in the bars)"
+    return _PERTURBATIONS.get(cause, text(cause))
 
 
 def refused(result: Result) -> str:
@@ -176,29 +184,11 @@ def delays(result: Result) -> str:
     return table("Delays", ["signal", "delay, ms"], rows)
 
 
-# How an unknown beside the coefficients is printed: words, unit, factor.
-_NUISANCES = {
-    "servo_delay": ("servos, delay", "ms", 1e3), "servo_lag": ("servos, lag", "ms", 1e3),
-    "servo_backlash": ("servos, half backlash", "deg", 180.0 / math.pi),
-    "airspeed_error": ("airspeed reads too much by", "%", 100.0),
-    "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),
-    "alpha_scale": ("alpha vane, scale", "1", 1.0), "beta_scale": ("beta vane, scale", "1", 1.0),
-    "vane_clock": ("vane, stamps late by", "ms", 1e3),
-    "vane_log_frequency": ("vane, ln of its frequency in Hz", "1", 1.0),
-    "vane_log_damping": ("vane, ln of its damping ratio", "1", 1.0),
-    "accelerometer_tilt": ("accelerometers, tilt in pitch", "deg", 180.0 / math.pi),
-    "thrust_error": ("thrust reads too much by", "%", 100.0),
-    "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
-    "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),
-    "alpha_offset": ("alpha vane, offset", "deg", 180.0 / math.pi),
-}  # fmt: skip
-
-
 def nuisances(result: Result) -> str:
     """What was estimated beside coefficients, and what was known of it before the flight."""
     rows = []
     for entry in result.get("nuisances") or []:
-        words, unit, factor = _NUISANCES.get(entry["name"], (entry["name"], entry["unit"], 1.0))
+        words, unit, factor = unknown_words(entry)
         rows.append(
             [text(words), text(entry["group"]), _plus_minus(entry, factor), number(entry["prior_std"], 2, factor), unit]
         )

@@ -108,7 +108,7 @@ def identify(
     if method not in METHODS:
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
     if method == "map":
-        return _by_posterior(flights, vehicle, validate_on, structure, prior, start_s, stop_s, progress)
+        return _by_posterior(flights, vehicle, validate_on, structure, prior, start_s, stop_s, systematic, progress)
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     compatible = None
@@ -154,12 +154,13 @@ def _by_posterior(
     prior: Model | None,
     start_s: float | None,
     stop_s: float | None,
+    systematic: bool,
     progress: Progress,
 ) -> Identification:
     """`identify` with the method "map"."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import, and seldom wanted
 
-    found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, progress)
+    found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, systematic, progress)
     warnings = [*found.warnings, *unmeasured_thrust(found.prepared)]
     check, errors = SignalCheck(), _kinematic_errors(found.compatible)
     progress(0.88, "validation")

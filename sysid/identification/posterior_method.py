@@ -12,6 +12,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.errors import SignalError, SysidError
+from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
 from sysid.posterior.part import NEEDED, FlightPart, make_part
 from sysid.problem.formulation import known_before
@@ -46,6 +47,7 @@ def identify_by_posterior(
     prior: Model | None,
     start_s: float | None,
     stop_s: float | None,
+    systematic: bool,
     progress: Progress,
 ) -> PosteriorIdentification:
     """Estimate a model from one or more flights. Raises SysidError where no flight has what is needed."""
@@ -62,10 +64,16 @@ def identify_by_posterior(
     known = known_before(prior, structure, warnings)
     effects = [(e.name, key) for e in structure.effects for key, entry in e.parameters.items() if entry.std]
     found = estimate(
-        parts, vehicle, structure, effects, known, progress=lambda share, text: progress(0.3 + 0.5 * share, text)
+        parts,
+        vehicle,
+        structure,
+        effects,
+        known,
+        systematic,
+        progress=lambda share, text: progress(0.3 + 0.5 * share, text),
     )
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
-    model = _model(structure, vehicle.name, found, refused, parts)
+    model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     return PosteriorIdentification(
         tuple(prepared), compatible, model, tuple(refused), found, tuple(dict.fromkeys((*warnings, *found.warnings)))
     )

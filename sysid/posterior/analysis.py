@@ -14,6 +14,7 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Told, declared, zero_stds
+from sysid.posterior.doubts import Doubt, doubts_of
 from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.part import FlightPart, outputs_of
@@ -74,6 +75,14 @@ class PosteriorEstimate:
     left_out: Mapping[str, str]
     warnings: tuple[str, ...]
 
+    def systematic(self) -> dict[str, dict[str, float]]:
+        """Change of each coefficient and effect parameter under each error of what was taken as known."""
+        return {
+            name: {doubt: float(shift[i]) for doubt, shift in result.systematic.items()}
+            for group, result in self.results.items()
+            for i, name in enumerate(result.names[: len(self.models[group].parameters)])
+        }
+
 
 def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
     """Surfaces (of de, da, dr) that moved in some part."""
@@ -86,15 +95,19 @@ def estimate(
     structure: Model,
     effects: Sequence[tuple[str, str]] = (),
     known: Gaussian | None = None,
+    systematic: bool = True,
     progress: Report = lambda share, text: None,
 ) -> PosteriorEstimate:
     """Estimate every group of axes that the parts excite.
 
     structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
     free. known: what a prior model tells. Priors of the nuisances that the vehicle file states replace the table's.
+    systematic: whether to say what usual errors of that file would do.
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
+    measured = all(np.isfinite(part.thrust).all() for part in parts)
+    doubts = [one for one in doubts_of(vehicle, measured) if one.stated or systematic]
     found: dict[str, tuple[GroupModel, PosteriorResult]] = {}
     left_out, unexcited, warnings = {}, [], []
     for place, group in enumerate(GROUPS):
@@ -117,7 +130,7 @@ def estimate(
         free = effects if not found else ()
         told = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
         try:
-            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, told)
+            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, told, doubts)
         except EstimationError as error:
             left_out[group] = str(error)
     if not found:
@@ -158,6 +171,7 @@ def _group(
     outputs: Sequence[str],
     known: Gaussian | None,
     told: Mapping[str, Told],
+    doubts: Sequence[Doubt],
 ) -> tuple[GroupModel, PosteriorResult]:
     vane = "alpha" if group == "longitudinal" else "beta"
     position = all(part.position for part in parts)
@@ -192,22 +206,22 @@ def _group(
             begin[lateness[0]] = max(middle[lateness[0]] + delay - float(middle[lateness].sum()), 0.0)
         posterior = Posterior(model, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
-    return model, _best(tried)
+    return model, _best(tried, doubts)
 
 
-def _best(tried: list[tuple[float, Array, Posterior]]) -> PosteriorResult:
+def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> PosteriorResult:
     """The likeliest maximum from the two likeliest starts, of those from which the simulation does not diverge."""
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
         raise EstimationError("the simulated motion diverges from every start: the aircraft may be unstable")
     if len(usable) == 1:
-        return usable[0][2].solve(usable[0][1])
+        return usable[0][2].solve(usable[0][1], doubts)
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return posterior.solve(theta)
+    return posterior.solve(theta, doubts)
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:

@@ -7,7 +7,7 @@ steps with Levenberg's damping and an active set of bounds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,12 +16,15 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.closed_loop import SHORTEST_LOOP_S, feedback_share
+from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
 
 MAX_PASSES = 12
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
+# Slopes by nuisances are worked out anew every so many steps, and before the search may end.
+_FRESH_EVERY = 4
 # Blocks of time of the sandwich, s, and the fewest of them.
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
 
@@ -50,7 +53,8 @@ class PosteriorResult:
     names: of the unknowns without the initial states, (P,). theta: (P,). covariance: (P, P), the larger of Fisher's and
     the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of the motion that the structure
     may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K). passes: steps made.
-    feedback: share of the commands' variance that follows the residuals: a closed loop.
+    feedback: share of the commands' variance that follows the residuals: a closed loop. systematic: (P,) by which an
+    error of what was taken as known moves the estimate; the covariance holds those that were stated.
     """
 
     names: tuple[str, ...]
@@ -66,6 +70,7 @@ class PosteriorResult:
     converged: bool
     cost: float
     feedback: float
+    systematic: Mapping[str, Array]
 
 
 class Posterior:
@@ -83,6 +88,7 @@ class Posterior:
             self._bands.append((f >= lowest) & (f <= part.highest_hz))
         self._factors: list[Array] = []
         self._zero: list[Array] = []
+        self._slopes: dict[int, Array] = {}
         self.spectra: dict[str, ResidualSpectrum] = {}
         self.misfit = 0.0
         self._logdet = 0.0
@@ -145,12 +151,13 @@ class Posterior:
             total += 0.5 * float(e @ e)
         return total
 
-    def normal(self, at: _Point) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,), prior included."""
+    def normal(self, at: _Point, fresh: bool = True) -> tuple[Array, Array]:
+        """Information (P, P) and gradient downhill (P,), prior included; fresh: whether all slopes are worked out."""
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
         for i, residual in enumerate(at.residuals):
-            J = self.whitened(i, self.model.slopes(i, at.theta))
+            self._slopes[i] = self.model.slopes(i, at.theta, None if fresh else self._slopes[i])
+            J = self.whitened(i, self._slopes[i])
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             g += J.T @ e
@@ -169,18 +176,20 @@ class Posterior:
         """(P,) where some steps from `start` lead."""
         return self._search(start, max_passes)[0].theta
 
-    def solve(self, start: Array, max_passes: int = MAX_PASSES) -> PosteriorResult:
-        """Search from `start` (P,). Raises EstimationError where even the start diverges."""
+    def solve(self, start: Array, doubts: Sequence[Doubt] = (), max_passes: int = MAX_PASSES) -> PosteriorResult:
+        """Search from `start` (P,). doubts: what was taken as known. Raises EstimationError where even the start
+        diverges.
+        """
         at, passes, converged = self._search(start, max_passes)
-        return self._result(at, passes, converged)
+        return self._result(at, doubts, passes, converged)
 
     def _search(self, start: Array, max_passes: int) -> tuple[_Point, int, bool]:
         """Where the steps end, how many there were, and whether the last was small."""
         at = self.point(np.clip(start, self.low, self.high))
         self.weigh(at)
-        damping, converged, passes = 1e-3, False, 0
+        damping, converged, passes, fresh = 1e-3, False, 0, True
         for passes in range(1, max_passes + 1):
-            H, g = self.normal(at)
+            H, g = self.normal(at, fresh)
             std = np.sqrt(np.diag(inverse(H)))
             cost, accepted = self.cost(at), None
             for _ in range(8):
@@ -194,14 +203,18 @@ class Posterior:
                     break
                 damping = max(8.0 * damping, 1e-3)
             if accepted is None:
-                break
+                if fresh:
+                    break
+                fresh = True
+                continue
             count = len(self.model.parameters)
             moved = float(np.max((np.abs(accepted.theta - at.theta) / std)[:count]))
             damping, at = max(damping / 10.0, 1e-7), accepted
             self.weigh(at)
-            if moved < _SETTLED and passes > 2:
+            if moved < _SETTLED and passes > 1 and fresh:
                 converged = True
                 break
+            fresh = moved < _SETTLED or passes % _FRESH_EVERY == 0
         return at, passes, converged
 
     def _feedback(self, at: _Point) -> float:
@@ -237,14 +250,19 @@ class Posterior:
             free &= ~out
         return target
 
-    def _result(self, at: _Point, passes: int, converged: bool) -> PosteriorResult:
+    def _result(self, at: _Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
         scores = []
+        altered = [self.model.altered(doubt.changed(self.model.vehicle)) for doubt in doubts]
+        pulls = np.zeros((len(doubts), H.shape[0]))
         for i, residual in enumerate(at.residuals):
             J = self.whitened(i, self.model.slopes(i, at.theta))
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             scores.append(self._block_scores(i, J, e))
+            for pull, other in zip(pulls, altered, strict=True):
+                moved = other.measured(i) - other.simulated(i, at.theta) - residual
+                pull += J.T @ self.whitened(i, moved[:, :, None])[:, 0]
         fisher = inverse(H)
         B = np.concatenate(scores)
         count = B.shape[0]
@@ -253,6 +271,9 @@ class Posterior:
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
         covariance = fisher * np.outer(growth, growth)
+        shifts = pulls @ fisher
+        for doubt, shift in zip(doubts, shifts, strict=True):
+            covariance += doubt.stated * np.outer(shift, shift)
         P = len(self.model.names)
         weight = np.diag(self.prior.information)[:P]
         prior_std = 1.0 / np.sqrt(np.maximum(weight, 1e-300))
@@ -260,6 +281,7 @@ class Posterior:
             self.model.names, at.theta[:P], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
             self.cost(at) + self._logdet, self._feedback(at),
+            {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
         )  # fmt: skip
 
     def _block_scores(self, index: int, J: Array, e: Array) -> Array:

@@ -7,8 +7,9 @@ carry a simulation of minutes away. The equations are the compiled ones of sim_v
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -54,6 +55,17 @@ class _Prepared:
     measured: Array
 
 
+@dataclass(frozen=True)
+class Altered:
+    """What a model is told otherwise: vehicle; factors of density, commands and readings; zeros of commands, rad."""
+
+    vehicle: Vehicle
+    density: float = 1.0
+    gains: Mapping[str, float] = field(default_factory=dict)
+    biases: Mapping[str, float] = field(default_factory=dict)
+    readings: Mapping[str, float] = field(default_factory=dict)
+
+
 class GroupModel:
     """Outputs of parts of flights by coefficients, parameters of effects, nuisances and initial states, in that order.
 
@@ -74,6 +86,7 @@ class GroupModel:
     ) -> None:
         self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
+        self._model, self._told = model, Altered(vehicle)
         self.flat = flatten(vehicle, model)
         own = SURFACES_OF[group]
         self._surfaces = {*own, *(factor for name in names for factor in parse_term(name).factors)}
@@ -91,6 +104,25 @@ class GroupModel:
         """Number of unknowns."""
         return len(self.names) + len(self.parts) * len(self.free_states)
 
+    @property
+    def vehicle(self) -> Vehicle:
+        """What the model was told of the aircraft."""
+        return self._told.vehicle
+
+    def altered(self, by: Altered) -> GroupModel:
+        """The same model of the same parts, told otherwise."""
+        other = copy.copy(self)
+        other._told, other.flat = by, flatten(by.vehicle, self._model)
+        gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])
+        other._prepared = [
+            replace(
+                one, record=replace(one.record, rho=by.density * one.record.rho),
+                measured=gain[:, None] * one.measured,
+            )
+            for one in self._prepared
+        ]  # fmt: skip
+        return other
+
     def start_states(self) -> tuple[Array, Array]:
         """Initial states as measured, of all parts, and their prior standard deviations."""
         states = np.concatenate([one.start[self.free_states] for one in self._prepared])
@@ -106,8 +138,12 @@ class GroupModel:
         y = self._ideal(one, values, theta, self._states(index, theta))[0]
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
-    def slopes(self, index: int, theta: Array) -> Array:
-        """(m, K, P) slopes of a part's outputs by all unknowns."""
+    def slopes(self, index: int, theta: Array, held: Array | None = None) -> Array:
+        """(m, K, P) slopes of a part's outputs by all unknowns.
+
+        held: such slopes from nearby, whose columns of nuisances that drive the simulation are kept: they hardly change
+        from step to step, and each costs a simulation.
+        """
         one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
         states = self._states(index, theta)
         y, predictor = self._ideal(one, values, theta, states)
@@ -115,7 +151,8 @@ class GroupModel:
         S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
         nuisances = list(self.unknowns)
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
-        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in _DRIVING]
+        every = [i for i, n in enumerate(nuisances) if n.name in _DRIVING]
+        driven = [(i, nuisances[i]) for i in every if held is None]
         moved = []
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
@@ -130,6 +167,9 @@ class GroupModel:
         begin = len(self.names) + index * width
         result[:, :, begin : begin + width] = read[:, :, count : count + width]
         base = read[:, :, count + width]
+        if held is not None:
+            places = [count + i for i in every]
+            result[:, :, places] = held[:, :, places]
         for place, (i, _) in enumerate(driven):
             result[:, :, count + i] = read[:, :, count + width + 1 + place]
         for i, nuisance in enumerate(nuisances):
@@ -219,7 +259,8 @@ class GroupModel:
         for j, name in enumerate(("de", "da", "dr")):
             if name in part.inputs and name in self._surfaces:
                 behind = servo(part.inputs[name], half, *(values[key] for key in _SERVO))
-                commands[:, j] = interval_means(behind)[lead:]
+                told = self._told.gains.get(name, 1.0), self._told.biases.get(name, 0.0)
+                commands[:, j] = told[0] * interval_means(behind)[lead:] + told[1]
         if "throttle" in part.inputs:
             commands[:, 3] = part.inputs["throttle"].at(part.grid)
         return commands

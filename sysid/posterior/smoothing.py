@@ -84,8 +84,8 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
     start = float(np.median(read[:10]))
 
     @cache
-    def run(lag: float, power: float) -> tuple[Array, float]:
-        return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start)
+    def run(lag: float, power: float, smooth: bool = False) -> tuple[Array, float]:
+        return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start, smooth)
 
     # One after the other, and the first again: both matter little to each other.
     power = max(_GUST_POWERS, key=lambda one: run(max(lag_prior[0], 0.0), one)[1])
@@ -102,16 +102,19 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
         spread = float(np.sqrt(weight @ (fine - lag) ** 2 / weight.sum()))
         std = min(max(spread, _LEAST_LAG_STD_S), lag_prior[1])
     step = 0.01
-    values, later = run(lag, power)[0], run(lag + step, power)[0]
+    values, later = run(lag, power, True)[0], run(lag + step, power, True)[0]
     return Airspeed(values, (later - values) / step, lag, std)
 
 
 @jit_arrays
 def _air_smoother(
     dt: float, count: Array, mean: Array, along: Array, lag: float, power: float, wander: float, noise: float,
-    start: float,
+    start: float, smooth: bool,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Rauch, Tung and Striebel's smoother of airspeed, its lagging reading and a bias of `along`; log likelihood."""
+    """Rauch, Tung and Striebel's smoother of airspeed, its lagging reading and a bias of `along`; log likelihood.
+
+    smooth: whether to go back through time too; the likelihood does not need it.
+    """
     n = along.size
     x, P = np.array([start, start, 0.0]), np.diag(np.array([1.0, 1.0, 0.09]))
     decay = np.exp(-dt / lag)
@@ -133,7 +136,7 @@ def _air_smoother(
             P = P - np.outer(gain, P[1, :])
             likelihood -= 0.5 * (np.log(variance) + innovation * innovation / variance)
         xs[i], Ps[i] = x, P
-    for i in range(n - 2, -1, -1):
+    for i in range(n - 2 if smooth else -1, -1, -1):
         C = Ps[i] @ F.T @ np.linalg.inv(Pp[i + 1])
         xs[i] = xs[i] + C @ (xs[i + 1] - xp[i + 1])
     return xs[:, 0].copy(), likelihood

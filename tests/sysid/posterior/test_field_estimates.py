@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -105,3 +106,19 @@ def test_every_prior_has_its_null_inside_its_bounds_and_a_source() -> None:
         assert one.null == np.inf or one.low <= one.null <= one.high
         assert one.std > 0.0
         assert one.source
+
+
+def test_an_error_of_the_vehicle_file_moves_the_estimate_as_said() -> None:
+    flight = flown("short", 0)
+    mass = replace(flight.vehicle.mass, mass_std=None)
+    weights = (mass, replace(mass, mass=1.01 * mass.mass), replace(mass, mass_std=0.05 * mass.mass))
+    found = [identify([flight.signals], replace(flight.vehicle, mass=one), method="map") for one in weights]
+    first, moved, bars = (one.model.coefficients["CL_alpha"] for one in found)
+    assert None not in (first.value, moved.value, first.std, bars.std)
+    told = first.extra["systematic"]["mass_1pct"]
+    # What is heavier by 1 % is held up by 1 % more lift.
+    assert told == pytest.approx(0.01 * first.value, rel=0.15)
+    assert moved.value - first.value == pytest.approx(told, rel=0.25)
+    # A doubt that the vehicle file states is in the bars.
+    assert bars.std == pytest.approx(np.hypot(first.std, 5.0 * told), rel=0.05)
+    assert "mass_std" in bars.extra["systematic"]

@@ -1,0 +1,38 @@
+"""What is estimated beside coefficients, and what was taken as known, in plain words and units one thinks in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+_WORDS = {
+    "servo_delay": ("servos, delay", "ms", 1e3), "servo_lag": ("servos, lag", "ms", 1e3),
+    "servo_backlash": ("servos, half backlash", "deg", 180.0 / math.pi),
+    "airspeed_error": ("airspeed reads too much by", "%", 100.0),
+    "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),
+    "alpha_scale": ("alpha vane, scale", "1", 1.0), "beta_scale": ("beta vane, scale", "1", 1.0),
+    "vane_clock": ("vane, stamps late by", "ms", 1e3),
+    "vane_log_frequency": ("vane, ln of its frequency in Hz", "1", 1.0),
+    "vane_log_damping": ("vane, ln of its damping ratio", "1", 1.0),
+    "accelerometer_tilt": ("accelerometers, tilt in pitch", "deg", 180.0 / math.pi),
+    "thrust_error": ("thrust reads too much by", "%", 100.0),
+    "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
+    "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),
+    "alpha_offset": ("alpha vane, offset", "deg", 180.0 / math.pi),
+}  # fmt: skip
+
+
+# An error that the vehicle file states ends so in `systematic`; the error bars hold it already.
+STATED = "_std"
+
+
+def beside_bars(entry: Mapping[str, Any]) -> list[float]:
+    """What usual errors of the vehicle file would do to an estimate beyond its error bars: its `systematic`."""
+    moved = entry.get("systematic") or {}
+    return [part for name, part in moved.items() if part is not None and not name.endswith(STATED)]
+
+
+def unknown_words(entry: Mapping[str, Any]) -> tuple[str, str, float]:
+    """Words and unit for an entry of a result's `nuisances`, and the factor from SI to that unit."""
+    return _WORDS.get(entry["name"], (entry["name"], entry["unit"], 1.0))

@@ -1,0 +1,89 @@
+"""What the estimate takes as known and is not: mass, inertia, density, linkages, gains of sensors (consider columns).
+
+An error of one of them moves the outputs, and the estimate follows it by what the data weigh: to first order
+H^-1 J' S^-1 dy (consider analysis: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. 8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from sim_vehicle.vehicle.propulsion import scaled
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.posterior.group import Altered
+
+_CONTROLS = {"elevator": "de", "aileron": "da", "rudder": "dr"}
+_OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
+_INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
+    deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
+    model of the vehicle is told with that error.
+    """
+
+    name: str
+    stated: bool
+    changed: Callable[[Vehicle], Altered]
+
+
+def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
+    """Doubts of a vehicle; thrust_measured: whether the flight told it."""
+    mass = vehicle.mass
+    found = [_mass("mass", mass.mass_std)] if mass.mass_std is not None else [_shares("mass_1pct", ("mass",), 0.01)]
+    stated = [(key, getattr(mass, f"{key}_std")) for key in _INERTIA]
+    found += [_mass(key, std) for key, std in stated if std is not None] or [_shares("inertia_5pct", _INERTIA, 0.05)]
+    found.append(Doubt("density_2pct", False, lambda vehicle: Altered(vehicle, density=1.02)))
+    found += _linkages(vehicle)
+    for name, outputs in _OUTPUTS.items():
+        if std := vehicle.sensors[name].scale_std:
+            found.append(_readings(f"{name}_scale", outputs, std))
+    if not thrust_measured and vehicle.propulsion is not None:
+        found.append(Doubt("thrust_5pct", False, lambda vehicle: Altered(_stronger(vehicle, 1.05))))
+    return tuple(found)
+
+
+def _mass(key: str, std: float) -> Doubt:
+    def changed(vehicle: Vehicle) -> Altered:
+        return Altered(replace(vehicle, mass=replace(vehicle.mass, **{key: getattr(vehicle.mass, key) + std})))
+
+    return Doubt(f"{key}_std", True, changed)
+
+
+def _shares(name: str, keys: tuple[str, ...], share: float) -> Doubt:
+    def changed(vehicle: Vehicle) -> Altered:
+        more = {key: (1.0 + share) * getattr(vehicle.mass, key) for key in keys}
+        return Altered(replace(vehicle, mass=replace(vehicle.mass, **more)))
+
+    return Doubt(name, False, changed)
+
+
+def _stronger(vehicle: Vehicle, gain: float) -> Vehicle:
+    motor = vehicle.propulsion
+    if motor is None:
+        return vehicle
+    most = None if motor.max_thrust is None else gain * motor.max_thrust
+    return replace(vehicle, propulsion=replace(motor, max_thrust=most, CT=scaled(motor.CT, gain)))
+
+
+def _linkages(vehicle: Vehicle) -> list[Doubt]:
+    """Each linkage that the bench has measured, or all together by a usual amount."""
+    found = []
+    for control, surface in _CONTROLS.items():
+        known = vehicle.controls.get(control)
+        if known is not None and known.gain_std:
+            found.append(_commands(f"{control}_gain_std", True, {surface: 1.0 + known.gain_std}, {}))
+        if known is not None and known.bias_std:
+            found.append(_commands(f"{control}_bias_std", True, {}, {surface: known.bias_std}))
+    return found or [_commands("linkage_5pct", False, dict.fromkeys(_CONTROLS.values(), 1.05), {})]
+
+
+def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> Doubt:
+    return Doubt(name, stated, lambda vehicle: Altered(vehicle, gains=gains, biases=biases))
+
+
+def _readings(name: str, outputs: tuple[str, ...], share: float) -> Doubt:
+    return Doubt(f"{name}_std", True, lambda vehicle: Altered(vehicle, readings=dict.fromkeys(outputs, 1.0 + share)))
