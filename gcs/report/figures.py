@@ -1,4 +1,4 @@
-"""Figures of an identification's result: fits, residuals, frequency responses."""
+"""Figures of an identification's result: fits, residuals, noise spectra, frequency responses."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _Z95 = 1.96
 _SYMBOLS = {axis: f"$C_{{{axis[1:]}}}$" for axis in AXES}
 # Consecutive points further apart than this many usual steps belong to different stretches.
 _BREAK = 8.0
+_SPECTRA_IN_A_ROW = 4
 
 
 def flights(series: Result) -> list[str]:
@@ -58,6 +59,24 @@ def residual_statistics(series: Result) -> list[str]:
             figure("outputs", "Autocorrelation of the estimation's output residuals; dashed: 95 % limits of a white "
                    "series", size, partial(_autocorrelations, residuals=outputs, columns=4))
         )  # fmt: skip
+    return found
+
+
+def noise_spectra(spectra: list[Result]) -> list[str]:
+    """Per flight the spectrum of what the simulation leaves of each output, and the sensor's own noise."""
+    found = []
+    for index, flight in enumerate(dict.fromkeys(one["flight"] for one in spectra)):
+        mine = [one for one in spectra if one["flight"] == flight]
+        caption = f"Flight {flight}: amplitude spectrum of what the simulation leaves of each output, which weighs it; "
+        if any(one["sensor"] is not None for one in mine):
+            caption += (
+                "dashed: the sensor's own noise by the vehicle file. What lies above it is gusts, vibration, or what "
+                "the model lacks"
+            )
+        else:
+            caption += "the vehicle file tells no sensor's noise that it could be compared with"
+        size = (7.4, 2.0 * -(-len(mine) // _SPECTRA_IN_A_ROW))
+        found.append(figure(f"noise{index}", caption, size, partial(_noise_spectra, spectra=mine)))
     return found
 
 
@@ -146,6 +165,15 @@ def _histograms(made: Figure, residuals: Result) -> None:
         plot.set_xlabel("residual")
         plot.set_yticks([])
         plot.locator_params(axis="x", nbins=3)
+
+
+def _noise_spectra(made: Figure, spectra: list[Result]) -> None:
+    for plot, one in zip(pages(made, len(spectra), min(_SPECTRA_IN_A_ROW, len(spectra))), spectra, strict=True):
+        plot.loglog(one["frequency_hz"], _floats(one["density"]), color=MEASURED)
+        if one["sensor"] is not None:
+            plot.axhline(one["sensor"], color=LIMIT, linestyle="--", linewidth=0.8)
+        plot.set_title(f"{one['output']}, {one['unit'].replace('^2', '²').replace('sqrt(Hz)', '√Hz')}", fontsize=9)
+        plot.set_xlabel("frequency, Hz")
 
 
 def _bode(made: Figure, responses: list[Result]) -> None:

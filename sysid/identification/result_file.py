@@ -70,7 +70,11 @@ def _finally(found: Identification) -> CompatibilityResult:
 def _method(found: Identification) -> dict[str, Any]:
     """How the coefficients were estimated, in what turbulence, and what beside them."""
     if found.posterior is not None:
-        return {"method": "map", "turbulence": None, "nuisances": [one.to_json() for one in found.posterior.nuisances]}
+        beside = {
+            "nuisances": [one.to_json() for one in found.posterior.nuisances],
+            "noise_spectrum": [one.to_json() for one in found.posterior.noise],
+        }
+        return {"method": "map", "turbulence": None, **beside}
     if found.likeliest is None:
         return {"method": "ee", "turbulence": None}
     result = found.likeliest.result

@@ -17,6 +17,7 @@ from sysid.posterior.declared import Told, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of
 from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SURFACES_OF, GroupModel
+from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of
 from sysid.posterior.start import equation_error_starts
 from sysid.posterior.unknowns import Nuisance, unknowns_of
@@ -62,8 +63,9 @@ class NuisanceEstimate:
 class PosteriorEstimate:
     """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
 
-    prior_std: of those. results: by group. nuisances: of both groups. unexcited: coefficients whose surface did not
-    move. left_out: group -> why it could not be estimated. warnings: one line each.
+    prior_std: of those. results: by group. nuisances: of both groups. noise: what is left of every output.
+    unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated. warnings: one
+    line each.
     """
 
     joint: Gaussian
@@ -71,6 +73,7 @@ class PosteriorEstimate:
     results: Mapping[str, PosteriorResult]
     models: Mapping[str, GroupModel]
     nuisances: tuple[NuisanceEstimate, ...]
+    noise: tuple[NoiseSpectrum, ...]
     unexcited: tuple[str, ...]
     left_out: Mapping[str, str]
     warnings: tuple[str, ...]
@@ -143,10 +146,11 @@ def estimate(
         if result.feedback > 0.0
     ]
     joint, prior_std = _joint(found)
+    noise = [noise_spectra(one.outputs, one.spectra, parts, vehicle) for _, one in found.values()]
     return PosteriorEstimate(
         joint, prior_std, {group: result for group, (_, result) in found.items()},
-        {group: model for group, (model, _) in found.items()}, _nuisances(found), tuple(unexcited), left_out,
-        tuple(warnings),
+        {group: model for group, (model, _) in found.items()}, _nuisances(found),
+        tuple(one for group in noise for one in group), tuple(unexcited), left_out, tuple(warnings),
     )  # fmt: skip
 
 

@@ -89,6 +89,11 @@ def identification() -> dict[str, Any]:
             "verdicts": [{"signal": "alpha", "verdict": "alpha reads 1.081 ± 0.021 of true", "status": "corrected"}],
         },
         "mistakes": [{"signal": "theta", "kind": "unit", "sentence": "pitch is in degrees", "found": None}],
+        "noise_spectrum": [
+            {"flight": "second", "output": name, "unit": unit, "frequency_hz": hz, "density": [0.02, 0.004, 0.001],
+             "sensor": sensor}
+            for name, unit, sensor in (("q", "rad/s/sqrt(Hz)", 0.0012), ("beta", "rad/sqrt(Hz)", None))
+        ],
         "delays": {"vanes": {"value": 0.0402, "std": 0.0011, "unit": "s"}},
         "model": {
             "schema": "model/1",
@@ -183,7 +188,7 @@ def test_it_can_be_read_without_seeing_it(page: Page) -> None:
     assert attributes["html"]["lang"] == "en"
     assert (tags.count("h1"), tags.count("title") >= 1) == (1, True)
     assert tags.count("caption") == tags.count("table") > 8
-    assert tags.count("figcaption") == tags.count("svg") == tags.count("figure") == 7
+    assert tags.count("figcaption") == tags.count("svg") == tags.count("figure") == 8
     assert all(a["aria-label"] for tag, a in page.elements if tag == "svg")
     assert all(a["scope"] in {"row", "col"} for tag, a in page.elements if tag == "th")
 
@@ -242,6 +247,19 @@ def test_an_older_result_without_curves_or_modes_is_a_page_too(tmp_path: Path) -
     assert "identify the flight again" in text
     assert "Not judged" in text
     assert "CL_alpha is not known" in text
+
+
+def test_the_spectrum_of_what_is_left_stands_beside_the_sensors_noise_where_that_is_known() -> None:
+    result = identification()
+    html = report(result)
+    assert "Flight second: amplitude spectrum" in html
+    assert "q, rad/s/√Hz" in html
+    assert "What lies above it is gusts, vibration, or what the model lacks" in html
+    for one in result["noise_spectrum"]:
+        one["sensor"] = None
+    assert "tells no sensor&#x27;s noise" in report(result)
+    del result["noise_spectrum"]
+    assert "amplitude spectrum" not in report(result)
 
 
 def test_a_discrepancy_is_a_page_too(tmp_path: Path) -> None:

@@ -57,10 +57,17 @@ def test_a_result_says_what_stood_between_aircraft_and_log() -> None:
     late = sum(nuisances["longitudinal", name]["value"] for name in ("servo_delay", "servo_lag"))
     assert 0.01 < late < 0.06
     assert all(0.0 < one["std"] < 2.0 * one["prior_std"] for one in nuisances.values())
+    spectra = {one["output"]: one for one in result["noise_spectrum"]}
+    assert set(spectra) == {"q", "az", "ax", "alpha", "p", "r", "ay", "beta"}
+    for one in spectra.values():
+        assert len(one["frequency_hz"]) == len(one["density"]) > 20
+        assert 0.0 < one["frequency_hz"][0] < one["frequency_hz"][-1] <= 15.0
+        assert min(one["density"]) > 0.0
     assert result["model"]["coefficients"]["Cm_alpha"]["value"] < 0.0
     page = report(result)
     assert "Between aircraft and log" in page
     assert "servos, delay" in page
+    assert "what the simulation leaves of each output" in page
     assert "mistake was found" not in page  # none was looked for
 
 
