@@ -18,12 +18,13 @@ from sysid.posterior.doubts import Doubt, doubts_of
 from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
-from sysid.posterior.part import FlightPart, outputs_of
+from sysid.posterior.part import FlightPart, outputs_of, with_vane
 from sysid.posterior.start import equation_error_starts
 from sysid.posterior.unknowns import Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 GROUPS = ("longitudinal", "lateral")
+_VANES = {"longitudinal": "alpha", "lateral": "beta"}
 # Standard deviation of a command, rad, below which it has excited nothing.
 LEAST_TRAVEL = 0.003
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
@@ -87,6 +88,36 @@ class PosteriorEstimate:
         }
 
 
+@dataclass(frozen=True)
+class _Found:
+    """One group of axes, estimated."""
+
+    posterior: Posterior
+    result: PosteriorResult
+
+    def nuisances(self) -> dict[str, float]:
+        """All nuisances by name, those that are held included."""
+        model, theta = self.posterior.model, self.result.theta
+        return model.unknowns.values(theta[len(model.parameters) :])
+
+
+def _seen(parts: Sequence[FlightPart], found: Mapping[str, _Found], vehicle: Vehicle) -> list[FlightPart]:
+    """The parts with the flow angles of the groups found as they were before their vanes."""
+    seen = list(parts)
+    for group, one in found.items():
+        name, values = _VANES[group], one.nuisances()
+        if name in one.result.outputs:
+            seen = [with_vane(part, name, vehicle.sensors, values) for part in seen]
+    return seen
+
+
+def _again(before: _Found, parts: Sequence[FlightPart], doubts: Sequence[Doubt]) -> _Found:
+    """The estimate of a group from where it stood, with other motion imposed."""
+    posterior = before.posterior.of(before.posterior.model.of(parts))
+    start = np.concatenate((before.result.theta, before.result.states))
+    return _Found(posterior, posterior.solve(start, doubts))
+
+
 def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
     """Surfaces (of de, da, dr) that moved in some part."""
     return frozenset(name for name in ("de", "da", "dr") if any(part.travel(name) > LEAST_TRAVEL for part in parts))
@@ -111,7 +142,7 @@ def estimate(
     moved = excited(parts)
     measured = all(np.isfinite(part.thrust).all() for part in parts)
     doubts = [one for one in doubts_of(vehicle, measured) if one.stated or systematic]
-    found: dict[str, tuple[GroupModel, PosteriorResult]] = {}
+    found: dict[str, _Found] = {}
     left_out, unexcited, warnings = {}, [], []
     for place, group in enumerate(GROUPS):
         own = [name for name in structure.coefficients if is_longitudinal(name) == (group == "longitudinal")]
@@ -129,35 +160,40 @@ def estimate(
         if not rates <= set(outputs):
             left_out[group] = f"{' and '.join(sorted(rates - set(outputs)))} repeats one value or is missing"
             continue
-        progress(0.5 * place, f"{group} axes")
+        progress(0.45 * place, f"{group} axes")
         free = effects if not found else ()
         told = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
         try:
-            found[group] = _group(parts, vehicle, structure, names, free, group, outputs, known, told, doubts)
+            seen = _seen(parts, found, vehicle)
+            found[group] = _group(seen, vehicle, structure, names, free, group, outputs, known, told, doubts)
         except EstimationError as error:
             left_out[group] = str(error)
+    if len(found) > 1:
+        progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
+        others = {group: one for group, one in found.items() if group == "lateral"}
+        found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle), doubts)
     if not found:
         raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
     warnings += [
         f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an autopilot or"
         " pilot in the loop; bars are wider by that, and narrow where test inputs are flown that answer nothing"
-        for group, (_, result) in found.items()
+        for group, result in ((group, one.result) for group, one in found.items())
         if result.feedback > 0.0
     ]
     joint, prior_std = _joint(found)
-    noise = [noise_spectra(one.outputs, one.spectra, parts, vehicle) for _, one in found.values()]
+    noise = [noise_spectra(one.result.outputs, one.result.spectra, parts, vehicle) for one in found.values()]
     return PosteriorEstimate(
-        joint, prior_std, {group: result for group, (_, result) in found.items()},
-        {group: model for group, (model, _) in found.items()}, _nuisances(found),
+        joint, prior_std, {group: one.result for group, one in found.items()},
+        {group: one.posterior.model for group, one in found.items()}, _nuisances(found),
         tuple(one for group in noise for one in group), tuple(unexcited), left_out, tuple(warnings),
     )  # fmt: skip
 
 
-def _alike(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> dict[str, Told]:
+def _alike(found: Mapping[str, _Found]) -> dict[str, Told]:
     """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
     told: dict[str, Told] = {}
-    for model, result in found.values():
+    for model, result in ((one.posterior.model, one.result) for one in found.values()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             if one.name in _ALIKE and result.feedback == 0.0 and not all(part.position for part in model.parts):
                 std = float(np.hypot(np.sqrt(result.covariance[i, i]), _ALIKE[one.name]))
@@ -176,11 +212,10 @@ def _group(
     known: Gaussian | None,
     told: Mapping[str, Told],
     doubts: Sequence[Doubt],
-) -> tuple[GroupModel, PosteriorResult]:
-    vane = "alpha" if group == "longitudinal" else "beta"
+) -> _Found:
     position = all(part.position for part in parts)
     lag = _airspeed_lag(parts)
-    unknowns = unknowns_of(group, vane in outputs, position, told, (lag,))
+    unknowns = unknowns_of(group, _VANES[group] in outputs, position, told, (lag,))
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
     model = GroupModel(
         parts, vehicle, replace(structure, coefficients=own, correlation=None), names, effects, group, outputs, unknowns
@@ -210,22 +245,20 @@ def _group(
             begin[lateness[0]] = max(middle[lateness[0]] + delay - float(middle[lateness].sum()), 0.0)
         posterior = Posterior(model, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
-    return model, _best(tried, doubts)
+    return _best(tried, doubts)
 
 
-def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> PosteriorResult:
+def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> _Found:
     """The likeliest maximum from the two likeliest starts, of those from which the simulation does not diverge."""
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
         raise EstimationError("the simulated motion diverges from every start: the aircraft may be unstable")
-    if len(usable) == 1:
-        return usable[0][2].solve(usable[0][1], doubts)
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return posterior.solve(theta, doubts)
+    return _Found(posterior, posterior.solve(theta, doubts))
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
@@ -261,12 +294,12 @@ def _bounds(model: GroupModel, coefficients: int) -> tuple[Array, Array]:
     return low, high
 
 
-def _joint(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[Gaussian, dict[str, float]]:
+def _joint(found: Mapping[str, _Found]) -> tuple[Gaussian, dict[str, float]]:
     """Coefficients of all groups, and their prior standard deviations. What the structure never holds is in it."""
     names: list[str] = []
     values, blocks = [], []
     prior: dict[str, float] = {}
-    for model, result in found.values():
+    for model, result in ((one.posterior.model, one.result) for one in found.values()):
         count = len(model.parameters)
         theta = result.theta[:count]
         names += list(result.names[:count])
@@ -299,9 +332,9 @@ def _usual(name: str) -> float:
     return 0.0 if "." in name else usual_size(name)
 
 
-def _nuisances(found: Mapping[str, tuple[GroupModel, PosteriorResult]]) -> tuple[NuisanceEstimate, ...]:
+def _nuisances(found: Mapping[str, _Found]) -> tuple[NuisanceEstimate, ...]:
     estimates = []
-    for group, (model, result) in found.items():
+    for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
             estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit))

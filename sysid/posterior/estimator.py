@@ -23,7 +23,7 @@ from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spect
 MAX_PASSES = 12
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
-# Slopes by nuisances are worked out anew every so many steps, and before the search may end.
+# Slopes by what is imposed are worked out anew every so many steps, and before the search may end.
 _FRESH_EVERY = 4
 # Blocks of time of the sandwich, s, and the fewest of them.
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
@@ -50,15 +50,17 @@ class _Point:
 class PosteriorResult:
     """The maximum, with its uncertainty.
 
-    names: of the unknowns without the initial states, (P,). theta: (P,). covariance: (P, P), the larger of Fisher's and
-    the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of the motion that the structure
-    may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K). passes: steps made.
-    feedback: share of the commands' variance that follows the residuals: a closed loop. systematic: (P,) by which an
-    error of what was taken as known moves the estimate; the covariance holds those that were stated.
+    names: of the unknowns without the initial states, (P,). theta: (P,). states: initial ones. covariance: (P, P),
+    the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
+    the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
+    passes: steps made. feedback: share of the commands' variance that follows the residuals: a closed loop.
+    systematic: (P,) by which an error of what was taken as known moves the estimate; the covariance holds those
+    that were stated.
     """
 
     names: tuple[str, ...]
     theta: Array
+    states: Array
     covariance: Array
     fisher: Array
     prior_std: Array
@@ -78,6 +80,7 @@ class Posterior:
 
     def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array, zeros: Mapping[str, float]) -> None:
         self.model, self.prior, self.low, self.high = model, prior, low, high
+        self.zeros = zeros
         self._zero_std = np.array([zeros[name] for name in model.outputs])
         self.parts = model.parts
         self.flights = list(dict.fromkeys(part.flight for part in self.parts))
@@ -92,6 +95,10 @@ class Posterior:
         self.spectra: dict[str, ResidualSpectrum] = {}
         self.misfit = 0.0
         self._logdet = 0.0
+
+    def of(self, model: GroupModel) -> Posterior:
+        """The same prior and bounds about another model of as many parts."""
+        return Posterior(model, self.prior, self.low, self.high, self.zeros)
 
     def point(self, theta: Array) -> _Point:
         """Simulate all parts. Raises EstimationError where the motion diverges."""
@@ -278,7 +285,7 @@ class Posterior:
         weight = np.diag(self.prior.information)[:P]
         prior_std = 1.0 / np.sqrt(np.maximum(weight, 1e-300))
         return PosteriorResult(
-            self.model.names, at.theta[:P], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
+            self.model.names, at.theta[:P], at.theta[P:], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
             self.cost(at) + self._logdet, self._feedback(at),
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},

@@ -109,6 +109,13 @@ class GroupModel:
         """What the model was told of the aircraft."""
         return self._told.vehicle
 
+    def of(self, parts: Sequence[FlightPart]) -> GroupModel:
+        """The same model of other parts, as many of the same flights."""
+        other = copy.copy(self)
+        other.parts = tuple(parts)
+        other._prepared = [self._prepare(part) for part in parts]
+        return other
+
     def altered(self, by: Altered) -> GroupModel:
         """The same model of the same parts, told otherwise."""
         other = copy.copy(self)
@@ -141,8 +148,8 @@ class GroupModel:
     def slopes(self, index: int, theta: Array, held: Array | None = None) -> Array:
         """(m, K, P) slopes of a part's outputs by all unknowns.
 
-        held: such slopes from nearby, whose columns of nuisances that drive the simulation are kept: they hardly change
-        from step to step, and each costs a simulation.
+        held: such slopes from nearby, whose columns of what is imposed are kept: they hardly change from step to step,
+        and each costs a simulation. (A servo's do change: its play is no smooth function.)
         """
         one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
         states = self._states(index, theta)
@@ -151,8 +158,8 @@ class GroupModel:
         S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
         nuisances = list(self.unknowns)
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
-        every = [i for i, n in enumerate(nuisances) if n.name in _DRIVING]
-        driven = [(i, nuisances[i]) for i in every if held is None]
+        kept = [] if held is None else [i for i, n in enumerate(nuisances) if n.name in _DRIVING - set(_SERVO)]
+        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in _DRIVING and i not in kept]
         moved = []
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
@@ -168,7 +175,7 @@ class GroupModel:
         result[:, :, begin : begin + width] = read[:, :, count : count + width]
         base = read[:, :, count + width]
         if held is not None:
-            places = [count + i for i in every]
+            places = [count + i for i in kept]
             result[:, :, places] = held[:, :, places]
         for place, (i, _) in enumerate(driven):
             result[:, :, count + i] = read[:, :, count + width + 1 + place]

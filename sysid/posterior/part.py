@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sim_vehicle.vehicle.vehicle_file import Sensors, Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.posterior.declared import airspeed_lag
@@ -183,8 +184,7 @@ def _flow(
     vehicle: Vehicle,
 ) -> dict[str, Array]:
     """alpha and beta at the centre of gravity, from the vanes, else from kinematics; no sideslip where neither is."""
-    sensors, p, q, r = vehicle.sensors, motion["p"], motion["q"], motion["r"]
-    found = {}
+    sensors, found = vehicle.sensors, {}
     for name in ("alpha", "beta"):
         if name in read:
             found[name] = _smooth(read[name], grid, _HALF_S["angles"])
@@ -194,16 +194,46 @@ def _flow(
             found[name] = np.zeros(grid.size)
         else:
             raise SignalError("no angle of attack: neither a vane nor what kinematics could take it from")
-    if "alpha" in read:
-        x, y, _ = sensors.alpha_vane.position
-        found["alpha"] = found["alpha"] + x * q / speed - y * p / speed
-    if "beta" in read:
-        x, _, z = sensors.beta_vane.position
-        beta = found["beta"]
-        if sensors.beta_vane.kind == "flank":
-            beta = np.arctan(np.tan(beta) * np.cos(found["alpha"]))
-        found["beta"] = beta - x * r / speed + z * p / speed
+    for name in read.keys() & found.keys():
+        found[name] = _at_centre(name, found[name], found["alpha"], motion, speed, sensors)
     return found
+
+
+def _at_centre(
+    name: str, flow: Array, alpha: Array, motion: Mapping[str, Array], speed: Array, sensors: Sensors
+) -> Array:
+    """A flow angle at the centre of gravity from what its vane sees."""
+    p, q, r = motion["p"], motion["q"], motion["r"]
+    if name == "alpha":
+        x, y, _ = sensors.alpha_vane.position
+        return flow + x * q / speed - y * p / speed
+    x, _, z = sensors.beta_vane.position
+    if sensors.beta_vane.kind == "flank":
+        flow = np.asarray(np.arctan(np.tan(flow) * np.cos(alpha)))
+    return flow - x * r / speed + z * p / speed
+
+
+def with_vane(part: FlightPart, name: str, sensors: Sensors, values: Mapping[str, float]) -> FlightPart:
+    """The part with a flow angle, alpha or beta, as it was before its vane swung, scaled and was stamped.
+
+    values: the nuisances of that vane. What is imposed on one group of axes is read by the vane of the other: 60 ms of
+    lag in it, times the rates, are as large as what is to be told.
+    """
+    if name not in part.channels:
+        return part
+    channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
+    read = _smooth((channel.time_s - values["vane_clock"], channel.values), part.grid, _HALF_S["angles"])
+    frequency = math.exp(values["vane_log_frequency"])
+    if math.isfinite(frequency):
+        speed = part.airspeed.values
+        omega = 2.0 * np.pi * frequency * speed / float(np.median(speed))
+        rate = np.gradient(read, dt)
+        damping = math.exp(values["vane_log_damping"])
+        read = read + 2.0 * damping / omega * rate + np.gradient(rate, dt) / omega**2
+    flow = _at_centre(
+        name, read / values[f"{name}_scale"], part.motion["alpha"], part.motion, part.airspeed.values, sensors
+    )
+    return replace(part, motion={**part.motion, name: flow})
 
 
 def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:

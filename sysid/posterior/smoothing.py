@@ -87,20 +87,20 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
     def run(lag: float, power: float, smooth: bool = False) -> tuple[Array, float]:
         return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start, smooth)
 
-    # One after the other, and the first again: both matter little to each other.
-    power = max(_GUST_POWERS, key=lambda one: run(max(lag_prior[0], 0.0), one)[1])
-    lag = max(_LAGS_S, key=lambda one: run(one, power)[1])
-    power = max(_GUST_POWERS, key=lambda one: run(lag, one)[1])
+    # Together: at a wrong lag gusts seem strong, and where gusts are strong no lag can be told.
+    lags = _LAGS_S if lag_prior[1] > 0.0 else (max(lag_prior[0], 0.0),)
+    powers = [max(_GUST_POWERS, key=lambda power: run(lag, power)[1]) for lag in lags]
     if lag_prior[1] == 0.0:
-        lag, std = max(lag_prior[0], 0.0), 0.0
+        lag, std = lags[0], 0.0
     else:
         fine = np.arange(0.0, _LAGS_S[-1], _LAG_STEP_S)
-        score = np.interp(fine, _LAGS_S, [run(one, power)[1] for one in _LAGS_S])
+        score = np.interp(fine, lags, [run(*one)[1] for one in zip(lags, powers, strict=True)])
         score -= 0.5 * ((fine - lag_prior[0]) / lag_prior[1]) ** 2
         weight = np.exp(np.clip(score - score.max(), -50.0, 0.0))
         lag = float(weight @ fine / weight.sum())
         spread = float(np.sqrt(weight @ (fine - lag) ** 2 / weight.sum()))
         std = min(max(spread, _LEAST_LAG_STD_S), lag_prior[1])
+    power = powers[int(np.argmin(np.abs(np.array(lags) - lag)))]
     step = 0.01
     values, later = run(lag, power, True)[0], run(lag + step, power, True)[0]
     return Airspeed(values, (later - values) / step, lag, std)
