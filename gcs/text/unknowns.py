@@ -16,6 +16,7 @@ _WORDS = {
     "vane_log_frequency": ("vane, ln of its frequency in Hz", "1", 1.0),
     "vane_log_damping": ("vane, ln of its damping ratio", "1", 1.0),
     "accelerometer_tilt": ("accelerometers, tilt in pitch", "deg", 180.0 / math.pi),
+    "gyro_tilt": ("gyros, roll read as yaw", "%", 100.0),
     "thrust_error": ("thrust reads too much by", "%", 100.0),
     "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
     "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),

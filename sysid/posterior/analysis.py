@@ -304,7 +304,7 @@ def _joint(found: Mapping[str, _Found]) -> tuple[Gaussian, dict[str, float]]:
         theta = result.theta[:count]
         names += list(result.names[:count])
         values.append(theta)
-        blocks.append(result.covariance[:count, :count] + np.diag(_beyond(result, theta, count) ** 2))
+        blocks.append(result.covariance[:count, :count] + np.diag(_loop(result, theta, count) ** 2))
         prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
     covariance = np.zeros((len(names), len(names)))
     begin = 0
@@ -315,16 +315,15 @@ def _joint(found: Mapping[str, _Found]) -> tuple[Gaussian, dict[str, float]]:
     return Gaussian(tuple(names), np.concatenate(values), covariance), prior
 
 
-def _beyond(result: PosteriorResult, theta: Array, count: int) -> Array:
-    """(count,) standard deviations of what neither Fisher's bar nor the sandwich holds.
+def _loop(result: PosteriorResult, theta: Array, count: int) -> Array:
+    """(count,) standard deviations of what a closed loop does to an estimate.
 
-    A share of the value for what no structure holds. In a closed loop the estimate mixes the aircraft with the inverse
-    of what flies it, in the ratio of the commands' shares that do and do not answer noise: of its own size then, or of
-    the usual one, since the mixture need not be small where the coefficient is.
+    It mixes the aircraft with the inverse of what flies it, in the ratio of the commands' shares that do and do not
+    answer noise: of its own size then, or of the usual one, since the mixture need not be small where the coefficient
+    is.
     """
     size = np.array([max(abs(value), _usual(name)) for name, value in zip(result.names[:count], theta, strict=True)])
-    loop = result.feedback / max(1.0 - result.feedback, 0.1) * size
-    return np.asarray(np.hypot(result.misfit * np.abs(theta), loop))
+    return result.feedback / max(1.0 - result.feedback, 0.1) * size
 
 
 def _usual(name: str) -> float:

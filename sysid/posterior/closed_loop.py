@@ -16,6 +16,8 @@ from sysid.posterior.observations import CommonGrid
 SHORTEST_LOOP_S = 20.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
 _LEAST_SHARE = 0.05
+# So many other times tell what chance explains, and so many of their standard deviations beyond is no chance.
+_SURROGATES, _BEYOND_CHANCE = 12, 3.0
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 
@@ -23,7 +25,8 @@ _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) -> float:
     """Share of a command's variance that a causal filter of the residuals (m, K) explains, 0 to 1.
 
-    Adjusted for chance, by which many lags explain a part of anything.
+    Adjusted for chance, by which many lags explain a part of anything, the more the smoother it is: as much as the same
+    residuals explain at other times.
     """
     every = max(1, round(_STEP_S / common.interval_s))
     lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
@@ -34,15 +37,26 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) ->
     kernel = np.ones(every) / every
     means = np.stack([np.convolve(row, kernel)[: row.size] for row in normal])[:, ::every]
     count = means.shape[1]
-    A = np.zeros((count, residual.shape[0] * lags))
-    for lag in range(lags):
-        A[lag:, lag::lags] = means[:, : count - lag].T
     u = command.at(common.points[::every])
     off = u - u.mean()
     power = float(off @ off)
-    if count < 2 * A.shape[1] or power == 0.0:
+    if count < 2 * residual.shape[0] * lags or power == 0.0:
         return 0.0
-    weights = np.linalg.solve(A.T @ A + _RIDGE * count * np.eye(A.shape[1]), A.T @ off)
-    left = off - A @ weights
-    adjusted = 1.0 - float(left @ left) / power / (1.0 - A.shape[1] / count)
+
+    def explained(shift: int) -> float:
+        A = np.zeros((count, residual.shape[0] * lags))
+        shifted = np.roll(means, shift, axis=1)
+        for lag in range(lags):
+            A[lag:, lag::lags] = shifted[:, : count - lag].T
+        weights = np.linalg.solve(A.T @ A + _RIDGE * count * np.eye(A.shape[1]), A.T @ off)
+        left = off - A @ weights
+        return 1.0 - float(left @ left) / power
+
+    # The same residuals at other times have the same spectra, and answer nothing.
+    shifts = np.linspace(0.2, 0.8, _SURROGATES) * count
+    chance = np.array([explained(round(float(shift))) for shift in shifts])
+    middle, share = float(chance.mean()), explained(0)
+    if share < middle + _BEYOND_CHANCE * float(chance.std()):
+        return 0.0
+    adjusted = (share - middle) / (1.0 - middle)
     return adjusted if adjusted > _LEAST_SHARE else 0.0

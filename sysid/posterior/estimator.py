@@ -29,6 +29,10 @@ _FRESH_EVERY = 4
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
 
 
+# Lower ends of the octaves in each of which the structure may miss another share of each output, Hz.
+_STRUCTURE_BANDS_HZ = 0.125 * 2.0 ** np.arange(8)
+
+
 @dataclass(frozen=True)
 class Prior:
     """Gaussian prior of all unknowns. mean: (P,). information: (P, P)."""
@@ -262,11 +266,13 @@ class Posterior:
         scores = []
         altered = [self.model.altered(doubt.changed(self.model.vehicle)) for doubt in doubts]
         pulls = np.zeros((len(doubts), H.shape[0]))
+        gains = np.zeros((2 * _STRUCTURE_BANDS_HZ.size * len(self.model.outputs), H.shape[0]))
         for i, residual in enumerate(at.residuals):
             J = self.whitened(i, self.model.slopes(i, at.theta))
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             scores.append(self._block_scores(i, J, e))
+            gains += self._gain_errors(i, J, at.simulated[i])
             for pull, other in zip(pulls, altered, strict=True):
                 moved = other.measured(i) - other.simulated(i, at.theta) - residual
                 pull += J.T @ self.whitened(i, moved[:, :, None])[:, 0]
@@ -278,6 +284,9 @@ class Posterior:
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
         covariance = fisher * np.outer(growth, growth)
+        # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
+        structure = self.misfit * gains @ fisher
+        covariance += structure.T @ structure
         shifts = pulls @ fisher
         for doubt, shift in zip(doubts, shifts, strict=True):
             covariance += doubt.stated * np.outer(shift, shift)
@@ -290,6 +299,22 @@ class Posterior:
             self.cost(at) + self._logdet, self._feedback(at),
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
         )  # fmt: skip
+
+    def _gain_errors(self, index: int, J: Array, simulated: Array) -> Array:
+        """(G, P) pulls of a gain error of 1, in phase and in quadrature, of each output in each octave of frequency."""
+        common, band, m = self.parts[index].common, self._bands[index], len(self.model.outputs)
+        f = np.fft.rfftfreq(common.points.size, common.interval_s)[band]
+        alone = np.zeros((m, common.points.size, m))
+        alone[np.arange(m), :, np.arange(m)] = simulated - simulated.mean(axis=1, keepdims=True)
+        stacked = np.column_stack((J, self.whitened(index, alone)))[: 2 * f.size * m]
+        W = (stacked[: f.size * m] + 1j * stacked[f.size * m :]).reshape(f.size, m, -1)
+        place = np.clip(np.searchsorted(_STRUCTURE_BANDS_HZ, f, side="right") - 1, 0, None)
+        found = []
+        for octave in range(_STRUCTURE_BANDS_HZ.size):
+            part = W[place == octave].reshape(-1, W.shape[2])
+            both = part[:, : J.shape[1]].conj().T @ part[:, J.shape[1] :]
+            found += [both.real.T, both.imag.T]
+        return np.concatenate(found)
 
     def _block_scores(self, index: int, J: Array, e: Array) -> Array:
         """(B, P) gradients of blocks of time, by which the sandwich sees what colour the whitened residuals keep."""

@@ -291,10 +291,11 @@ class GroupModel:
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
         """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""
-        tilt = values.get("accelerometer_tilt", 0.0)
-        if tilt != 0.0 and {"ax", "az"} <= set(self.outputs):
-            y = y.copy()
-            y[:, self.outputs.index("ax"), :] += tilt * y[:, self.outputs.index("az"), :]
+        for nuisance, read, by in (("accelerometer_tilt", "ax", "az"), ("gyro_tilt", "r", "p")):
+            tilt = values.get(nuisance, 0.0)
+            if tilt != 0.0 and {read, by} <= set(self.outputs):
+                y = y.copy()
+                y[:, self.outputs.index(read), :] += tilt * y[:, self.outputs.index(by), :]
         result = np.empty((y.shape[1], one.measured.shape[1], y.shape[2]))
         for j, name in enumerate(self.outputs):
             column = np.ascontiguousarray(y[:, j, :])

@@ -63,6 +63,8 @@ PRIORS: tuple[Nuisance, ...] = (
              "both", "vane in an airstream, Wieringa 1967"),
     Nuisance("accelerometer_tilt", 0.0, 0.010, 0.0, -0.1, 0.1, 1e-3, "rad", "longitudinal",
              "mounting of the IMU; cross-axis sensitivity of MEMS accelerometers, 1 %"),
+    Nuisance("gyro_tilt", 0.0, 0.010, 0.0, -0.1, 0.1, 1e-3, "rad", "lateral",
+             "mounting of the IMU; cross-axis sensitivity of MEMS gyros, 1 to 2 %"),
     Nuisance("thrust_error", 0.0, 0.03, 0.0, -0.5, 0.5, 1e-3, "1", "longitudinal", "calibration of a force sensor"),
     Nuisance("theta_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "longitudinal", "mounting of the IMU"),
     Nuisance("phi_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral", "mounting of the IMU"),
