@@ -14,17 +14,20 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Told, declared, zero_stds
-from sysid.posterior.doubts import Doubt, doubts_of
-from sysid.posterior.estimator import Posterior, PosteriorResult, Prior
-from sysid.posterior.group import SURFACES_OF, GroupModel
+from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
+from sysid.posterior.estimator import ALL, Posterior, PosteriorResult, Prior
+from sysid.posterior.group import FLOW_OF, SURFACES_OF, GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
-from sysid.posterior.start import equation_error_starts
+from sysid.posterior.start import equation_error_starts, usual_starts
 from sysid.posterior.unknowns import Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 GROUPS = ("longitudinal", "lateral")
-_VANES = {"longitudinal": "alpha", "lateral": "beta"}
+_SURFACE_WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+# The output that feels an axis most, and the rate that a surface commands.
+_FELT = {"CL": "az", "CD": "ax", "Cm": "q", "CY": "ay", "Cl": "p", "Cn": "r"}
+_COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 # Standard deviation of a command, rad, below which it has excited nothing.
 LEAST_TRAVEL = 0.003
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
@@ -33,6 +36,8 @@ _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
 # Above this share of its prior a flight has told nothing of a number.
 PRIOR_SHARE = 0.7
 
+# By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
+_NO_WORSE = 0.1
 # Steps from each of two starts before one is chosen.
 _FIRST_PASSES = 3
 # By how much servos of one aircraft differ, s, one standard deviation.
@@ -89,11 +94,12 @@ class PosteriorEstimate:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _GroupEstimate:
     """One group of axes, estimated."""
 
     posterior: Posterior
     result: PosteriorResult
+    doubts: Sequence[Doubt]
 
     def nuisances(self) -> dict[str, float]:
         """All nuisances by name, those that are held included."""
@@ -101,21 +107,20 @@ class _Found:
         return model.unknowns.values(theta[len(model.parameters) :])
 
 
-def _seen(parts: Sequence[FlightPart], found: Mapping[str, _Found], vehicle: Vehicle) -> list[FlightPart]:
+def _seen(parts: Sequence[FlightPart], found: Mapping[str, _GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
     """The parts with the flow angles of the groups found as they were before their vanes."""
     seen = list(parts)
     for group, one in found.items():
-        name, values = _VANES[group], one.nuisances()
-        if name in one.result.outputs:
-            seen = [with_vane(part, name, vehicle.sensors, values) for part in seen]
+        values = one.nuisances()
+        seen = [with_vane(part, FLOW_OF[group], vehicle.sensors, values) for part in seen]
     return seen
 
 
-def _again(before: _Found, parts: Sequence[FlightPart], doubts: Sequence[Doubt]) -> _Found:
+def _again(before: _GroupEstimate, parts: Sequence[FlightPart]) -> _GroupEstimate:
     """The estimate of a group from where it stood, with other motion imposed."""
     posterior = before.posterior.of(before.posterior.model.of(parts))
     start = np.concatenate((before.result.theta, before.result.states))
-    return _Found(posterior, posterior.solve(start, doubts))
+    return _GroupEstimate(posterior, posterior.solve(start, before.doubts), before.doubts)
 
 
 def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
@@ -142,7 +147,7 @@ def estimate(
     moved = excited(parts)
     measured = all(np.isfinite(part.thrust).all() for part in parts)
     doubts = [one for one in doubts_of(vehicle, measured) if one.stated or systematic]
-    found: dict[str, _Found] = {}
+    found: dict[str, _GroupEstimate] = {}
     left_out, unexcited, warnings = {}, [], []
     for place, group in enumerate(GROUPS):
         own = [name for name in structure.coefficients if is_longitudinal(name) == (group == "longitudinal")]
@@ -165,22 +170,33 @@ def estimate(
         told = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
         try:
             seen = _seen(parts, found, vehicle)
-            found[group] = _group(seen, vehicle, structure, names, free, group, outputs, known, told, doubts)
+            setting = (seen, vehicle, structure, names, free, group, outputs, known, told, doubts)
+            found[group] = _group(*setting)
+            if found[group].result.feedback > 0.0 and FLOW_OF[group] in outputs:
+                other = _group(*setting, flow_imposed=True)
+                if other.result.feedback < found[group].result.feedback + _NO_WORSE:
+                    found[group] = other
         except EstimationError as error:
             left_out[group] = str(error)
     if len(found) > 1:
         progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
         others = {group: one for group, one in found.items() if group == "lateral"}
-        found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle), doubts)
+        found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle))
     if not found:
         raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
-    warnings += [
-        f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an autopilot or"
-        " pilot in the loop; bars are wider by that, and narrow where test inputs are flown that answer nothing"
-        for group, result in ((group, one.result) for group, one in found.items())
-        if result.feedback > 0.0
-    ]
+    for group, result in ((group, one.result) for group, one in found.items()):
+        warnings += [
+            f"{_SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
+            " what it does cannot be told from damping; fly test inputs on it"
+            for name in result.laws
+        ]
+        if result.feedback > 0.0:
+            warnings.append(
+                f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an"
+                " autopilot or pilot in the loop; bars are wider by that, and narrow where test inputs are flown that"
+                " answer nothing"
+            )
     joint, prior_std = _joint(found)
     noise = [noise_spectra(one.result.outputs, one.result.spectra, parts, vehicle) for one in found.values()]
     return PosteriorEstimate(
@@ -190,7 +206,7 @@ def estimate(
     )  # fmt: skip
 
 
-def _alike(found: Mapping[str, _Found]) -> dict[str, Told]:
+def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Told]:
     """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
     told: dict[str, Told] = {}
     for model, result in ((one.posterior.model, one.result) for one in found.values()):
@@ -212,15 +228,21 @@ def _group(
     known: Gaussian | None,
     told: Mapping[str, Told],
     doubts: Sequence[Doubt],
-) -> _Found:
+    flow_imposed: bool = False,
+) -> _GroupEstimate:
     position = all(part.position for part in parts)
     lag = _airspeed_lag(parts)
-    unknowns = unknowns_of(group, _VANES[group] in outputs, position, told, (lag,))
+    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, told, (lag,), flow_imposed)
+    if flow_imposed:
+        outputs = [name for name in outputs if name != FLOW_OF[group]]
+        scale = f"{FLOW_OF[group]}_scale"
+        # Every force and moment goes with the flow as the vane read it: no flight tells its scale then.
+        doubts = [*doubts, *(flow_doubt(scale, one.std) for one in unknowns if one.name == scale)]
+        unknowns = unknowns.without(scale)
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
-    model = GroupModel(
-        parts, vehicle, replace(structure, coefficients=own, correlation=None), names, effects, group, outputs, unknowns
-    )
-    starts = equation_error_starts(parts, vehicle, names)
+    structure = replace(structure, coefficients=own, correlation=None)
+    model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)
+    starts = equation_error_starts(parts, vehicle, names) + usual_starts(parts, vehicle, names)
     states, states_std = model.start_states()
     low, high = _bounds(model, len(names))
     tried: list[tuple[float, Array, Posterior]] = []
@@ -248,7 +270,7 @@ def _group(
     return _best(tried, doubts)
 
 
-def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> _Found:
+def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> _GroupEstimate:
     """The likeliest maximum from the two likeliest starts, of those from which the simulation does not diverge."""
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
@@ -258,7 +280,7 @@ def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) 
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return _Found(posterior, posterior.solve(theta, doubts))
+    return _GroupEstimate(posterior, posterior.solve(theta, doubts), doubts)
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
@@ -294,7 +316,7 @@ def _bounds(model: GroupModel, coefficients: int) -> tuple[Array, Array]:
     return low, high
 
 
-def _joint(found: Mapping[str, _Found]) -> tuple[Gaussian, dict[str, float]]:
+def _joint(found: Mapping[str, _GroupEstimate]) -> tuple[Gaussian, dict[str, float]]:
     """Coefficients of all groups, and their prior standard deviations. What the structure never holds is in it."""
     names: list[str] = []
     values, blocks = [], []
@@ -320,10 +342,18 @@ def _loop(result: PosteriorResult, theta: Array, count: int) -> Array:
 
     It mixes the aircraft with the inverse of what flies it, in the ratio of the commands' shares that do and do not
     answer noise: of its own size then, or of the usual one, since the mixture need not be small where the coefficient
-    is.
+    is. An axis suffers by what its own residual is answered with; terms of a surface, and of the rate that it commands,
+    by all that the surface answers.
     """
-    size = np.array([max(abs(value), _usual(name)) for name, value in zip(result.names[:count], theta, strict=True)])
-    return result.feedback / max(1.0 - result.feedback, 0.1) * size
+    stds = np.zeros(count)
+    for i, (name, value) in enumerate(zip(result.names[:count], theta, strict=True)):
+        term = None if "." in name else parse_term(name)
+        share = 0.0
+        for surface, shares in result.feedback_of.items():
+            hit = term is None or {surface, _COMMANDED[surface]} & set(term.factors)
+            share = max(share, shares[ALL] if hit else shares.get(_FELT[term.axis], 0.0) if term else 0.0)
+        stds[i] = share / max(1.0 - share, 0.1) * max(abs(value), _usual(name))
+    return stds
 
 
 def _usual(name: str) -> float:
@@ -331,7 +361,7 @@ def _usual(name: str) -> float:
     return 0.0 if "." in name else usual_size(name)
 
 
-def _nuisances(found: Mapping[str, _Found]) -> tuple[NuisanceEstimate, ...]:
+def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, ...]:
     estimates = []
     for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):

@@ -6,12 +6,17 @@ that answers noise (Soderstrom, Gustavsson & Ljung, Int. J. Control 21, 1975): t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sysid.arrays import Array
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import CommonGrid
 
+# A command that a law of these explains to that share was no test input.
+LAW_OF = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
+_LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 # A shorter part cannot tell an answer from chance, s.
 SHORTEST_LOOP_S = 20.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
@@ -60,3 +65,17 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) ->
         return 0.0
     adjusted = (share - middle) / (1.0 - middle)
     return adjusted if adjusted > _LEAST_SHARE else 0.0
+
+
+def is_law(command: InputSignal, grid: Array, motion: Sequence[Array]) -> bool:
+    """Whether a command is nothing but gains times some measured motion (N,), a little later: a damper, or an attitude
+    hold without set points. What it does to the aircraft cannot be told from damping and stability then.
+    """
+    A = np.stack([*motion, np.ones(grid.size)], axis=1)
+    for delay in _LAW_DELAYS_S:
+        u = command.at(grid + delay)
+        off = float(np.var(u))
+        left = u - A @ np.linalg.lstsq(A, u, rcond=None)[0]
+        if off > 0.0 and float(np.var(left)) < (1.0 - _LAW_SHARE) * off:
+            return True
+    return False

@@ -46,6 +46,11 @@ def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
     return tuple(found)
 
 
+def flow_doubt(scale: str, std: float) -> Doubt:
+    """The scale of a vane whose flow is imposed, as far as it is known before the flight."""
+    return Doubt(f"{scale}_std", True, lambda vehicle: Altered(vehicle, flow=1.0 + std))
+
+
 def _mass(key: str, std: float) -> Doubt:
     def changed(vehicle: Vehicle) -> Altered:
         return Altered(replace(vehicle, mass=replace(vehicle.mass, **{key: getattr(vehicle.mass, key) + std})))

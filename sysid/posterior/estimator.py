@@ -15,12 +15,16 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.closed_loop import SHORTEST_LOOP_S, feedback_share
+from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import SURFACES_OF, GroupModel
 from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
 
 MAX_PASSES = 12
+# Share that a surface answers which nothing moves but a law of the motion.
+_LAW = 0.95
+# Key of what all residuals together explain of a command.
+ALL = "all"
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
 # Slopes by what is imposed are worked out anew every so many steps, and before the search may end.
@@ -57,9 +61,9 @@ class PosteriorResult:
     names: of the unknowns without the initial states, (P,). theta: (P,). states: initial ones. covariance: (P, P),
     the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
     the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
-    passes: steps made. feedback: share of the commands' variance that follows the residuals: a closed loop.
-    systematic: (P,) by which an error of what was taken as known moves the estimate; the covariance holds those
-    that were stated.
+    passes: steps made. feedback_of: surface -> output, or ALL of them -> share of the command's variance that
+    follows its residual: a closed loop. systematic: (P,) by which an error of what was taken as known moves the
+    estimate; the covariance holds those that were stated.
     """
 
     names: tuple[str, ...]
@@ -75,8 +79,18 @@ class PosteriorResult:
     passes: int
     converged: bool
     cost: float
-    feedback: float
+    feedback_of: Mapping[str, Mapping[str, float]]
     systematic: Mapping[str, Array]
+
+    @property
+    def feedback(self) -> float:
+        """Largest share of a command that follows the residuals, of those that are more than a law of the motion."""
+        return max((shares[ALL] for name, shares in self.feedback_of.items() if name not in self.laws), default=0.0)
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Surfaces that nothing moves but a law of the motion."""
+        return tuple(name for name, shares in self.feedback_of.items() if len(shares) == 1)
 
 
 class Posterior:
@@ -228,18 +242,35 @@ class Posterior:
             fresh = moved < _SETTLED or passes % _FRESH_EVERY == 0
         return at, passes, converged
 
-    def _feedback(self, at: _Point) -> float:
-        """Largest share of a command that follows the residuals, of the parts that can tell."""
-        shares = [0.0]
+    def _feedback(self, at: _Point) -> dict[str, dict[str, float]]:
+        """Share of each surface's command that follows each residual, and all of them; surfaces that follow none are
+        left out.
+        """
+        found = {}
         for name in SURFACES_OF[self.model.group]:
-            told = [
-                (part.duration_s, feedback_share(part.inputs[name], residual, part.common))
-                for part, residual in zip(self.parts, at.residuals, strict=True)
+            places = [
+                i for i, part in enumerate(self.parts)
                 if name in part.inputs and part.duration_s >= SHORTEST_LOOP_S and not part.position
+            ]  # fmt: skip
+            held = [
+                is_law(part.inputs[name], part.grid, [part.motion[one] for one in LAW_OF[name]])
+                for part in self.parts
+                if name in part.inputs
             ]
-            if told:
-                shares.append(sum(d * s for d, s in told) / sum(d for d, _ in told))
-        return max(shares)
+            if held and all(held):
+                found[name] = {ALL: _LAW}
+            elif places and (whole := self._followed(at, name, places, slice(None))) > 0.0:
+                each = {o: self._followed(at, name, places, slice(j, j + 1)) for j, o in enumerate(self.model.outputs)}
+                found[name] = {**each, ALL: whole}
+        return found
+
+    def _followed(self, at: _Point, surface: str, places: Sequence[int], rows: slice) -> float:
+        """Share of a surface's command that follows some residuals, the mean over parts by their length."""
+        length = [self.parts[i].duration_s for i in places]
+        shares = [
+            feedback_share(self.parts[i].inputs[surface], at.residuals[i][rows], self.parts[i].common) for i in places
+        ]
+        return float(np.average(shares, weights=length))
 
     def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:
         """Damped Gauss-Newton step within the bounds: what would leave them stays there, the rest steps without it."""

@@ -3,6 +3,10 @@
 Longitudinal: w and q are free, with the elevator as input. Lateral: v, p and r, with aileron and rudder. Airspeed,
 attitude and the other group's motion are imposed as measured and smoothed, so that neither gusts nor the slow modes
 carry a simulation of minutes away. The equations are the compiled ones of sim_vehicle, effects included.
+
+Where an autopilot answers gusts, what it commands goes with what they do to the aircraft. Then the flow angle of the
+group is imposed too, as its vane told it: gusts are in it, and what is left has little of them that a command could
+answer. The vane's own errors then drive the simulation.
 """
 
 from __future__ import annotations
@@ -21,12 +25,14 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.inputs import interval_means, servo, swing
 from sysid.posterior.observations import joined_at, read_at
-from sysid.posterior.part import FlightPart
+from sysid.posterior.part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.unknowns import Unknowns
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter
 from sysid.signals.record import OUTPUTS, STATES, Record
 
 _FREE = {"longitudinal": ("w", "q"), "lateral": ("v", "p", "r")}
+FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
+_FLOW_STATES = ("v", "w")
 SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 # What initial states are known to before they are estimated: m/s and rad/s.
 _START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
@@ -43,6 +49,9 @@ _DRIVING = frozenset(
 )
 
 
+_OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_log_frequency", "vane_log_damping"))
+
+
 @dataclass(frozen=True)
 class _Prepared:
     """What of a part never changes: its record, and the matrices from the grid to the common one."""
@@ -53,14 +62,16 @@ class _Prepared:
     fixed: Mapping[str, sparse.csr_array]
     joined: Mapping[str, sparse.csr_array]
     measured: Array
+    vane: VaneReading | None
 
 
 @dataclass(frozen=True)
 class Altered:
-    """What a model is told otherwise: vehicle; factors of density, commands and readings; zeros of commands, rad."""
+    """What a model is told otherwise: vehicle; factors of density, flow, commands, readings; zeros of commands, rad."""
 
     vehicle: Vehicle
     density: float = 1.0
+    flow: float = 1.0
     gains: Mapping[str, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, float] = field(default_factory=dict)
@@ -83,6 +94,7 @@ class GroupModel:
         group: str,
         outputs: Sequence[str],
         unknowns: Unknowns,
+        flow_imposed: bool = False,
     ) -> None:
         self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
@@ -90,7 +102,10 @@ class GroupModel:
         self.flat = flatten(vehicle, model)
         own = SURFACES_OF[group]
         self._surfaces = {*own, *(factor for name in names for factor in parse_term(name).factors)}
-        self.free_states = [STATES.index(name) for name in _FREE[group]]
+        self.flow_imposed = flow_imposed
+        self._free = tuple(name for name in _FREE[group] if not (flow_imposed and name in _FLOW_STATES))
+        self._driving = _DRIVING | _OF_VANE if flow_imposed else _DRIVING
+        self.free_states = [STATES.index(name) for name in self._free]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._prepared = [self._prepare(part) for part in parts]
 
@@ -133,7 +148,7 @@ class GroupModel:
     def start_states(self) -> tuple[Array, Array]:
         """Initial states as measured, of all parts, and their prior standard deviations."""
         states = np.concatenate([one.start[self.free_states] for one in self._prepared])
-        return states, np.tile([_START_STD[name] for name in _FREE[self.group]], len(self.parts))
+        return states, np.tile([_START_STD[name] for name in self._free], len(self.parts))
 
     def measured(self, index: int) -> Array:
         """(m, K) measured outputs of a part on its common grid."""
@@ -158,8 +173,8 @@ class GroupModel:
         S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
         nuisances = list(self.unknowns)
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
-        kept = [] if held is None else [i for i, n in enumerate(nuisances) if n.name in _DRIVING - set(_SERVO)]
-        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in _DRIVING and i not in kept]
+        kept = [] if held is None else [i for i, n in enumerate(nuisances) if n.name in self._driving - set(_SERVO)]
+        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in self._driving and i not in kept]
         moved = []
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
@@ -180,7 +195,7 @@ class GroupModel:
         for place, (i, _) in enumerate(driven):
             result[:, :, count + i] = read[:, :, count + width + 1 + place]
         for i, nuisance in enumerate(nuisances):
-            if nuisance.name not in _DRIVING:
+            if nuisance.name not in self._driving:
                 other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}
                 result[:, :, count + i] = (self._read(one, other, y[:, :, None])[:, :, 0] - base) / nuisance.step
         return result
@@ -214,19 +229,23 @@ class GroupModel:
             joined[name] = between
             fixed[name] = sparse.csr_array(between @ read_at(part.grid, channel.time_s))
             rows.append(between @ channel.values)
-        states = self._imposed(part, self.unknowns.values(self.unknowns.mean))
+        vane = vane_reading(part, FLOW_OF[self.group]) if self.flow_imposed else None
+        states = self._imposed(part, self.unknowns.values(self.unknowns.mean), vane)
         start = states[: max(1, round(0.1 / record.interval_s))].mean(axis=0)
-        return _Prepared(part, record, start, fixed, joined, np.array(rows))
+        return _Prepared(part, record, start, fixed, joined, np.array(rows), vane)
 
-    def _imposed(self, part: FlightPart, values: Mapping[str, float]) -> Array:
+    def _imposed(self, part: FlightPart, values: Mapping[str, float], vane: VaneReading | None) -> Array:
         """(N, 9) u v w p q r phi theta psi of a part, air data corrected by the nuisances."""
-        motion = part.motion
+        motion = dict(part.motion)
+        if vane is not None:
+            motion[vane.name] = self._told.flow * vane.at_centre(self.vehicle.sensors, values)
         alpha = motion["alpha"] - values.get("alpha_offset", 0.0)
         speed = part.airspeed.values + (values.get("airspeed_lag", part.airspeed.lag) - part.airspeed.lag) * (
             part.airspeed.by_lag
         )
         speed = speed * (1.0 - values.get("airspeed_error", 0.0))
-        speed = speed * (1.0 - values.get("airspeed_alpha", 0.0) * (alpha - float(np.mean(alpha))))
+        slow = motion["slow_alpha"]
+        speed = speed * (1.0 - values.get("airspeed_alpha", 0.0) * (slow - float(np.mean(slow))))
         beta = motion["beta"]
         flow = (np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta))
         phi = motion["phi"] - values.get("phi_offset", 0.0)
@@ -251,7 +270,7 @@ class GroupModel:
                 return replace(before, commands=commands)
         else:
             commands = before.commands
-        imposed = self._imposed(one.part, values)
+        imposed = self._imposed(one.part, values, one.vane)
         imposed[:, self.free_states] = np.nan
         thrust = one.record.thrust * (1.0 - values.get("thrust_error", 0.0))
         return replace(one.record, commands=commands, imposed_states=imposed, thrust=thrust)

@@ -26,6 +26,8 @@ _RISE_S = 0.5
 # Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
 _HALF_S = {"rates": 0.06, "angles": 0.10, "airspeed": 0.15}
 _HALF_SAMPLES = 2.6
+# By which an airspeed's position error is told, s: speeds change as slowly.
+_SLOW_HALF_S = 1.5
 _DEAD = 1e-6
 _THRUST_HALF_S = 0.1
 
@@ -38,9 +40,10 @@ class FlightPart:
     """One part of one flight.
 
     grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
-    [rad, rad/s] smoothed, (N,). airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from the throttle.
-    rho: (N,) kg/m3. channels: measured outputs by name. common: grid of the residuals. highest_hz: to which they count.
-    position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
+    [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from
+    the throttle. rho: (N,) kg/m3. channels: measured outputs by name. common: grid of the residuals. highest_hz: to
+    which they count. position: whether the log holds positions of the surfaces. messages: signal -> the message
+    that carried it.
     """
 
     flight: str
@@ -123,6 +126,8 @@ def make_part(
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
     rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
     motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
+    # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
+    motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
     messages = {name: one.source.partition(".")[0] for name, one in signals.signals.items()}
     along = _along_path(motion, vehicle.environment.gravity)
     speed = airspeed_through(stamps, airspeed, grid, along, airspeed_lag(vehicle, messages))
@@ -213,27 +218,52 @@ def _at_centre(
     return flow - x * r / speed + z * p / speed
 
 
-def with_vane(part: FlightPart, name: str, sensors: Sensors, values: Mapping[str, float]) -> FlightPart:
-    """The part with a flow angle, alpha or beta, as it was before its vane swung, scaled and was stamped.
+@dataclass(frozen=True)
+class VaneReading:
+    """A flow angle as its vane told it, smoothed onto the grid of a part: (N,) rad, rad/s, rad/s^2."""
 
-    values: the nuisances of that vane. What is imposed on one group of axes is read by the vane of the other: 60 ms of
-    lag in it, times the rates, are as large as what is to be told.
+    part: FlightPart
+    name: str
+    values: Array
+    rate: Array
+    curvature: Array
+
+    def at_centre(self, sensors: Sensors, values: Mapping[str, float]) -> Array:
+        """(N,) the angle at the centre of gravity before the vane swung, scaled and was stamped.
+
+        values: the nuisances of that vane.
+        """
+        part, grid = self.part, self.part.grid
+        later = grid + values["vane_clock"]
+        read = np.interp(later, grid, self.values)
+        frequency = math.exp(values["vane_log_frequency"])
+        if math.isfinite(frequency):
+            speed = part.airspeed.values
+            omega = 2.0 * np.pi * frequency * speed / float(np.median(speed))
+            damping = math.exp(values["vane_log_damping"])
+            read = read + 2.0 * damping / omega * np.interp(later, grid, self.rate)
+            read += np.interp(later, grid, self.curvature) / omega**2
+        read = read / values[f"{self.name}_scale"]
+        return _at_centre(self.name, read, part.motion["alpha"], part.motion, part.airspeed.values, sensors)
+
+
+def vane_reading(part: FlightPart, name: str) -> VaneReading:
+    """What the vane of alpha or beta told through a part."""
+    channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
+    read = _smooth((channel.time_s, channel.values), part.grid, _HALF_S["angles"])
+    rate = np.gradient(read, dt)
+    return VaneReading(part, name, read, rate, np.gradient(rate, dt))
+
+
+def with_vane(part: FlightPart, name: str, sensors: Sensors, values: Mapping[str, float]) -> FlightPart:
+    """The part with a flow angle, alpha or beta, as it was before its vane: `values` are that vane's nuisances.
+
+    What is imposed on one group of axes is read by the vane of the other: 60 ms of lag in it, times the rates, are as
+    large as what is to be told.
     """
     if name not in part.channels:
         return part
-    channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
-    read = _smooth((channel.time_s - values["vane_clock"], channel.values), part.grid, _HALF_S["angles"])
-    frequency = math.exp(values["vane_log_frequency"])
-    if math.isfinite(frequency):
-        speed = part.airspeed.values
-        omega = 2.0 * np.pi * frequency * speed / float(np.median(speed))
-        rate = np.gradient(read, dt)
-        damping = math.exp(values["vane_log_damping"])
-        read = read + 2.0 * damping / omega * rate + np.gradient(rate, dt) / omega**2
-    flow = _at_centre(
-        name, read / values[f"{name}_scale"], part.motion["alpha"], part.motion, part.airspeed.values, sensors
-    )
-    return replace(part, motion={**part.motion, name: flow})
+    return replace(part, motion={**part.motion, name: vane_reading(part, name).at_centre(sensors, values)})
 
 
 def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:

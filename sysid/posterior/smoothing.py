@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from sim_vehicle.jit import jit_arrays
 from sysid.arrays import Array
 
-# Lags of a pitot and its tubes that are tried, s, and steps between which the likelihood goes in straight lines.
+# Lags of a pitot and its tubes that are tried, s, and steps at which a smooth curve through their likelihood is read.
 _LAGS_S = (0.0, 0.02, 0.05, 0.10, 0.15, 0.20, 0.30)
-_LAG_STEP_S, _LEAST_LAG_STD_S = 0.002, 0.004
+_LAG_STEP_S = 0.002
+# What is known of a lag at best, s: in calm air, and where gusts, which are no random walk, stand in the reading.
+_LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
@@ -94,13 +97,14 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
         lag, std = lags[0], 0.0
     else:
         fine = np.arange(0.0, _LAGS_S[-1], _LAG_STEP_S)
-        score = np.interp(fine, lags, [run(*one)[1] for one in zip(lags, powers, strict=True)])
+        score = CubicSpline(lags, [run(*one)[1] for one in zip(lags, powers, strict=True)])(fine)
         score -= 0.5 * ((fine - lag_prior[0]) / lag_prior[1]) ** 2
         weight = np.exp(np.clip(score - score.max(), -50.0, 0.0))
         lag = float(weight @ fine / weight.sum())
         spread = float(np.sqrt(weight @ (fine - lag) ** 2 / weight.sum()))
-        std = min(max(spread, _LEAST_LAG_STD_S), lag_prior[1])
     power = powers[int(np.argmin(np.abs(np.array(lags) - lag)))]
+    if lag_prior[1] > 0.0:
+        std = min(max(spread, _LEAST_IN_GUSTS_S if power > _GUSTY else _LEAST_LAG_STD_S), lag_prior[1])
     step = 0.01
     values, later = run(lag, power, True)[0], run(lag + step, power, True)[0]
     return Airspeed(values, (later - values) / step, lag, std)

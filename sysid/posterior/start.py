@@ -11,9 +11,17 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.inputs import servo
 from sysid.posterior.part import FlightPart
+from sysid.problem.model_structure import usual_size
 
 # Delays of the commands that are tried, s.
 _DELAYS_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11)
+_USUAL_DELAYS_S = (0.0, 0.05)
+# Signs of a stable aircraft's derivatives, surfaces as the vehicle file has them: trailing edge down, and to the left.
+_SIGNS = {
+    "CL_alpha": 1.0, "CL_q": 1.0, "CL_de": 1.0, "Cm_alpha": -1.0, "Cm_q": -1.0, "Cm_de": -1.0,
+    "CY_beta": -1.0, "CY_dr": 1.0, "Cl_beta": -1.0, "Cl_p": -1.0, "Cl_r": 1.0, "Cl_da": -1.0,
+    "Cn_beta": 1.0, "Cn_r": -1.0, "Cn_dr": -1.0,
+}  # fmt: skip
 # Ends of a part that are left out, s, where smoothing and derivatives are poor.
 _ENDS_S = 0.3
 
@@ -29,6 +37,33 @@ def equation_error_starts(
     """
     delays = (0.0,) if all(part.position for part in parts) else _DELAYS_S
     return [(_fit(parts, vehicle, names, delay), delay) for delay in delays]
+
+
+def usual_starts(
+    parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str]
+) -> list[tuple[dict[str, float], float]]:
+    """Values of the coefficients that a stable aircraft of the class has, level as measured, with delays [s] to try.
+
+    Where an autopilot flies, its commands go with the motion and equation error's values are far off, and from far off
+    no search comes back.
+    """
+    usual = {
+        name: _SIGNS.get(name, 0.0) * usual_size(name)
+        for name in names
+        if parse_term(name).factors and not name.startswith("CD")
+    }
+    measured = _fit(parts, vehicle, [name for name in names if name.startswith("CD")], 0.0)
+    starts = []
+    for delay in (0.0,) if all(part.position for part in parts) else _USUAL_DELAYS_S:
+        columns = [_columns(part, vehicle, delay) for part in parts]
+        levels = {}
+        for name in (one for one in names if not parse_term(one).factors and not one.startswith("CD")):
+            axis = parse_term(name).axis
+            known = [one for one in usual if parse_term(one).axis == axis]
+            left = [each[axis] - sum(usual[one] * _regressor(one, each) for one in known) for each in columns]
+            levels[name] = float(np.mean(np.concatenate(left)))
+        starts.append(({**usual, **measured, **levels}, delay))
+    return starts
 
 
 def _fit(parts: Sequence[FlightPart], vehicle: Vehicle, names: Sequence[str], delay: float) -> dict[str, float]:

@@ -68,8 +68,8 @@ PRIORS: tuple[Nuisance, ...] = (
     Nuisance("thrust_error", 0.0, 0.03, 0.0, -0.5, 0.5, 1e-3, "1", "longitudinal", "calibration of a force sensor"),
     Nuisance("theta_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "longitudinal", "mounting of the IMU"),
     Nuisance("phi_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral", "mounting of the IMU"),
-    Nuisance("alpha_offset", 0.0, 1.5 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral",
-             "zero of the alpha vane, by which a roll makes sideslip"),
+    Nuisance("alpha_offset", 0.0, 1.5 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "both",
+             "zero of the alpha vane, by which a roll makes sideslip and lift pulls ahead"),
 )  # fmt: skip
 
 # A log that says where the surfaces were leaves only its own stamp open.
@@ -99,6 +99,11 @@ class Unknowns:
         """All values by name, from those of the free ones."""
         return {**self.fixed, **dict(zip(self.names, (float(v) for v in theta), strict=True))}
 
+    def without(self, name: str) -> Unknowns:
+        """The same with one of the free ones held at its mean."""
+        held = {one.name: one.mean for one in self.free if one.name == name}
+        return Unknowns(tuple(one for one in self.free if one.name != name), {**self.fixed, **held})
+
     @property
     def mean(self) -> Array:
         """(K,) prior means."""
@@ -121,12 +126,13 @@ def unknowns_of(
     position: bool,
     told: Mapping[str, tuple[float | None, float | None]],
     more: Sequence[Nuisance] = (),
+    flow_imposed: bool = False,
 ) -> Unknowns:
     """Unknowns of a group of axes.
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
     told: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones of
-    this flight.
+    this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane told it.
     """
     free, fixed = [], {}
     for one in (*PRIORS, *more):
@@ -136,6 +142,8 @@ def unknowns_of(
         ):
             one = replace(one, mean=one.mean if mean is None else mean, std=one.std if std is None else std)
         idle = not one.serves(group) or (position and one.name in POSITION_FIXED)
+        # The angle of attack that is simulated is the aircraft's own, whatever the vane's zero.
+        idle = idle or (one.name == "alpha_offset" and group == "longitudinal" and not flow_imposed)
         if idle or (not vane and (one.name.startswith("vane") or one.name in ("alpha_scale", "beta_scale"))):
             fixed[one.name] = one.null
         elif one.std == 0.0:

@@ -9,7 +9,7 @@ import pytest
 from field_flight import field_flight
 
 from sysid.identification.identify import identify
-from sysid.posterior.closed_loop import feedback_share
+from sysid.posterior.closed_loop import feedback_share, is_law
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import common_grid
 
@@ -52,3 +52,28 @@ def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(tmp_pa
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         if entry.value is not None and entry.std is not None:
             assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
+
+
+def test_a_damper_is_a_law_of_the_motion_and_a_test_input_is_none() -> None:
+    q, theta = noise(4)
+    grid = GRID.points
+    assert is_law(InputSignal(grid, 0.1 * q + 0.4 * theta, "joined"), grid, [theta, q])
+    late = np.concatenate((np.zeros(2), 0.1 * q[:-2]))  # 0.04 s
+    assert is_law(InputSignal(grid, late, "joined"), grid, [q])
+    own = 0.1 * q + 0.4 * theta + 0.3 * noise(5)[0]
+    assert not is_law(InputSignal(grid, own, "joined"), grid, [theta, q])
+
+
+@pytest.mark.whole_flight
+def test_pitch_is_told_though_an_autopilot_answers_every_gust(tmp_path: Path) -> None:
+    flight = field_flight("closed-loop", 1, tmp_path)
+    found = identify([flight.signals], flight.vehicle, method="map")
+    for name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"):
+        entry, (low, high) = found.model.coefficients[name], flight.truth[name]
+        assert entry.value is not None
+        assert entry.std is not None
+        assert entry.std < 0.2 * abs(entry.value)
+        assert max(low - entry.value, entry.value - high) < 2.5 * entry.std, name
+    # The rudder did nothing but damp yaw.
+    assert any(warning.startswith("rudder: moved by nothing but a law") for warning in found.warnings)
+    assert {"Cn_dr", "Cn_r"} <= {entry.name for entry in found.refused}

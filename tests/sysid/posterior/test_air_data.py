@@ -1,0 +1,93 @@
+"""What is imposed on the simulation: airspeed behind a lagging pitot, flow angles behind swinging vanes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.posterior.part import make_part, with_vane
+from sysid.posterior.smoothing import airspeed_through
+from sysid.signals.flight import FlightSignals, Signal
+
+TIME = np.arange(0.0, 40.0, 0.002)
+PRIOR = (0.05, 0.05)
+
+
+def speeds() -> tuple[np.ndarray, np.ndarray]:
+    """Airspeed that changes by a few m/s as in manoeuvres, and its rate."""
+    V, rate = 17.0 + 0.0 * TIME, 0.0 * TIME
+    for hz, size in ((0.11, 1.2), (0.4, 0.5), (1.1, 0.12)):
+        V = V + size * np.sin(2.0 * np.pi * hz * TIME + 5.0 * hz)
+        rate = rate + 2.0 * np.pi * hz * size * np.cos(2.0 * np.pi * hz * TIME + 5.0 * hz)
+    return V, rate
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.04, 0.12])
+def test_the_lag_of_a_pitot_is_told_by_the_accelerometers(lag: float) -> None:
+    V, rate = speeds()
+    g = np.random.default_rng(1)
+    read = V if lag == 0.0 else signal.lfilter(*lagging(lag), V - 17.0) + 17.0
+    grid = np.arange(0.0, 39.9, 0.01)
+    stamps = TIME[::10]
+    noisy = read[::10] + 0.03 * g.standard_normal(stamps.size)
+    along = np.interp(grid, TIME, rate) + 0.05 * g.standard_normal(grid.size)
+    found = airspeed_through(stamps, noisy, grid, along, PRIOR)
+    assert abs(found.lag - lag) < 0.012
+    assert np.std((found.values - np.interp(grid, TIME, V))[200:]) < 0.02
+
+
+def test_a_lag_that_the_vehicle_file_knows_is_kept() -> None:
+    V, rate = speeds()
+    grid = np.arange(0.0, 39.9, 0.01)
+    found = airspeed_through(TIME[::10], V[::10], grid, np.interp(grid, TIME, rate), (0.08, 0.0))
+    assert (found.lag, found.lag_std) == (0.08, 0.0)
+
+
+def lagging(lag: float) -> tuple[np.ndarray, np.ndarray]:
+    """A first-order lag on the grid of TIME."""
+    left = math.exp(-(TIME[1] - TIME[0]) / lag)
+    return np.array([1.0 - left]), np.array([1.0, -left])
+
+
+def test_a_flow_angle_is_what_it_was_before_its_vane_swung() -> None:
+    plane = load_vehicle("ultrastick25e")
+    plane = replace(
+        plane, sensors=replace(plane.sensors, alpha_vane=replace(plane.sensors.alpha_vane, position=(0, 0, 0)))
+    )
+    alpha = 0.06 + 0.03 * np.sin(2.0 * np.pi * 0.9 * TIME) + 0.01 * np.sin(2.0 * np.pi * 2.1 * TIME)
+    omega, damping, scale, clock = 2.0 * np.pi * 4.0, 0.6, 1.08, 0.012
+    vane = signal.lsim(([omega**2], [1.0, 2.0 * damping * omega, omega**2]), alpha - 0.06, TIME)[1]
+    read = scale * (0.06 + vane)
+    still = {
+        "phi": 0.0,
+        "theta": 0.06,
+        "p": 0.0,
+        "q": 0.0,
+        "r": 0.0,
+        "ax": 0.6,
+        "ay": 0.0,
+        "az": -9.8,
+        "airspeed": 17.0,
+    }
+    g = np.random.default_rng(2)
+    signals = {
+        name: Signal(TIME[::10], value + 1e-4 * g.standard_normal(TIME[::10].size), "", "HIGHRES_IMU.x")
+        for name, value in still.items()
+    }
+    signals["alpha"] = Signal(TIME[::10] + clock, read[::10], "rad", "AOA_SSA.aoa")
+    part = make_part(FlightSignals("made", signals), plane, 0.0, 40.0)
+    values = {
+        "vane_clock": clock, "vane_log_frequency": math.log(4.0), "vane_log_damping": math.log(damping),
+        "alpha_scale": scale,
+    }  # fmt: skip
+    inside = slice(200, -200)
+    truth = np.interp(part.grid, TIME, alpha)[inside]
+    before = part.motion["alpha"][inside] - truth
+    after = with_vane(part, "alpha", plane.sensors, values).motion["alpha"][inside] - truth
+    assert np.std(before) > 0.008
+    assert np.std(after) < 0.001
