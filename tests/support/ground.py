@@ -36,7 +36,8 @@ class Ground:
                    "--data", self.data, "--silence", 3, "--no-identify")  # fmt: skip
         self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
         assert self.process.stdout is not None
-        assert self.process.stdout.readline().startswith("serving on ")
+        said = self.process.stdout.readline()
+        assert said.startswith("serving on "), said or self.process.communicate(timeout=PATIENCE_S)
 
     def wait_until_landed(self) -> None:
         """The flight before is over: what is asked for from here on is of the next one."""

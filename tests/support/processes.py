@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from patience import PATIENCE_S
@@ -41,11 +41,21 @@ def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(process.args, process.returncode, out, error)
 
 
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    """A port of this machine that nobody uses now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def free_port(*kinds: socket.SocketKind) -> int:
+    """A port of this machine that nobody uses now, for any of `kinds`; without any, neither by UDP nor by TCP."""
+    first, *others = kinds or (socket.SOCK_STREAM, socket.SOCK_DGRAM)
+    for _ in range(100):
+        with ExitStack() as probes:
+            probe = probes.enter_context(socket.socket(socket.AF_INET, first))
+            probe.bind(("127.0.0.1", 0))
+            port = int(probe.getsockname()[1])
+            try:
+                for kind in others:
+                    probes.enter_context(socket.socket(socket.AF_INET, kind)).bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no port is free")
 
 
 def messages_on_disk(path: Path) -> int:
