@@ -90,7 +90,9 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
         if name not in structure.coefficients:
             continue
         value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
-        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+        if name in found.not_believed:
+            reason = found.not_believed[name]
+        elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
         elif std > PRIOR_SHARE * found.prior_std[name]:
             reason = "the flight tells no more of it than was known before"

@@ -36,6 +36,8 @@ _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
 # Above this share of its prior a flight has told nothing of a number.
 PRIOR_SHARE = 0.7
 
+# A nuisance beyond so many of its prior standard deviations is none.
+_BELIEVED = 4.0
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
 _NO_WORSE = 0.1
 # Steps from each of two starts before one is chosen.
@@ -82,6 +84,7 @@ class PosteriorEstimate:
     noise: tuple[NoiseSpectrum, ...]
     unexcited: tuple[str, ...]
     left_out: Mapping[str, str]
+    not_believed: Mapping[str, str]
     warnings: tuple[str, ...]
 
     def systematic(self) -> dict[str, dict[str, float]]:
@@ -202,7 +205,8 @@ def estimate(
     return PosteriorEstimate(
         joint, prior_std, {group: one.result for group, one in found.items()},
         {group: one.posterior.model for group, one in found.items()}, _nuisances(found),
-        tuple(one for group in noise for one in group), tuple(unexcited), left_out, tuple(warnings),
+        tuple(one for group in noise for one in group), tuple(unexcited), left_out, _not_believed(found),
+        tuple(warnings),
     )  # fmt: skip
 
 
@@ -354,6 +358,23 @@ def _loop(result: PosteriorResult, theta: Array, count: int) -> Array:
             share = max(share, shares[ALL] if hit else shares.get(_FELT[term.axis], 0.0) if term else 0.0)
         stds[i] = share / max(1.0 - share, 0.1) * max(abs(value), _usual(name))
     return stds
+
+
+def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
+    """Coefficients of groups whose fit asks for what no sensor or servo does: it stands for something else then."""
+    reasons: dict[str, str] = {}
+    for one in found.values():
+        model, theta = one.posterior.model, one.result.theta
+        count = len(model.parameters)
+        for nuisance, value in zip(model.unknowns, theta[count:], strict=True):
+            sizes = abs(float(value) - nuisance.mean) / nuisance.std
+            if sizes > _BELIEVED:
+                reason = (
+                    f"the fit asks for {nuisance.name} = {value:.2g} {nuisance.unit}, {sizes:.0f} times its"
+                    " realistic size: something that is not in the model stands behind it"
+                )
+                reasons |= dict.fromkeys(one.result.names[:count], reason)
+    return reasons
 
 
 def _usual(name: str) -> float:

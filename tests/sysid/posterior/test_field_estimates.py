@@ -129,3 +129,14 @@ def test_an_error_of_the_vehicle_file_moves_the_estimate_as_said() -> None:
     # A doubt that the vehicle file states is in the bars.
     assert bars.std == pytest.approx(np.hypot(first.std, 5.0 * told), rel=0.05)
     assert "mass_std" in bars.extra["systematic"]
+
+
+def test_a_fit_that_needs_what_no_vane_does_is_refused() -> None:
+    flight = flown("mild", 0)
+    alpha = flight.signals.signals["alpha"]
+    signals = {**flight.signals.signals, "alpha": replace(alpha, values=1.5 * alpha.values)}
+    found = identify([replace(flight.signals, signals=signals)], flight.vehicle, method="map")
+    reasons = {entry.name: entry.reason for entry in found.refused}
+    assert "the fit asks for alpha_scale = " in reasons["Cm_de"]
+    assert found.model.coefficients["Cm_de"].value is None
+    assert found.model.coefficients["Cl_da"].value is not None
