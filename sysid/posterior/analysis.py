@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,8 +73,8 @@ class PosteriorEstimate:
     """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
 
     prior_std: of those. results: by group. nuisances: of both groups. noise: what is left of every output.
-    unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated. warnings: one
-    line each.
+    unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated.
+    not_believed: coefficient -> why its estimate is not. warnings: one line each.
     """
 
     joint: Gaussian
@@ -176,15 +177,17 @@ def estimate(
             setting = (seen, vehicle, structure, names, free, group, outputs, known, told, doubts)
             found[group] = _group(*setting)
             if found[group].result.feedback > 0.0 and FLOW_OF[group] in outputs:
-                other = _group(*setting, flow_imposed=True)
-                if other.result.feedback < found[group].result.feedback + _NO_WORSE:
-                    found[group] = other
+                with suppress(EstimationError):
+                    other = _group(*setting, flow_imposed=True)
+                    if other.result.feedback < found[group].result.feedback + _NO_WORSE:
+                        found[group] = other
         except EstimationError as error:
             left_out[group] = str(error)
     if len(found) > 1:
         progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
         others = {group: one for group, one in found.items() if group == "lateral"}
-        found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle))
+        with suppress(EstimationError):
+            found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle))
     if not found:
         raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
