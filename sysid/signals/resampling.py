@@ -67,10 +67,15 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
         base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
     grid, interval = _grid(signals.name, base_name, base, interval_s, warnings)
     columns = {name: _on_grid(name, clean[name], grid, interval) for name in wanted}
+    missing: dict[int, list[str]] = {}
     for name, values in columns.items():
         lost = int(np.count_nonzero(np.isnan(values)))
         if lost and name not in SPARSE:
-            warnings.append(f"{name}: {lost * interval:.2f} s of {grid.size * interval:.1f} s without samples")
+            missing.setdefault(lost, []).append(name)
+    warnings += [
+        f"{', '.join(names_lost)}: {lost * interval:.2f} s of {grid.size * interval:.1f} s without samples"
+        for lost, names_lost in missing.items()
+    ]
     return FlightData(signals.name, interval, grid, columns, tuple(dict.fromkeys(warnings)))
 
 
