@@ -153,7 +153,8 @@ def identification_text(result: dict[str, Any]) -> str:
         lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]
     compatibility = result.get("compatibility") or {}
     if compatibility:
-        lines += ["", f"data compatible after correction: {'yes' if compatibility.get('compatible') else 'no'}"]
+        corrected = "by the kinematics alone" if by_map else "after correction"
+        lines += ["", f"data compatible {corrected}: {'yes' if compatibility.get('compatible') else 'no'}"]
         lines += [f"  {entry['verdict']}" for entry in compatibility.get("verdicts", [])]
     for refusal in result.get("refused", []):
         manoeuvre = f"; fly {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""

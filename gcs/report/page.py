@@ -162,6 +162,9 @@ def _compatible(result: Result) -> str:
         return ""
     good = found["compatible"]
     words = "After correction the sensors tell one motion." if good else "The sensors do not tell one motion."
+    if result.get("method") == "map":
+        words = f"By the kinematics alone the sensors {'tell' if good else 'do not tell'} one motion."
+        words += " The estimate corrects none of them by it."
     return f'<p class="verdict{"" if good else " bad"}">{words}</p>'
 
 

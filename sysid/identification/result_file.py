@@ -43,7 +43,9 @@ def result_json(found: Identification) -> dict[str, Any]:
             "compatible": compatible.compatible,
             "incompatible": compatible.incompatible,
             "turbulence": compatible.gust_sigma,
-            "verdicts": [one.to_json() for one in verdicts(_finally(found), found.check.findings())],
+            "verdicts": [
+                one.to_json() for one in verdicts(_finally(found), found.check.findings(), found.posterior is None)
+            ],
         },
         "mistakes": [one.to_json() for one in found.check.findings()],
         "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},

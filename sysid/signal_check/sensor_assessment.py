@@ -31,13 +31,13 @@ class Verdict:
         return {"signal": self.signal, "verdict": self.verdict, "status": self.status}
 
 
-def verdicts(result: CompatibilityResult, mistakes: Sequence[Mistake] = ()) -> list[Verdict]:
-    """One verdict for every sensor that took part."""
+def verdicts(result: CompatibilityResult, mistakes: Sequence[Mistake] = (), corrects: bool = True) -> list[Verdict]:
+    """One verdict for every sensor that took part. corrects: whether the estimate takes the errors off the signals."""
     names = [*_IMU_BIAS, *result.after]
-    return [_verdict(name, result, mistakes) for name in names]
+    return [_verdict(name, result, mistakes, corrects) for name in names]
 
 
-def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake]) -> Verdict:
+def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake], corrects: bool) -> Verdict:
     wrong = [one for one in mistakes if name in one.signals]
     if wrong:
         return Verdict(name, "; ".join(one.sentence for one in wrong), _status(wrong))
@@ -54,6 +54,8 @@ def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake]
         if unit.startswith("rad"):
             size, std, unit = math.degrees(size), math.degrees(std), unit.replace("rad", "deg")
         told.append(f"reads {_plus_minus(size, std)} {unit} {way}")
+    if told and not corrects:
+        return Verdict(name, f"{name} {' and '.join(told)} by the kinematics alone: left as read", "unknown")
     if told:
         return Verdict(name, f"{name} {' and '.join(told)}: corrected", "corrected")
     untold = [entry for entry in result.refused if entry.name in (bias, scale, _WIND.get(name))]

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from field_flight import FieldFlight, field_flight
+from field_flight import FieldFlight, field_flight, fly_plan, plan_of
 
 from gcs.report.page import report
 from sim_vehicle.model.model_file import Coefficient, Model
@@ -140,3 +140,14 @@ def test_a_fit_that_needs_what_no_vane_does_is_refused() -> None:
     assert "the fit asks for alpha_scale = " in reasons["Cm_de"]
     assert found.model.coefficients["Cm_de"].value is None
     assert found.model.coefficients["Cl_da"].value is not None
+
+
+def test_a_right_model_is_acceptable_on_a_second_flight_whatever_the_kinematics_say(tmp_path: Path) -> None:
+    # The same aircraft with the same sensors, other inputs, air and noise.
+    first, second = flown("mild", 0), fly_plan(plan_of("mild", 0), 2, tmp_path, "second")
+    found = identify([first.signals], first.vehicle, method="map", validate_on=[second.signals])
+    assert found.validation is not None
+    scores = found.validation.outputs
+    assert max(scores[axis].tic for axis in ("CL", "CY", "Cm", "Cn")) < 0.25
+    said = result_json(found)["compatibility"]["verdicts"]
+    assert not any("corrected" in one["verdict"] for one in said)
