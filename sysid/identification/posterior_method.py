@@ -8,20 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.errors import SignalError, SysidError
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
+from sysid.posterior.declared import unused_timing
 from sysid.posterior.part import NEEDED, FlightPart, make_part
 from sysid.problem.formulation import known_before
-from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
+from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
 from sysid.problem.problem import Progress
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
 
+# Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
+_STATIC = frozenset(("alpha", "beta"))
 # Lost samples over so long are bridged, s; a part of the flight is at most so long, s, at least so long.
 _BRIDGED_S, _LONGEST_S, _SHORTEST_S = 2.0, 120.0, 5.0
 # Quiet flight of up to so long between two excited stretches stays in their part, s: it tells what noise there is.
@@ -58,6 +62,7 @@ def identify_by_posterior(
     warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
     parts = _parts(flights, prepared, vehicle, compatible, warnings)
     _require_plausible(parts, vehicle)
+    warnings += unused_timing(vehicle, {name: one for part in parts for name, one in part.messages.items()})
     surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
@@ -92,6 +97,8 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
         value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
         if name in found.not_believed:
             reason = found.not_believed[name]
+        elif set(parse_term(name).factors) <= _STATIC and (beyond := not_believed(name, value)) is not None:
+            reason = beyond
         elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
         elif std > PRIOR_SHARE * found.prior_std[name]:

@@ -82,6 +82,17 @@ def lateness(vehicle: Vehicle, messages: Mapping[str, str], signals: Iterable[st
     return offset - (gyro.value or 0.0), math.hypot(std, gyro.std or 0.0)
 
 
+def unused_timing(vehicle: Vehicle, messages: Mapping[str, str]) -> list[str]:
+    """A line for each message of [timing] that brings this flight no signal."""
+    there = sorted(set(messages.values()))
+    return [
+        f"timing.{name}: no signal of this flight comes in that message, and the entry does nothing; those that bring"
+        f" some: {', '.join(there)}"
+        for name in vehicle.timing
+        if name not in there
+    ]
+
+
 def _one(each: Iterable[Known]) -> Told:
     """What is said of several servos that one unknown stands for; what they differ by widens it."""
     said = list(each)

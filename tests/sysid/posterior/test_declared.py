@@ -10,7 +10,7 @@ import pytest
 
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
-from sysid.posterior.declared import airspeed_lag, declared, zero_stds
+from sysid.posterior.declared import airspeed_lag, declared, unused_timing, zero_stds
 from sysid.posterior.unknowns import PRIORS, unknowns_of
 
 MESSAGES = {"q": "HIGHRES_IMU", "de": "SERVO_OUTPUT_RAW", "alpha": "AOA_SSA", "airspeed": "VFR_HUD"}
@@ -90,3 +90,10 @@ def test_moments_of_inertia_a_little_beyond_the_triangle_are_a_doubt(tmp_path: P
 def test_a_negative_standard_deviation_is_refused_with_its_key(tmp_path: Path) -> None:
     with pytest.raises(VehicleFileError, match=r"controls.elevator.lag_std is -1; it must be at least 0"):
         written(tmp_path, ("[controls.elevator]\n", "[controls.elevator]\nlag_std = -1\n"))
+
+
+def test_stamps_of_a_message_that_brings_nothing_are_said(tmp_path: Path) -> None:
+    plane = written(tmp_path, more="[timing]\nSERVO_OUTPUT = { offset = 0.008 }\nAOA_SSA = { offset = 0.01 }\n")
+    (line,) = unused_timing(plane, MESSAGES)
+    assert line.startswith("timing.SERVO_OUTPUT: no signal of this flight comes in that message")
+    assert "SERVO_OUTPUT_RAW" in line

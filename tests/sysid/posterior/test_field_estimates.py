@@ -151,3 +151,11 @@ def test_a_right_model_is_acceptable_on_a_second_flight_whatever_the_kinematics_
     assert max(scores[axis].tic for axis in ("CL", "CY", "Cm", "Cn")) < 0.25
     said = result_json(found)["compatibility"]["verdicts"]
     assert not any("corrected" in one["verdict"] for one in said)
+
+
+def test_a_mass_in_grams_gives_no_lift_of_thousands() -> None:
+    flight = flown("short", 0)
+    grams = replace(flight.vehicle, mass=replace(flight.vehicle.mass, mass=1000.0 * flight.vehicle.mass.mass))
+    found = identify([flight.signals], grams, method="map")
+    assert found.model.coefficients["CL_alpha"].value is None
+    assert any(entry.name == "CL_alpha" and "times what is usual" in entry.reason for entry in found.refused)
