@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.vehicle.plausibility import impossible
-from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion
+from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
 # Of the moments of inertia: by how much the sum of two may fall short of the third, without and with a warning.
@@ -185,6 +185,15 @@ class Vehicle:
     def servo_pwm(self, deflections: dict[str, float]) -> dict[int, float]:
         """Pulse width in us of every servo for the deflections (rad, throttle 0 to 1) of all controls."""
         return servo_pwm(self.controls, deflections)
+
+
+def stronger(vehicle: Vehicle, gain: float) -> Vehicle:
+    """The vehicle with that many times the thrust."""
+    motor = vehicle.propulsion
+    if motor is None:
+        return vehicle
+    most = None if motor.max_thrust is None else gain * motor.max_thrust
+    return replace(vehicle, propulsion=replace(motor, max_thrust=most, CT=scaled(motor.CT, gain)))
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
@@ -17,15 +18,14 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Told, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
 from sysid.posterior.estimator import ALL, Posterior, PosteriorResult, Prior
-from sysid.posterior.group import FLOW_OF, SURFACES_OF, GroupModel
+from sysid.posterior.group import GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
 from sysid.posterior.start import equation_error_starts, usual_starts
-from sysid.posterior.unknowns import Nuisance, unknowns_of
+from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
-GROUPS = ("longitudinal", "lateral")
-_SURFACE_WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+_SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
 # The output that feels an axis most, and the rate that a surface commands.
 _FELT = {"CL": "az", "CD": "ax", "Cm": "q", "CY": "ay", "Cl": "p", "Cn": "r"}
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}

@@ -7,18 +7,16 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.posterior.unknowns import PRIORS, ZERO_STD
+from sysid.posterior.unknowns import FLOW_OF, PRIORS, SURFACES_OF, ZERO_STD
 
 # Mean and standard deviation of a prior, None where the table's stands.
 Told = tuple[float | None, float | None]
 
 AIRSPEED_LAG_S = (0.05, 0.05)  # hobby tubing of 0.2 to 0.5 m (Tavoularis)
 _NOMINAL = {one.name: one for one in PRIORS}
-_CONTROLS = {"longitudinal": ("elevator",), "lateral": ("aileron", "rudder")}
-_SURFACES = {"longitudinal": ("de",), "lateral": ("da", "dr")}
-_VANES = {"longitudinal": "alpha", "lateral": "beta"}
 _OUTPUTS = {
     "accelerometer": ("ax", "ay", "az"),
     "gyro": ("p", "q", "r"),
@@ -30,13 +28,13 @@ _OUTPUTS = {
 def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[str, Told]:
     """Priors of a group's nuisances by name. messages: signal -> the message that carried it."""
     sensors, found = vehicle.sensors, {}
-    controls = [vehicle.controls[name] for name in _CONTROLS[group] if name in vehicle.controls]
+    controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES_OF[group]]
     for key in ("delay", "lag", "backlash"):
         found[f"servo_{key}"] = _one(getattr(control, key) for control in controls)
     found["servo_delay"] = _later(
-        found["servo_delay"], _NOMINAL["servo_delay"], lateness(vehicle, messages, _SURFACES[group]), -1.0
+        found["servo_delay"], _NOMINAL["servo_delay"], lateness(vehicle, messages, SURFACES_OF[group]), -1.0
     )
-    name = _VANES[group]
+    name = FLOW_OF[group]
     vane = sensors[f"{name}_vane"]
     found["vane_clock"] = _later(
         (vane.delay.value, vane.delay.std), _NOMINAL["vane_clock"], lateness(vehicle, messages, (name,)), 1.0

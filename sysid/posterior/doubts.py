@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from sim_vehicle.vehicle.propulsion import scaled
-from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.posterior.group import Altered
+from sysid.signals.record import SURFACES
 
-_CONTROLS = {"elevator": "de", "aileron": "da", "rudder": "dr"}
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
 _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 
@@ -42,7 +42,7 @@ def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
         if std := vehicle.sensors[name].scale_std:
             found.append(_readings(f"{name}_scale", outputs, std))
     if not thrust_measured and vehicle.propulsion is not None:
-        found.append(Doubt("thrust_5pct", False, lambda vehicle: Altered(_stronger(vehicle, 1.05))))
+        found.append(Doubt("thrust_5pct", False, lambda vehicle: Altered(stronger(vehicle, 1.05))))
     return tuple(found)
 
 
@@ -66,24 +66,18 @@ def _shares(name: str, keys: tuple[str, ...], share: float) -> Doubt:
     return Doubt(name, False, changed)
 
 
-def _stronger(vehicle: Vehicle, gain: float) -> Vehicle:
-    motor = vehicle.propulsion
-    if motor is None:
-        return vehicle
-    most = None if motor.max_thrust is None else gain * motor.max_thrust
-    return replace(vehicle, propulsion=replace(motor, max_thrust=most, CT=scaled(motor.CT, gain)))
-
-
 def _linkages(vehicle: Vehicle) -> list[Doubt]:
     """Each linkage that the bench has measured, or all together by a usual amount."""
     found = []
-    for control, surface in _CONTROLS.items():
-        known = vehicle.controls.get(control)
-        if known is not None and known.gain_std:
+    for control, known in vehicle.controls.items():
+        surface = DEFLECTION_SIGNALS[control]
+        if surface not in SURFACES:
+            continue
+        if known.gain_std:
             found.append(_commands(f"{control}_gain_std", True, {surface: 1.0 + known.gain_std}, {}))
-        if known is not None and known.bias_std:
+        if known.bias_std:
             found.append(_commands(f"{control}_bias_std", True, {}, {surface: known.bias_std}))
-    return found or [_commands("linkage_5pct", False, dict.fromkeys(_CONTROLS.values(), 1.05), {})]
+    return found or [_commands("linkage_5pct", False, dict.fromkeys(SURFACES, 1.05), {})]
 
 
 def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> Doubt:

@@ -17,8 +17,9 @@ from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law
 from sysid.posterior.doubts import Doubt
-from sysid.posterior.group import SURFACES_OF, GroupModel
+from sysid.posterior.group import GroupModel
 from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
+from sysid.posterior.unknowns import SURFACES_OF
 
 MAX_PASSES = 12
 # Share that a surface answers which nothing moves but a law of the motion.

@@ -26,14 +26,12 @@ from sysid.arrays import Array
 from sysid.posterior.inputs import interval_means, servo, swing
 from sysid.posterior.observations import joined_at, read_at
 from sysid.posterior.part import FlightPart, VaneReading, vane_reading
-from sysid.posterior.unknowns import Unknowns
+from sysid.posterior.unknowns import FLOW_OF, SURFACES_OF, Unknowns
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter
 from sysid.signals.record import OUTPUTS, STATES, Record
 
 _FREE = {"longitudinal": ("w", "q"), "lateral": ("v", "p", "r")}
-FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
 _FLOW_STATES = ("v", "w")
-SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 # What initial states are known to before they are estimated: m/s and rad/s.
 _START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
 _VANES = ("alpha", "beta")

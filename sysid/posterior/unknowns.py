@@ -16,6 +16,10 @@ import numpy as np
 from sysid.arrays import Array
 
 DEGREE = math.pi / 180.0
+GROUPS = ("longitudinal", "lateral")
+# Surfaces that move a group of axes, and the flow angle that its vane reads.
+SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.propulsion import scaled
-from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
@@ -64,12 +63,7 @@ def _more_travel(record: Record) -> Record:
 
 
 def _stronger(vehicle: Vehicle) -> Vehicle:
-    motor = vehicle.propulsion
-    if motor is None:
-        return vehicle
-    gain = 1.0 + 0.05 * SHARE
-    thrust = None if motor.max_thrust is None else gain * motor.max_thrust
-    return replace(vehicle, propulsion=replace(motor, max_thrust=thrust, CT=scaled(motor.CT, gain)))
+    return stronger(vehicle, 1.0 + 0.05 * SHARE)
 
 
 def _stronger_known(record: Record) -> Record:
