@@ -15,7 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.declared import Told, declared, zero_stds
+from sysid.posterior.declared import Stated, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
 from sysid.posterior.estimator import ALL, Posterior, PosteriorResult, Prior
 from sysid.posterior.group import GroupModel
@@ -171,10 +171,10 @@ def estimate(
             continue
         progress(0.45 * place, f"{group} axes")
         free = effects if not found else ()
-        told = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
+        stated = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
         try:
             seen = _seen(parts, found, vehicle)
-            setting = (seen, vehicle, structure, names, free, group, outputs, known, told, doubts)
+            setting = (seen, vehicle, structure, names, free, group, outputs, known, stated, doubts)
             found[group] = _group(*setting)
             if found[group].result.feedback > 0.0 and FLOW_OF[group] in outputs:
                 with suppress(EstimationError):
@@ -213,15 +213,15 @@ def estimate(
     )  # fmt: skip
 
 
-def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Told]:
+def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Stated]:
     """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
-    told: dict[str, Told] = {}
+    stated: dict[str, Stated] = {}
     for model, result in ((one.posterior.model, one.result) for one in found.values()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             if one.name in _ALIKE and result.feedback == 0.0 and not all(part.position for part in model.parts):
                 std = float(np.hypot(np.sqrt(result.covariance[i, i]), _ALIKE[one.name]))
-                told[one.name] = (float(result.theta[i]), std)
-    return told
+                stated[one.name] = (float(result.theta[i]), std)
+    return stated
 
 
 def _group(
@@ -233,13 +233,13 @@ def _group(
     group: str,
     outputs: Sequence[str],
     known: Gaussian | None,
-    told: Mapping[str, Told],
+    stated: Mapping[str, Stated],
     doubts: Sequence[Doubt],
     flow_imposed: bool = False,
 ) -> _GroupEstimate:
     position = all(part.position for part in parts)
     lag = _airspeed_lag(parts)
-    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, told, (lag,), flow_imposed)
+    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, (lag,), flow_imposed)
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
         scale = f"{FLOW_OF[group]}_scale"
@@ -301,13 +301,13 @@ def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
 
 def _with_known(mean: Array, information: Array, names: Sequence[str], known: Gaussian) -> tuple[Array, Array]:
     """The prior with what another model tells of some unknowns."""
-    told = known.of([name for name in names if name in known.names])
-    if told is None:
+    stated = known.of([name for name in names if name in known.names])
+    if stated is None:
         return mean, information
-    places = [list(names).index(name) for name in told.names]
-    own = np.linalg.inv(told.covariance)
+    places = [list(names).index(name) for name in stated.names]
+    own = np.linalg.inv(stated.covariance)
     mean, information = mean.copy(), information.copy()
-    mean[places] = told.mean
+    mean[places] = stated.mean
     information[np.ix_(places, places)] = own
     return mean, information
 

@@ -13,7 +13,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.unknowns import FLOW_OF, PRIORS, SURFACES_OF, ZERO_STD
 
 # Mean and standard deviation of a prior, None where the table's stands.
-Told = tuple[float | None, float | None]
+Stated = tuple[float | None, float | None]
 
 AIRSPEED_LAG_S = (0.05, 0.05)  # hobby tubing of 0.2 to 0.5 m (Tavoularis)
 _NOMINAL = {one.name: one for one in PRIORS}
@@ -25,7 +25,7 @@ _OUTPUTS = {
 }
 
 
-def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[str, Told]:
+def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[str, Stated]:
     """Priors of a group's nuisances by name. messages: signal -> the message that carried it."""
     sensors, found = vehicle.sensors, {}
     controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES_OF[group]]
@@ -46,7 +46,7 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
     found["airspeed_error"] = (None, _airspeed_std(vehicle))
     found["airspeed_alpha"] = (None, sensors.airspeed.position_error_std)
     found["thrust_error"] = (None, sensors.thrust.scale_std)
-    return {name: told for name, told in found.items() if told != (None, None)}
+    return {name: stated for name, stated in found.items() if stated != (None, None)}
 
 
 def zero_stds(vehicle: Vehicle) -> dict[str, float]:
@@ -71,12 +71,12 @@ def lateness(vehicle: Vehicle, messages: Mapping[str, str], signals: Iterable[st
     """By how much the stamps of signals are later than those of the gyro, s, and its standard deviation."""
     reference = messages.get("q")
     own = {messages[name] for name in signals if name in messages} - {reference}
-    told = [vehicle.timing[name] for name in own if name in vehicle.timing]
-    if not own or not (told or reference in vehicle.timing):
+    stated = [vehicle.timing[name] for name in own if name in vehicle.timing]
+    if not own or not (stated or reference in vehicle.timing):
         return 0.0, 0.0
     gyro = vehicle.timing.get(reference or "", NOT_SAID)
-    offset = float(np.mean([one.value or 0.0 for one in told])) if told else 0.0
-    std = max([one.std or 0.0 for one in told], default=0.0)
+    offset = float(np.mean([one.value or 0.0 for one in stated])) if stated else 0.0
+    std = max([one.std or 0.0 for one in stated], default=0.0)
     return offset - (gyro.value or 0.0), math.hypot(std, gyro.std or 0.0)
 
 
@@ -91,7 +91,7 @@ def unused_timing(vehicle: Vehicle, messages: Mapping[str, str]) -> list[str]:
     ]
 
 
-def _one(each: Iterable[Known]) -> Told:
+def _one(each: Iterable[Known]) -> Stated:
     """What is said of several servos that one unknown stands for; what they differ by widens it."""
     said = list(each)
     values = [one.value for one in said if one.value is not None]
@@ -100,16 +100,18 @@ def _one(each: Iterable[Known]) -> Told:
     return mean, math.hypot(max(stds), float(np.std(values)) if values else 0.0) if stds else None
 
 
-def _later(told: Told, nominal: object, stamps: tuple[float, float], sign: float) -> Told:
+def _later(stated: Stated, nominal: object, stamps: tuple[float, float], sign: float) -> Stated:
     """A delay with what the stamps of its message add."""
     offset, std = stamps
     if (offset, std) == (0.0, 0.0):
-        return told
-    mean, own = (getattr(nominal, key) if one is None else one for key, one in zip(("mean", "std"), told, strict=True))
+        return stated
+    mean, own = (
+        getattr(nominal, key) if one is None else one for key, one in zip(("mean", "std"), stated, strict=True)
+    )
     return mean + sign * offset, math.hypot(own, std)
 
 
-def _swinging(lag: Known) -> dict[str, Told]:
+def _swinging(lag: Known) -> dict[str, Stated]:
     """Natural frequency of a vane of usual damping that lags so: 2 damping over omega. A lag of 0 is no swinging."""
     if lag == NOT_SAID:
         return {}

@@ -96,7 +96,7 @@ class GroupModel:
     ) -> None:
         self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
-        self._model, self._told = model, Altered(vehicle)
+        self._model, self._given = model, Altered(vehicle)
         self.flat = flatten(vehicle, model)
         own = SURFACES_OF[group]
         self._surfaces = {*own, *(factor for name in names for factor in parse_term(name).factors)}
@@ -120,7 +120,7 @@ class GroupModel:
     @property
     def vehicle(self) -> Vehicle:
         """What the model was told of the aircraft."""
-        return self._told.vehicle
+        return self._given.vehicle
 
     def of(self, parts: Sequence[FlightPart]) -> GroupModel:
         """The same model of other parts, as many of the same flights."""
@@ -132,7 +132,7 @@ class GroupModel:
     def altered(self, by: Altered) -> GroupModel:
         """The same model of the same parts, told otherwise."""
         other = copy.copy(self)
-        other._told, other.flat = by, flatten(by.vehicle, self._model)
+        other._given, other.flat = by, flatten(by.vehicle, self._model)
         gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])
         other._prepared = [
             replace(
@@ -236,7 +236,7 @@ class GroupModel:
         """(N, 9) u v w p q r phi theta psi of a part, air data corrected by the nuisances."""
         motion = dict(part.motion)
         if vane is not None:
-            motion[vane.name] = self._told.flow * vane.at_centre(self.vehicle.sensors, values)
+            motion[vane.name] = self._given.flow * vane.at_centre(self.vehicle.sensors, values)
         alpha = motion["alpha"] - values.get("alpha_offset", 0.0)
         speed = part.airspeed.values + (values.get("airspeed_lag", part.airspeed.lag) - part.airspeed.lag) * (
             part.airspeed.by_lag
@@ -283,8 +283,8 @@ class GroupModel:
         for j, name in enumerate(("de", "da", "dr")):
             if name in part.inputs and name in self._surfaces:
                 behind = servo(part.inputs[name], half, *(values[key] for key in _SERVO))
-                told = self._told.gains.get(name, 1.0), self._told.biases.get(name, 0.0)
-                commands[:, j] = told[0] * interval_means(behind)[lead:] + told[1]
+                gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
+                commands[:, j] = gain * interval_means(behind)[lead:] + bias
         if "throttle" in part.inputs:
             commands[:, 3] = part.inputs["throttle"].at(part.grid)
         return commands

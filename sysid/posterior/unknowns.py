@@ -128,21 +128,21 @@ def unknowns_of(
     group: str,
     vane: bool,
     position: bool,
-    told: Mapping[str, tuple[float | None, float | None]],
+    stated: Mapping[str, tuple[float | None, float | None]],
     more: Sequence[Nuisance] = (),
     flow_imposed: bool = False,
 ) -> Unknowns:
     """Unknowns of a group of axes.
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
-    told: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones of
-    this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane told it.
+    stated: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones
+    of this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane told it.
     """
     free, fixed = [], {}
     for one in (*PRIORS, *more):
         for mean, std in (
             POSITION.get(one.name, (None, None)) if position else (None, None),
-            told.get(one.name, (None, None)),
+            stated.get(one.name, (None, None)),
         ):
             one = replace(one, mean=one.mean if mean is None else mean, std=one.std if std is None else std)
         idle = not one.serves(group) or (position and one.name in POSITION_FIXED)
