@@ -110,7 +110,7 @@ class Posterior:
             self._bands.append((f >= lowest) & (f <= part.highest_hz))
         self._factors: list[Array] = []
         self._zero: list[Array] = []
-        self._slopes: dict[int, Array] = {}
+        self._held: dict[int, Array] = {}
         self.spectra: dict[str, ResidualSpectrum] = {}
         self.misfit = 0.0
         self._logdet = 0.0
@@ -182,8 +182,10 @@ class Posterior:
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
         for i, residual in enumerate(at.residuals):
-            self._slopes[i] = self.model.slopes(i, at.theta, None if fresh else self._slopes[i])
-            J = self.whitened(i, self._slopes[i])
+            slopes = self.model.slopes(i, at.theta, None if fresh else self._held[i])
+            if fresh:
+                self._held[i] = slopes[:, :, self.model.held_columns]
+            J = self.whitened(i, slopes)
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             g += J.T @ e

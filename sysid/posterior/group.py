@@ -104,6 +104,9 @@ class GroupModel:
         self._free = tuple(name for name in _FREE[group] if not (flow_imposed and name in _FLOW_STATES))
         self._driving = _DRIVING | _OF_VANE if flow_imposed else _DRIVING
         self.free_states = [STATES.index(name) for name in self._free]
+        self.held_columns = [
+            i for i, one in enumerate(unknowns, len(self.parameters)) if one.name in self._driving - set(_SERVO)
+        ]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._prepared = [self._prepare(part) for part in parts]
 
@@ -161,8 +164,8 @@ class GroupModel:
     def slopes(self, index: int, theta: Array, held: Array | None = None) -> Array:
         """(m, K, P) slopes of a part's outputs by all unknowns.
 
-        held: such slopes from nearby, whose columns of what is imposed are kept: they hardly change from step to step,
-        and each costs a simulation. (A servo's do change: its play is no smooth function.)
+        held: (m, K, H) columns `held_columns` of such slopes from nearby, which are kept: by what is imposed they
+        hardly change from step to step, and each costs a simulation. (By a servo they do: its play is not smooth.)
         """
         one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
         states = self._states(index, theta)
@@ -171,8 +174,8 @@ class GroupModel:
         S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
         nuisances = list(self.unknowns)
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
-        kept = [] if held is None else [i for i, n in enumerate(nuisances) if n.name in self._driving - set(_SERVO)]
-        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in self._driving and i not in kept]
+        kept = [] if held is None else self.held_columns
+        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in self._driving and count + i not in kept]
         moved = []
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
@@ -188,8 +191,7 @@ class GroupModel:
         result[:, :, begin : begin + width] = read[:, :, count : count + width]
         base = read[:, :, count + width]
         if held is not None:
-            places = [count + i for i in kept]
-            result[:, :, places] = held[:, :, places]
+            result[:, :, kept] = held
         for place, (i, _) in enumerate(driven):
             result[:, :, count + i] = read[:, :, count + width + 1 + place]
         for i, nuisance in enumerate(nuisances):
