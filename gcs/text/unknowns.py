@@ -36,4 +36,5 @@ def beside_bars(entry: Mapping[str, Any]) -> list[float]:
 
 def unknown_words(entry: Mapping[str, Any]) -> tuple[str, str, float]:
     """Words and unit for an entry of a result's `nuisances`, and the factor from SI to that unit."""
-    return _WORDS.get(entry["name"], (entry["name"], entry["unit"], 1.0))
+    words, unit, factor = _WORDS.get(entry["name"], (entry["name"], entry["unit"], 1.0))
+    return f"{words} ({entry['flight']})" if entry.get("flight") else words, unit, factor

@@ -59,12 +59,13 @@ class NuisanceEstimate:
     std: float
     prior_std: float
     unit: str
+    flight: str
 
     def to_json(self) -> dict[str, float | str]:
-        """The entry of a result file."""
+        """The entry of a result file; `flight` stands in it where each flight has its own."""
         return {
             "name": self.name, "group": self.group, "value": self.value, "std": self.std,
-            "prior_std": self.prior_std, "unit": self.unit,
+            "prior_std": self.prior_std, "unit": self.unit, **({"flight": self.flight} if self.flight else {}),
         }  # fmt: skip
 
 
@@ -105,18 +106,17 @@ class _GroupEstimate:
     result: PosteriorResult
     doubts: Sequence[Doubt]
 
-    def nuisances(self) -> dict[str, float]:
-        """All nuisances by name, those that are held included."""
+    def nuisances(self, flight: str) -> dict[str, float]:
+        """All nuisances of a flight by name, those that are held included."""
         model, theta = self.posterior.model, self.result.theta
-        return model.unknowns.values(theta[len(model.parameters) :])
+        return model.unknowns.values(theta[len(model.parameters) :], flight)
 
 
 def _seen(parts: Sequence[FlightPart], found: Mapping[str, _GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
     """The parts with the flow angles of the groups found as they were before their vanes."""
     seen = list(parts)
     for group, one in found.items():
-        values = one.nuisances()
-        seen = [with_vane(part, FLOW_OF[group], vehicle.sensors, values) for part in seen]
+        seen = [with_vane(part, FLOW_OF[group], vehicle.sensors, one.nuisances(part.flight)) for part in seen]
     return seen
 
 
@@ -218,7 +218,12 @@ def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Stated]:
     stated: dict[str, Stated] = {}
     for model, result in ((one.posterior.model, one.result) for one in found.values()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
-            if one.name in _ALIKE and result.feedback == 0.0 and not all(part.position for part in model.parts):
+            if (
+                one.name in _ALIKE
+                and not one.flight
+                and result.feedback == 0.0
+                and not all(part.position for part in model.parts)
+            ):
                 std = float(np.hypot(np.sqrt(result.covariance[i, i]), _ALIKE[one.name]))
                 stated[one.name] = (float(result.theta[i]), std)
     return stated
@@ -238,8 +243,8 @@ def _group(
     flow_imposed: bool = False,
 ) -> _GroupEstimate:
     position = all(part.position for part in parts)
-    lag = _airspeed_lag(parts)
-    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, (lag,), flow_imposed)
+    lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
+    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, (lag,), flow_imposed, flights)
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
         scale = f"{FLOW_OF[group]}_scale"
@@ -268,10 +273,11 @@ def _group(
         if known is not None:
             middle, information = _with_known(middle, information, model.names, known)
         begin = middle.copy()
-        lateness = [len(mean) + unknowns.names.index(n) for n in ("servo_delay", "servo_lag") if n in unknowns.names]
-        if lateness and not position:
-            # What equation error calls the delay is the servo's whole lateness.
-            begin[lateness[0]] = max(middle[lateness[0]] + delay - float(middle[lateness].sum()), 0.0)
+        # What equation error calls the delay is the servo's whole lateness.
+        lag_s = next((one.mean for one in unknowns if one.name == "servo_lag"), 0.0)
+        for i, one in enumerate(unknowns, len(mean)):
+            if one.name == "servo_delay" and not position:
+                begin[i] = max(delay - lag_s, 0.0)
         posterior = Posterior(model, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
     return _best(tried, doubts)
@@ -390,5 +396,5 @@ def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, .
     for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
-            estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit))
+            estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit, one.flight))
     return tuple(estimates)

@@ -157,7 +157,7 @@ class GroupModel:
 
     def simulated(self, index: int, theta: Array) -> Array:
         """(m, K) simulated outputs of a part on its common grid."""
-        one, values = self._prepared[index], self._values(theta)
+        one, values = self._prepared[index], self._values(index, theta)
         y = self._ideal(one, values, theta, self._states(index, theta))[0]
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
@@ -167,7 +167,7 @@ class GroupModel:
         held: (m, K, H) columns `held_columns` of such slopes from nearby, which are kept: by what is imposed they
         hardly change from step to step, and each costs a simulation. (By a servo they do: its play is not smooth.)
         """
-        one, values, count = self._prepared[index], self._values(theta), len(self.parameters)
+        one, values, count = self._prepared[index], self._values(index, theta), len(self.parameters)
         states = self._states(index, theta)
         y, predictor = self._ideal(one, values, theta, states)
         local = np.concatenate((theta[:count], states[self.free_states]))
@@ -175,7 +175,8 @@ class GroupModel:
         nuisances = list(self.unknowns)
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
         kept = [] if held is None else self.held_columns
-        driven = [(i, n) for i, n in enumerate(nuisances) if n.name in self._driving and count + i not in kept]
+        acting = [(i, n) for i, n in enumerate(nuisances) if n.acts_on(one.part.flight)]
+        driven = [(i, n) for i, n in acting if n.name in self._driving and count + i not in kept]
         moved = []
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
@@ -194,15 +195,15 @@ class GroupModel:
             result[:, :, kept] = held
         for place, (i, _) in enumerate(driven):
             result[:, :, count + i] = read[:, :, count + width + 1 + place]
-        for i, nuisance in enumerate(nuisances):
+        for i, nuisance in acting:
             if nuisance.name not in self._driving:
                 other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}
                 result[:, :, count + i] = (self._read(one, other, y[:, :, None])[:, :, 0] - base) / nuisance.step
         return result
 
-    def _values(self, theta: Array) -> dict[str, float]:
+    def _values(self, index: int, theta: Array) -> dict[str, float]:
         count = len(self.parameters)
-        return self.unknowns.values(theta[count : count + len(self.unknowns.names)])
+        return self.unknowns.values(theta[count : count + len(self.unknowns.names)], self.parts[index].flight)
 
     def _states(self, index: int, theta: Array) -> Array:
         states, width = self._prepared[index].start.copy(), len(self.free_states)
@@ -230,7 +231,7 @@ class GroupModel:
             fixed[name] = sparse.csr_array(between @ read_at(part.grid, channel.time_s))
             rows.append(between @ channel.values)
         vane = vane_reading(part, FLOW_OF[self.group]) if self.flow_imposed else None
-        states = self._imposed(part, self.unknowns.values(self.unknowns.mean), vane)
+        states = self._imposed(part, self.unknowns.values(self.unknowns.mean, part.flight), vane)
         start = states[: max(1, round(0.1 / record.interval_s))].mean(axis=0)
         return _Prepared(part, record, start, fixed, joined, np.array(rows), vane)
 

@@ -27,7 +27,8 @@ class Nuisance:
     """One unknown beside the coefficients.
 
     mean, std: Gaussian prior. null: the value that does nothing. low, high: bounds. step: for difference quotients.
-    group: "longitudinal", "lateral" or "both". source: where the prior is from.
+    group: "longitudinal", "lateral" or "both". source: where the prior is from. flight: the one that it belongs to, ""
+    for all.
     """
 
     name: str
@@ -40,6 +41,16 @@ class Nuisance:
     unit: str
     group: str
     source: str
+    flight: str = ""
+
+    @property
+    def key(self) -> str:
+        """Its name among all unknowns."""
+        return f"{self.name} of {self.flight}" if self.flight else self.name
+
+    def acts_on(self, flight: str) -> bool:
+        """Whether it stands in a flight."""
+        return self.flight in ("", flight)
 
     def serves(self, group: str) -> bool:
         """Whether the unknown belongs to a group of axes."""
@@ -80,6 +91,9 @@ PRIORS: tuple[Nuisance, ...] = (
 POSITION: dict[str, tuple[float, float]] = {"servo_delay": (0.0, 0.010)}
 POSITION_FIXED = ("servo_lag", "servo_backlash")
 
+# What holds from one start-up to the next: messages fall into another phase of what they report.
+OF_A_FLIGHT = frozenset(("servo_delay", "vane_clock", "airspeed_lag"))
+
 # Largest zero error, 1 sigma, that the mean of an output is trusted to. SI units.
 ZERO_STD = {"ax": 0.25, "ay": 0.25, "az": 0.25, "p": 0.005, "q": 0.005, "r": 0.005, "alpha": 0.017, "beta": 0.017}
 
@@ -94,14 +108,15 @@ class Unknowns:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the free ones, in order."""
-        return tuple(one.name for one in self.free)
+        return tuple(one.key for one in self.free)
 
     def __iter__(self) -> Iterator[Nuisance]:
         return iter(self.free)
 
-    def values(self, theta: Array) -> dict[str, float]:
-        """All values by name, from those of the free ones."""
-        return {**self.fixed, **dict(zip(self.names, (float(v) for v in theta), strict=True))}
+    def values(self, theta: Array, flight: str) -> dict[str, float]:
+        """All values of a flight by name, from those of the free ones."""
+        own = {one.name: float(v) for one, v in zip(self.free, theta, strict=True) if one.acts_on(flight)}
+        return {**self.fixed, **own}
 
     def without(self, name: str) -> Unknowns:
         """The same with one of the free ones held at its mean."""
@@ -131,12 +146,14 @@ def unknowns_of(
     stated: Mapping[str, tuple[float | None, float | None]],
     more: Sequence[Nuisance] = (),
     flow_imposed: bool = False,
+    flights: Sequence[str] = (),
 ) -> Unknowns:
     """Unknowns of a group of axes.
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
     stated: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones
     of this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane told it.
+    flights: their names, where there are several.
     """
     free, fixed = [], {}
     for one in (*PRIORS, *more):
@@ -152,6 +169,8 @@ def unknowns_of(
             fixed[one.name] = one.null
         elif one.std == 0.0:
             fixed[one.name] = one.mean
+        elif one.name in OF_A_FLIGHT and len(flights) > 1:
+            free += [replace(one, flight=flight) for flight in flights]
         else:
             free.append(one)
     return Unknowns(tuple(free), fixed)

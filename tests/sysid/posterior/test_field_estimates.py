@@ -159,3 +159,27 @@ def test_a_mass_in_grams_gives_no_lift_of_thousands() -> None:
     found = identify([flight.signals], grams, method="map")
     assert found.model.coefficients["CL_alpha"].value is None
     assert any(entry.name == "CL_alpha" and "times what is usual" in entry.reason for entry in found.refused)
+
+
+def test_two_flights_tell_more_than_one_though_their_stamps_differ(tmp_path: Path) -> None:
+    # Messages fall into another phase of what they report at each start-up.
+    first, second = flown("mild", 0), fly_plan(plan_of("mild", 0), 2, tmp_path, "second")
+    both = identify([first.signals, second.signals], first.vehicle, method="map")
+    alone = identified("mild", 0)
+    off = []
+    for name in first.excited:
+        entry, (low, high) = both.model.coefficients[name], first.truth[name]
+        assert entry.value is not None, name
+        assert entry.std is not None
+        off.append(max(low - entry.value, entry.value - high, 0.0) / entry.std)
+    assert max(off) < 3.5
+    # What is random falls with the length; what the structure misses, and the pitot's gain, do not.
+    assert alone.posterior is not None
+    assert both.posterior is not None
+    for group, result in alone.posterior.results.items():
+        count = len(alone.posterior.models[group].parameters)
+        more = both.posterior.results[group]
+        ratios = np.sqrt(np.diag(more.fisher)[:count] / np.diag(result.fisher)[:count])
+        assert 0.6 < np.median(ratios) < 0.85, group
+    delays = [one for one in result_json(both)["nuisances"] if one["name"] == "servo_delay"]
+    assert {one["flight"] for one in delays} == {first.signals.name, "second"}
