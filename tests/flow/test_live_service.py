@@ -98,7 +98,9 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
     assert states[-1] == "lost"
     signals = events.of("signals")
     assert len(signals) >= 2  # of about forty: the machine may be busy
-    assert all(later["time_s"] > earlier["time_s"] for earlier, later in pairwise(signals))
+    # Two messages of one instant may be told in two events, where the sender was held up between them.
+    assert all(later["time_s"] >= earlier["time_s"] for earlier, later in pairwise(signals))
+    assert signals[-1]["time_s"] > signals[0]["time_s"]
     assert {"phi", "alpha", "airspeed", "servo2"} <= signals[-1]["signals"].keys()
 
 
