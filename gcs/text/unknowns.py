@@ -21,6 +21,9 @@ _WORDS = {
     "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
     "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),
     "alpha_offset": ("alpha vane, offset", "deg", 180.0 / math.pi),
+    **{f"{name}_zero": (f"accelerometer {name[1]} at zero", "m/s^2", 1.0) for name in ("ax", "ay", "az")},
+    **{f"{name}_zero": (f"gyro {name} at zero", "deg/s", 180.0 / math.pi) for name in ("p", "q", "r")},
+    **{f"{name}_zero": (f"{name} vane at zero", "deg", 180.0 / math.pi) for name in ("alpha", "beta")},
 }  # fmt: skip
 
 

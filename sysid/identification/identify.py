@@ -165,8 +165,8 @@ def _by_posterior(
     check, errors = SignalCheck(), _kinematic_errors(found.compatible)
     progress(0.88, "validation")
     judges = [judge(flight, vehicle, check, warnings) for flight in validate_on]
-    # The estimate corrects no signal by the kinematics, and so is judged by what the sensors read.
-    compared = comparison(judges or found.prepared, vehicle, found.model, {}, False)
+    # What the kinematics say of sensors is not what this estimate takes them for.
+    compared = comparison(judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), False)
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
     return Identification(

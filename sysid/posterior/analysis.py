@@ -24,11 +24,15 @@ from sysid.posterior.part import FlightPart, outputs_of, with_vane
 from sysid.posterior.start import equation_error_starts, usual_starts
 from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
+from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
 # The output that feels an axis most, and the rate that a surface commands.
 _FELT = {"CL": "az", "CD": "ax", "Cm": "q", "CY": "ay", "Cl": "p", "Cn": "r"}
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
+_UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
+# What stands for an output's scale factor, and its null.
+_GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
 # Standard deviation of a command, rad, below which it has excited nothing.
 LEAST_TRAVEL = 0.003
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
@@ -89,6 +93,17 @@ class PosteriorEstimate:
     not_believed: Mapping[str, str]
     warnings: tuple[str, ...]
 
+    def sensor_errors(self) -> dict[str, tuple[float, float, str]]:
+        """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on."""
+        # Of two groups that tell the same one, the surer counts.
+        told = {one.name: one for one in sorted(self.nuisances, key=lambda one: -one.std)}
+        found = {}
+        for error, (output, form, unit, _) in SENSOR_ERRORS.items():
+            name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
+            if name in told:
+                found[error] = (told[name].value - null, told[name].std, unit)
+        return found
+
     def systematic(self) -> dict[str, dict[str, float]]:
         """Change of each coefficient and effect parameter under each error of what was taken as known."""
         return {
@@ -110,6 +125,20 @@ class _GroupEstimate:
         """All nuisances of a flight by name, those that are held included."""
         model, theta = self.posterior.model, self.result.theta
         return model.unknowns.values(theta[len(model.parameters) :], flight)
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A search of one group of axes near its end. theta: all unknowns; feedback: as in PosteriorResult."""
+
+    posterior: Posterior
+    theta: Array
+    feedback: float
+    doubts: Sequence[Doubt]
+
+    def ended(self) -> _GroupEstimate:
+        """The group, estimated."""
+        return _GroupEstimate(self.posterior, self.posterior.solve(self.theta, self.doubts), self.doubts)
 
 
 def _seen(parts: Sequence[FlightPart], found: Mapping[str, _GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
@@ -175,12 +204,13 @@ def estimate(
         try:
             seen = _seen(parts, found, vehicle)
             setting = (seen, vehicle, structure, names, free, group, outputs, known, stated, doubts)
-            found[group] = _group(*setting)
-            if found[group].result.feedback > 0.0 and FLOW_OF[group] in outputs:
+            begun = _begun(*setting)
+            if begun.feedback > 0.0 and FLOW_OF[group] in outputs:
                 with suppress(EstimationError):
-                    other = _group(*setting, flow_imposed=True)
-                    if other.result.feedback < found[group].result.feedback + _NO_WORSE:
-                        found[group] = other
+                    other = _begun(*setting, flow_imposed=True)
+                    if other.feedback < begun.feedback + _NO_WORSE:
+                        begun = other
+            found[group] = begun.ended()
         except EstimationError as error:
             left_out[group] = str(error)
     if len(found) > 1:
@@ -229,7 +259,7 @@ def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Stated]:
     return stated
 
 
-def _group(
+def _begun(
     parts: Sequence[FlightPart],
     vehicle: Vehicle,
     structure: Model,
@@ -241,7 +271,7 @@ def _group(
     stated: Mapping[str, Stated],
     doubts: Sequence[Doubt],
     flow_imposed: bool = False,
-) -> _GroupEstimate:
+) -> _Begun:
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
     unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, (lag,), flow_imposed, flights)
@@ -254,6 +284,7 @@ def _group(
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
     structure = replace(structure, coefficients=own, correlation=None)
     model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)
+    rough = model.rough()
     starts = equation_error_starts(parts, vehicle, names) + usual_starts(parts, vehicle, names)
     states, states_std = model.start_states()
     low, high = _bounds(model, len(names))
@@ -278,13 +309,14 @@ def _group(
         for i, one in enumerate(unknowns, len(mean)):
             if one.name == "servo_delay" and not position:
                 begin[i] = max(delay - lag_s, 0.0)
-        posterior = Posterior(model, Prior(middle, information), low, high, zero_stds(vehicle))
+        posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
-    return _best(tried, doubts)
+    posterior, theta = _best(tried)
+    return _Begun(posterior.of(model), theta, posterior.feedback(theta), doubts)
 
 
-def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) -> _GroupEstimate:
-    """The likeliest maximum from the two likeliest starts, of those from which the simulation does not diverge."""
+def _best(tried: list[tuple[float, Array, Posterior]]) -> tuple[Posterior, Array]:
+    """The likelier of where the two likeliest starts lead, of those from which the simulation does not diverge."""
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
         raise EstimationError("the simulated motion diverges from every start: the aircraft may be unstable")
@@ -293,7 +325,7 @@ def _best(tried: list[tuple[float, Array, Posterior]], doubts: Sequence[Doubt]) 
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return _GroupEstimate(posterior, posterior.solve(theta, doubts), doubts)
+    return posterior, theta
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
@@ -397,4 +429,7 @@ def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, .
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
             estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit, one.flight))
+        for output, (value, std) in result.zeros.items():
+            prior, unit = found[group].posterior.zeros[output], _UNIT_OF[output]
+            estimates.append(NuisanceEstimate(f"{output}_zero", group, value, std, prior, unit, ""))
     return tuple(estimates)

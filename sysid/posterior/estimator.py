@@ -63,7 +63,8 @@ class PosteriorResult:
     the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
     the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
     passes: steps made. feedback_of: surface -> output, or ALL of them -> share of the command's variance that
-    follows its residual: a closed loop. systematic: (P,) by which an error of what was taken as known moves the
+    follows its residual: a closed loop. zeros: output -> what its sensor reads at zero, and its standard deviation, SI.
+    systematic: (P,) by which an error of what was taken as known moves the
     estimate; the covariance holds those that were stated.
     """
 
@@ -82,16 +83,26 @@ class PosteriorResult:
     cost: float
     feedback_of: Mapping[str, Mapping[str, float]]
     systematic: Mapping[str, Array]
+    zeros: Mapping[str, tuple[float, float]]
 
     @property
     def feedback(self) -> float:
         """Largest share of a command that follows the residuals, of those that are more than a law of the motion."""
-        return max((shares[ALL] for name, shares in self.feedback_of.items() if name not in self.laws), default=0.0)
+        return _largest(self.feedback_of)
 
     @property
     def laws(self) -> tuple[str, ...]:
         """Surfaces that nothing moves but a law of the motion."""
-        return tuple(name for name, shares in self.feedback_of.items() if len(shares) == 1)
+        return _laws(self.feedback_of)
+
+
+def _laws(feedback_of: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+    return tuple(name for name, shares in feedback_of.items() if len(shares) == 1)
+
+
+def _largest(feedback_of: Mapping[str, Mapping[str, float]]) -> float:
+    laws = _laws(feedback_of)
+    return max((shares[ALL] for name, shares in feedback_of.items() if name not in laws), default=0.0)
 
 
 class Posterior:
@@ -161,12 +172,13 @@ class Posterior:
     def whitened(self, index: int, series: Array) -> Array:
         """(2 F m + m, C) real, of series (m, K, C) of a part: every frequency, then the mean."""
         common, band = self.parts[index].common, self._bands[index]
-        Z = np.fft.rfft(series * common.taper[None, :, None], axis=1)[:, band, :]
+        # A mean that went through the taper's edges would be told by frequencies that no zero error may reach.
+        mean = common.taper @ series / common.taper.sum()
+        Z = np.fft.rfft((series - mean[:, None, :]) * common.taper[None, :, None], axis=1)[:, band, :]
         W = self._factors[index] @ np.ascontiguousarray(Z.transpose(1, 0, 2))
         flat = W.reshape(-1, series.shape[2])
         # A bin's real and imaginary part have unit variance each.
-        means = (common.taper @ series / common.taper.sum()) * self._zero[index][:, None]
-        return np.concatenate((flat.real, flat.imag, means))
+        return np.concatenate((flat.real, flat.imag, mean * self._zero[index][:, None]))
 
     def cost(self, at: _Point) -> float:
         """Half the sum of squares, prior included, with the noise held as it was estimated last."""
@@ -245,6 +257,10 @@ class Posterior:
             fresh = moved < _SETTLED or passes % _FRESH_EVERY == 0
         return at, passes, converged
 
+    def feedback(self, theta: Array) -> float:
+        """Largest share of a command that follows what is left at a point, as in PosteriorResult."""
+        return _largest(self._feedback(self.point(theta)))
+
     def _feedback(self, at: _Point) -> dict[str, dict[str, float]]:
         """Share of each surface's command that follows each residual, and all of them; surfaces that follow none are
         left out.
@@ -301,10 +317,12 @@ class Posterior:
         altered = [self.model.altered(doubt.changed(self.model.vehicle)) for doubt in doubts]
         pulls = np.zeros((len(doubts), H.shape[0]))
         gains = np.zeros((2 * _STRUCTURE_BANDS_HZ.size * len(self.model.outputs), H.shape[0]))
+        means = []
         for i, residual in enumerate(at.residuals):
             J = self.whitened(i, self.model.slopes(i, at.theta))
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
+            means.append(np.column_stack((e, J))[-len(self.model.outputs) :] / self._zero[i][:, None])
             scores.append(self._block_scores(i, J, e))
             gains += self._gain_errors(i, J, at.simulated[i])
             for pull, other in zip(pulls, altered, strict=True):
@@ -332,7 +350,21 @@ class Posterior:
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
             self.cost(at) + self._logdet, self._feedback(at),
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
+            self._zeros(means, covariance),
         )  # fmt: skip
+
+    def _zeros(self, means: Sequence[Array], covariance: Array) -> dict[str, tuple[float, float]]:
+        """What sensors read at zero by the means that are left. means: by part (m, 1 + P), of the residual and the
+        slopes.
+        """
+        share = np.array([(self._zero_std * weight) ** 2 for weight in self._zero])
+        pulled = np.mean(share[:, :, None] * np.array(means), axis=0)
+        left = self._zero_std**2 * (1.0 - share.mean(axis=0))
+        std = np.sqrt(np.maximum(left, 0.0) + np.einsum("jp,pq,jq->j", pulled[:, 1:], covariance, pulled[:, 1:]))
+        return {
+            name: (float(value), float(one))
+            for name, value, one in zip(self.model.outputs, pulled[:, 0], std, strict=True)
+        }
 
     def _gain_errors(self, index: int, J: Array, simulated: Array) -> Array:
         """(G, P) pulls of a gain error of 1, in phase and in quadrature, of each output in each octave of frequency."""

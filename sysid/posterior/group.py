@@ -109,6 +109,7 @@ class GroupModel:
         ]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._prepared = [self._prepare(part) for part in parts]
+        self._coarse = [self._prepare(part.thinned()) for part in parts]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,20 +131,27 @@ class GroupModel:
         other = copy.copy(self)
         other.parts = tuple(parts)
         other._prepared = [self._prepare(part) for part in parts]
+        other._coarse = [self._prepare(part.thinned()) for part in parts]
+        return other
+
+    def rough(self) -> GroupModel:
+        """The same model with twice the step, for a search that is far from its end."""
+        other = copy.copy(self)
+        other._prepared = self._coarse
         return other
 
     def altered(self, by: Altered) -> GroupModel:
         """The same model of the same parts, told otherwise."""
         other = copy.copy(self)
         other._given, other.flat = by, flatten(by.vehicle, self._model)
-        gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])
-        other._prepared = [
-            replace(
-                one, record=replace(one.record, rho=by.density * one.record.rho),
-                measured=gain[:, None] * one.measured,
-            )
-            for one in self._prepared
-        ]  # fmt: skip
+        gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])[:, None]
+
+        def told(one: _Prepared) -> _Prepared:
+            record = replace(one.record, rho=by.density * one.record.rho)
+            return replace(one, record=record, measured=gain * one.measured)
+
+        other._prepared = [told(one) for one in self._prepared]
+        other._coarse = [told(one) for one in self._coarse]
         return other
 
     def start_states(self) -> tuple[Array, Array]:
@@ -162,12 +170,12 @@ class GroupModel:
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
     def slopes(self, index: int, theta: Array, held: Array | None = None) -> Array:
-        """(m, K, P) slopes of a part's outputs by all unknowns.
+        """(m, K, P) slopes of a part's outputs by all unknowns, simulated at every second step of the grid.
 
         held: (m, K, H) columns `held_columns` of such slopes from nearby, which are kept: by what is imposed they
         hardly change from step to step, and each costs a simulation. (By a servo they do: its play is not smooth.)
         """
-        one, values, count = self._prepared[index], self._values(index, theta), len(self.parameters)
+        one, values, count = self._coarse[index], self._values(index, theta), len(self.parameters)
         states = self._states(index, theta)
         y, predictor = self._ideal(one, values, theta, states)
         local = np.concatenate((theta[:count], states[self.free_states]))

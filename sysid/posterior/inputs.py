@@ -25,6 +25,8 @@ _SHORTEST_LAG_S = 5e-4
 _LOOP_INTERVAL_S = 0.024
 # Share of samples that repeat the one before, from which on a command is taken as one that steps.
 _STEPPING = 0.5
+# Step at which a vane's swinging is integrated, s.
+_SWING_STEP_S = 2.5e-3
 
 
 @dataclass(frozen=True)
@@ -87,15 +89,17 @@ def unbroken(time_s: Array) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def input_signal(time_s: Array, values: Array, position: bool) -> InputSignal:
-    """The function of time that logged samples stand for."""
+def input_signal(time_s: Array, values: Array, position: bool, held: bool = False) -> InputSignal:
+    """The function of time that logged samples stand for. held: whether each command is known to stay until the next,
+    where the log has every one.
+    """
     if position:
         return InputSignal(time_s, values, "joined")
     repeats = float(np.mean(np.diff(values) == 0.0)) if values.size > 1 else 1.0
-    if repeats <= _STEPPING:
-        return InputSignal(time_s, values, "splined")
-    # A slow log sees the steps of a faster loop somewhere between its own stamps.
     slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
+    if repeats <= _STEPPING:
+        return InputSignal(time_s, values, "held" if held and not slow else "splined")
+    # A slow log sees the steps of a faster loop somewhere between its own stamps.
     return InputSignal(time_s, values, "eased" if slow else "held")
 
 
@@ -152,7 +156,7 @@ def swing(read: Array, airspeed: Array, dt: float, middle: float, frequency: flo
 
     frequency: Hz at the airspeed `middle`, m/s; it grows with airspeed (Wieringa 1967).
     """
-    parts = 4
+    parts = max(1, round(dt / _SWING_STEP_S))
     h = dt / parts
     columns = read.shape[1]
     x, v, before = read[0].copy(), np.zeros(columns), read[0].copy()

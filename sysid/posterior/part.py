@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Sensors, Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
@@ -31,6 +32,7 @@ _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
 _THRUST_HALF_S = 0.1
 
+_CONTROLS = {signal: control for control, signal in DEFLECTION_SIGNALS.items()} | {"throttle": "throttle"}
 MEASURED = ("ax", "ay", "az", "p", "q", "r", "alpha", "beta")
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 
@@ -63,6 +65,14 @@ class FlightPart:
     def duration_s(self) -> float:
         """Length, s."""
         return float(self.grid[-1] - self.grid[0])
+
+    def thinned(self) -> FlightPart:
+        """The part with every second point of its grid: slopes of what is simulated need no finer steps."""
+        motion = {name: values[::2] for name, values in self.motion.items()}
+        speed = replace(self.airspeed, values=self.airspeed.values[::2], by_lag=self.airspeed.by_lag[::2])
+        return replace(
+            self, grid=self.grid[::2], motion=motion, airspeed=speed, thrust=self.thrust[::2], rho=self.rho[::2]
+        )
 
     def travel(self, surface: str) -> float:
         """Standard deviation of a surface's command through the part, rad."""
@@ -113,7 +123,11 @@ def make_part(
         for short, long in surfaces.items()
         if short in commands
     )
-    inputs = {name: input_signal(*one, position and name != "throttle") for name, one in commands.items()}
+    # A delay that is known counts from commands that are sent at their stamps and stay.
+    inputs = {
+        name: input_signal(*one, position and name != "throttle", vehicle.controls[long].delay.value is not None)
+        for (name, one), long in ((one, _CONTROLS[one[0]]) for one in commands.items())
+    }
     motion = {
         **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in ("ax", "ay", "az", "p", "q", "r")},
         **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
