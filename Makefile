@@ -100,7 +100,7 @@ paper-tables: setup
 SCENARIOS ?= all
 
 campaign: setup
-	$(BIN)/python tests/campaign/identification.py $(if $(SEEDS),--seeds $(SEEDS)) --scenarios $(SCENARIOS)
+	$(BIN)/python tests/campaign/identification.py $(if $(SEEDS),--seeds $(SEEDS)) --scenarios $(SCENARIOS) $(if $(METHOD),--method $(METHOD))
 
 campaign-equation-error: setup
 	$(BIN)/python tests/campaign/equation_error.py

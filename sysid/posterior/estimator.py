@@ -18,7 +18,7 @@ from sysid.numerics.normal_equations import inverse
 from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import GroupModel
-from sysid.posterior.spectrum import LOWEST_HZ, ResidualSpectrum, residual_spectrum
+from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, ResidualSpectrum, residual_spectrum
 from sysid.posterior.unknowns import SURFACES_OF
 
 MAX_PASSES = 12
@@ -146,8 +146,9 @@ class Posterior:
             places = [i for i, part in enumerate(self.parts) if part.flight == flight]
             grids = [self.parts[i].common for i in places]
             spectrum, share = residual_spectrum(
-                [at.residuals[i] for i in places], [at.simulated[i] for i in places], grids
-            )
+                [at.residuals[i] for i in places], [at.simulated[i] for i in places], grids,
+                least=LEAST_OF_KNOWN if all(self.model.steps_at_stamps(i) for i in places) else LEAST_MISFIT,
+            )  # fmt: skip
             shares.append(share)
             self.spectra[flight] = spectrum
             for i in places:

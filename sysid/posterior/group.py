@@ -28,7 +28,7 @@ from sysid.posterior.observations import joined_at, read_at
 from sysid.posterior.part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.unknowns import FLOW_OF, SURFACES_OF, Unknowns
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter
-from sysid.signals.record import OUTPUTS, STATES, Record
+from sysid.signals.record import OUTPUTS, STATES, SURFACES, Record
 
 _FREE = {"longitudinal": ("w", "q"), "lateral": ("v", "p", "r")}
 _FLOW_STATES = ("v", "w")
@@ -153,6 +153,10 @@ class GroupModel:
         other._prepared = [told(one) for one in self._prepared]
         other._coarse = [told(one) for one in self._coarse]
         return other
+
+    def steps_at_stamps(self, index: int) -> bool:
+        """Whether the surfaces of a part are known to step at the stamps of their commands, with no servo between."""
+        return _stepping(self._prepared[index].part, self.unknowns)
 
     def start_states(self) -> tuple[Array, Array]:
         """Initial states as measured, of all parts, and their prior standard deviations."""
@@ -289,13 +293,13 @@ class GroupModel:
         part = one.part
         n, step = part.grid.size, one.record.interval_s
         lead = round(_SERVO_LEAD_S / step)
-        half = part.grid[0] - lead * step + 0.5 * step * np.arange(2 * (n + lead) + 1)
+        half = part.grid[0] - lead * step + 0.5 * step * (np.arange(2 * (n + lead) + 2) - 0.5)
         commands = np.zeros((n, 4))
-        for j, name in enumerate(("de", "da", "dr")):
+        for j, name in enumerate(SURFACES):
             if name in part.inputs and name in self._surfaces:
                 behind = servo(part.inputs[name], half, *(values[key] for key in _SERVO))
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
-                commands[:, j] = gain * interval_means(behind)[lead:] + bias
+                commands[:, j] = gain * interval_means(behind, part.inputs[name].kind == "held")[lead:] + bias
         if "throttle" in part.inputs:
             commands[:, 3] = part.inputs["throttle"].at(part.grid)
         return commands
@@ -312,7 +316,8 @@ class GroupModel:
         record = self._driven(one, values) if record is None else record
         predictor = Predictor(
             self.flat, self.parameters, [record], sub_steps=1, tangent_steps=1,
-            command_first=0.5,
+            # What is read at the stamp of a step felt what was before it.
+            command_first=0.0 if _stepping(one.part, self.unknowns) else 0.5,
         )  # fmt: skip
         flat, _ = predictor.apply(theta[: len(self.parameters)])
         return predictor.outputs(0, flat, {}, states)[:, self._columns], predictor
@@ -343,3 +348,8 @@ class GroupModel:
                 stamps = one.part.channels[name].time_s - clock
                 result[j] = one.joined[name] @ (read_at(one.part.grid, stamps) @ column)
         return result
+
+
+def _stepping(part: FlightPart, unknowns: Unknowns) -> bool:
+    at_once = all(unknowns.fixed.get(name) == 0.0 for name in _SERVO)
+    return at_once and any(part.inputs[name].kind == "held" for name in SURFACES if name in part.inputs)

@@ -120,9 +120,15 @@ def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: fl
     return _play(behind, backlash) if backlash > 0.0 else behind
 
 
-def interval_means(values: Array) -> Array:
-    """(N,) means over the intervals of a grid from values at its points and half way (2 N + 1,), by Simpson's rule."""
-    return np.asarray((values[:-1:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)
+def interval_means(values: Array, averaged: bool) -> Array:
+    """(N,) means over intervals from (2 N + 2,) values at the middles of their halves, one more at each end.
+
+    averaged: whether each value is the mean over its half already; else they are taken as points of a cubic.
+    """
+    inner = values[1:-1:2] + values[2:-1:2]
+    if averaged:
+        return np.asarray(0.5 * inner)
+    return np.asarray((23.0 * inner + values[:-2:2] + values[3::2]) / 48.0)
 
 
 @jit_arrays

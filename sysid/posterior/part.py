@@ -133,8 +133,9 @@ def make_part(
         **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
     }
     rho = _density(signals, vehicle, grid, begin, end)
-    true = 1.0 if vehicle.sensors.airspeed.kind == "true" else np.sqrt(SEA_LEVEL_DENSITY / float(np.median(rho)))
-    stamps, airspeed = read["airspeed"][0], read["airspeed"][1] * true
+    stamps, airspeed = read["airspeed"]
+    if vehicle.sensors.airspeed.kind != "true":
+        airspeed = airspeed * np.sqrt(SEA_LEVEL_DENSITY / np.interp(stamps, grid, rho))
     if np.ptp(airspeed) == 0.0 or float(np.median(airspeed)) < 1.0:
         raise SignalError(f"{signals.name}: the airspeed repeats one value: its sensor is dead or not connected")
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
 
-from sim_vehicle.jit import jit_arrays
+from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
 
-# Lags of a pitot and its tubes that are tried, s, and steps at which a smooth curve through their likelihood is read.
-_LAGS_S = (0.0, 0.02, 0.05, 0.10, 0.15, 0.20, 0.30)
-_LAG_STEP_S = 0.002
+# Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
+# that go with one of these, then with those that go with what was found; by what change the likelihood's bend is read.
+_LAGS_S = (0.0, 0.05, 0.12, 0.25, 0.40)
+_ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 # What is known of a lag at best, s: in calm air, and where gusts, which are no random walk, stand in the reading.
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
@@ -70,6 +72,14 @@ class Airspeed:
     lag_std: float
 
 
+def _lowest(cost: Callable[[float], float], low: float, high: float, within: float) -> float:
+    """Where between two lags a cost is lowest, to `within`, s."""
+    found = minimize_scalar(
+        lambda lag: cost(float(lag)), bounds=(low, high), method="bounded", options={"xatol": within}
+    )
+    return float(found.x)
+
+
 def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_prior: tuple[float, float]) -> Airspeed:
     """Airspeed from a lagging, noisy reading and the acceleration along the flight path that the IMU feels.
 
@@ -90,24 +100,39 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
     def run(lag: float, power: float, smooth: bool = False) -> tuple[Array, float]:
         return _air_smoother(dt, count, mean, along, max(lag, 1e-3), power, _BIAS_WALK**2, noise, start, smooth)
 
-    # Together: at a wrong lag gusts seem strong, and where gusts are strong no lag can be told.
-    lags = _LAGS_S if lag_prior[1] > 0.0 else (max(lag_prior[0], 0.0),)
-    powers = [max(_GUST_POWERS, key=lambda power: run(lag, power)[1]) for lag in lags]
-    if lag_prior[1] == 0.0:
-        lag, std = lags[0], 0.0
-    else:
-        fine = np.arange(0.0, _LAGS_S[-1], _LAG_STEP_S)
-        score = CubicSpline(lags, [run(*one)[1] for one in zip(lags, powers, strict=True)])(fine)
-        score -= 0.5 * ((fine - lag_prior[0]) / lag_prior[1]) ** 2
-        weight = np.exp(np.clip(score - score.max(), -50.0, 0.0))
-        lag = float(weight @ fine / weight.sum())
-        spread = float(np.sqrt(weight @ (fine - lag) ** 2 / weight.sum()))
-    power = powers[int(np.argmin(np.abs(np.array(lags) - lag)))]
-    if lag_prior[1] > 0.0:
-        std = min(max(spread, _LEAST_IN_GUSTS_S if power > _GUSTY else _LEAST_LAG_STD_S), lag_prior[1])
+    def likeliest_power(lag: float) -> float:
+        return max(_GUST_POWERS, key=lambda power: run(lag, power)[1])
+
+    mean_s, prior_std = lag_prior
+
+    def cost(lag: float, power: float) -> float:
+        return 0.5 * ((lag - mean_s) / prior_std) ** 2 - run(lag, power)[1]
+
+    lag, std = max(mean_s, 0.0), 0.0
+    if prior_std > 0.0:
+        # Together: at a wrong lag gusts seem strong, and where gusts are strong no lag can be told.
+        lag = min(_LAGS_S, key=lambda one: cost(one, likeliest_power(one)))
+        place = _LAGS_S.index(lag)
+        low, high = _LAGS_S[max(place - 1, 0)], _LAGS_S[min(place + 1, len(_LAGS_S) - 1)]
+        for within in (_ROUGH_S, _FINE_S):
+            lag = _lowest(partial(cost, power=likeliest_power(lag)), low, high, within)
+            low, high = max(low, lag - 3.0 * _ROUGH_S), min(high, lag + 3.0 * _ROUGH_S)
+    power = likeliest_power(lag)
+    if prior_std > 0.0:
+        middle = max(lag, _BEND_S)
+        bend = sum(cost(middle + side * _BEND_S, power) for side in (-1.0, 1.0)) - 2.0 * cost(middle, power)
+        spread = _BEND_S / np.sqrt(max(bend, 1e-6))
+        std = min(max(spread, _LEAST_IN_GUSTS_S if power > _GUSTY else _LEAST_LAG_STD_S), prior_std)
     step = 0.01
     values, later = run(lag, power, True)[0], run(lag + step, power, True)[0]
     return Airspeed(values, (later - values) / step, lag, std)
+
+
+@jit
+def _fill(P: Array, p00: float, p01: float, p02: float, p11: float, p12: float, p22: float) -> None:
+    P[0, 0], P[0, 1], P[0, 2] = p00, p01, p02
+    P[1, 0], P[1, 1], P[1, 2] = p01, p11, p12
+    P[2, 0], P[2, 1], P[2, 2] = p02, p12, p22
 
 
 @jit_arrays
@@ -120,26 +145,40 @@ def _air_smoother(
     smooth: whether to go back through time too; the likelihood does not need it.
     """
     n = along.size
-    x, P = np.array([start, start, 0.0]), np.diag(np.array([1.0, 1.0, 0.09]))
+    # The reading behind its lag is exact for an airspeed that goes in straight lines: its end counts by `late`.
     decay = np.exp(-dt / lag)
-    F = np.eye(3)
-    F[0, 2], F[1, 0], F[1, 1] = dt, 1.0 - decay, decay
-    Q = np.diag(np.array([power * dt, 1e-9, wander * dt]))
-    xs, Ps, xp, Pp = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    likelihood = 0.0
+    late = 1.0 - (1.0 - decay) * lag / dt
+    a, c = 1.0 - decay, late * dt
+    F = np.array([[1.0, 0.0, dt], [a, decay, c], [0.0, 0.0, 1.0]])
+    kept = n if smooth else 0
+    xs, Ps, xp, Pp = np.empty((kept, 3)), np.empty((kept, 3, 3)), np.empty((kept, 3)), np.empty((kept, 3, 3))
+    x0, x1, x2, likelihood = start, start, 0.0, 0.0
+    # Upper triangle of the covariance.
+    p00, p01, p02, p11, p12, p22 = 1.0, 0.0, 0.0, 1.0, 0.0, 0.09
     for i in range(n):
         if i > 0:
-            x = F @ x
-            x[0] += 0.5 * dt * (along[i] + along[i - 1])
-            P = F @ P @ F.T + Q
-        xp[i], Pp[i] = x, P
+            gain_m_s = 0.5 * dt * (along[i] + along[i - 1])
+            x0, x1 = x0 + dt * x2 + gain_m_s, a * x0 + decay * x1 + c * x2 + late * gain_m_s
+            r00, r01, r02 = p00 + dt * p02, p01 + dt * p12, p02 + dt * p22
+            r10, r11 = a * p00 + decay * p01 + c * p02, a * p01 + decay * p11 + c * p12
+            r12 = a * p02 + decay * p12 + c * p22
+            p00 = r00 + dt * r02 + power * dt
+            p01 = a * r00 + decay * r01 + c * r02 + late * power * dt
+            p11 = a * r10 + decay * r11 + c * r12 + late * late * power * dt + 1e-9
+            p02, p12, p22 = r02, r12, p22 + wander * dt
+        if smooth:
+            xp[i, 0], xp[i, 1], xp[i, 2] = x0, x1, x2
+            _fill(Pp[i], p00, p01, p02, p11, p12, p22)
         if count[i] > 0.0:
-            variance = P[1, 1] + noise / count[i]
-            gain, innovation = P[:, 1] / variance, mean[i] - x[1]
-            x = x + gain * innovation
-            P = P - np.outer(gain, P[1, :])
+            variance, innovation = p11 + noise / count[i], mean[i] - x1
+            k0, k1, k2 = p01 / variance, p11 / variance, p12 / variance
+            x0, x1, x2 = x0 + k0 * innovation, x1 + k1 * innovation, x2 + k2 * innovation
+            p00, p02, p22 = p00 - k0 * p01, p02 - k0 * p12, p22 - k2 * p12
+            p01, p12, p11 = p01 - k0 * p11, p12 - k1 * p12, p11 - k1 * p11
             likelihood -= 0.5 * (np.log(variance) + innovation * innovation / variance)
-        xs[i], Ps[i] = x, P
+        if smooth:
+            xs[i, 0], xs[i, 1], xs[i, 2] = x0, x1, x2
+            _fill(Ps[i], p00, p01, p02, p11, p12, p22)
     for i in range(n - 2 if smooth else -1, -1, -1):
         C = Ps[i] @ F.T @ np.linalg.inv(Pp[i + 1])
         xs[i] = xs[i] + C @ (xs[i + 1] - xp[i + 1])

@@ -25,8 +25,9 @@ _LONGEST_WINDOW_S, _LEAST_WINDOW_S, _WINDOWS = 8.0, 1.5, 6.0
 # Fewer windows than this tell nothing of how outputs go together.
 _LEAST_FOR_CROSS = 6.0
 # What a structure never holds: this share of the motion, at most; the flight says how much of it (`misfit_share`). At
-# least what the smoothing of the imposed motion and interpolation cost.
-LEAST_MISFIT, LARGEST_MISFIT = 0.003, 0.03
+# least what it costs that between two samples of a surface nobody knows where it was, and, where that is known, what
+# the smoothing of the imposed motion costs.
+LEAST_MISFIT, LEAST_OF_KNOWN, LARGEST_MISFIT = 0.003, 0.001, 0.03
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,16 @@ def welch(series: Sequence[Array], grids: Sequence[CommonGrid], length: int) -> 
 
 
 def residual_spectrum(
-    residuals: Sequence[Array], simulated: Sequence[Array], grids: Sequence[CommonGrid], misfit: float | None = None
+    residuals: Sequence[Array],
+    simulated: Sequence[Array],
+    grids: Sequence[CommonGrid],
+    misfit: float | None = None,
+    least: float = LEAST_MISFIT,
 ) -> tuple[ResidualSpectrum, float]:
     """Spectrum matrix of the residuals of one flight's parts, and the share of misfit that it holds besides.
 
     residuals, simulated: per part (m, K), measured less simulated and simulated. misfit: share of the simulated
-    outputs' own spectrum to add; None takes what the residuals say.
+    outputs' own spectrum to add; None takes what the residuals say, at least `least`.
     """
     length = window_length(grids)
     C, windows = welch(residuals, grids, length)
@@ -98,13 +103,13 @@ def residual_spectrum(
     C[0] = C[1]
     C = _thirds(C)
     Y = _thirds(_without_zero(welch(simulated, grids, length)[0]))[:, diagonal, diagonal].real
-    share = misfit_share(frequencies, C[:, diagonal, diagonal].real, Y) if misfit is None else misfit
+    share = misfit_share(frequencies, C[:, diagonal, diagonal].real, Y, least) if misfit is None else misfit
     floor = C[:, diagonal, diagonal].real
     C[:, diagonal, diagonal] += share**2 * Y + 1e-4 * floor + 1e-4 * floor.mean(axis=0) + 1e-18
     return ResidualSpectrum(frequencies, C), share
 
 
-def misfit_share(frequencies: Array, residual: Array, simulated: Array) -> float:
+def misfit_share(frequencies: Array, residual: Array, simulated: Array, least: float = LEAST_MISFIT) -> float:
     """How much of the motion the structure may not hold, by what residuals have beyond their flattest part.
 
     Sensors alone leave a flat spectrum: then nothing is added, and a textbook flight keeps its accuracy.
@@ -114,7 +119,7 @@ def misfit_share(frequencies: Array, residual: Array, simulated: Array) -> float
     noise = np.median(residual[top], axis=0)
     beyond = np.maximum(residual[band].sum(axis=0) - 1.3 * noise * np.count_nonzero(band), 0.0)
     ratio = beyond / np.maximum(simulated[band].sum(axis=0), 1e-300)
-    return float(np.clip(np.sqrt(np.median(ratio)), LEAST_MISFIT, LARGEST_MISFIT))
+    return float(np.clip(np.sqrt(np.median(ratio)), least, LARGEST_MISFIT))
 
 
 def _thirds(C: NDArray[np.complex128]) -> Complex:

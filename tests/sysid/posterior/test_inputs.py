@@ -34,6 +34,13 @@ def test_steps_of_a_loop_that_is_faster_than_the_log_lie_between_its_stamps_and_
     assert stick.at(np.array([2.05]))[0] == pytest.approx(0.05)
 
 
+def test_a_command_that_is_known_to_stay_is_held_where_the_log_has_every_one() -> None:
+    wave = np.sin(2.0 * np.pi * 2.0 * TIMES)
+    assert input_signal(TIMES, wave, False, held=True).kind == "held"
+    # One of five commands is in this log: what was between them is not known.
+    assert input_signal(TIMES[::5], wave[::5], False, held=True).kind == "splined"
+
+
 def test_a_curve_is_not_drawn_through_lost_samples() -> None:
     kept = (TIMES < 1.0) | (TIMES > 1.5)
     curve = input_signal(TIMES[kept], np.sin(9.0 * TIMES[kept]), False)
@@ -61,11 +68,16 @@ def test_backlash_holds_until_the_command_has_crossed_the_play() -> None:
     assert np.ptp(moved[300:]) == pytest.approx(0.9, abs=0.02)
 
 
-def test_means_over_intervals_are_exact_for_cubics() -> None:
-    half = np.arange(0.0, 1.01, 0.05)
-    mean = interval_means(half**3)
-    edges = half[::2]
-    np.testing.assert_allclose(mean, np.diff(edges**4) / 4.0 / 0.1)
+def test_means_over_intervals_are_exact_for_cubics_and_for_steps() -> None:
+    h = 0.05
+    middles = h * (np.arange(22) - 0.5)
+    edges = 2.0 * h * np.arange(11)
+    np.testing.assert_allclose(interval_means(middles**3, False), np.diff(edges**4) / 4.0 / (2.0 * h))
+    # A step anywhere counts by exactly the share of its interval that it leaves.
+    for moment in (0.3, 0.317, 0.325, 0.351):
+        told = InputSignal(np.array([-1.0, moment]), np.array([0.0, 1.0]), "held")
+        expected = np.clip((edges[1:] - moment) / (2.0 * h), 0.0, 1.0)
+        np.testing.assert_allclose(interval_means(told.at(middles, h), True), expected, atol=1e-12)
 
 
 def test_a_vane_swings_as_the_linear_system_of_its_frequency_and_damping() -> None:
