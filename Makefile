@@ -96,7 +96,7 @@ paper-tables: setup
 	$(BIN)/python benchmarks/paper_tables.py --keep campaign-output/paper-tables $(if $(SEEDS),--seeds $(SEEDS))
 
 # How near to the bound identification comes: 400 flights of each scenario take hours; what is there is kept. For less:
-# make campaign SEEDS=20 SCENARIOS=pulse,six-axis
+# make campaign SEEDS=20 SCENARIOS=pulse,six-axis; METHOD=map asks the estimator for flights as the field gives them.
 SCENARIOS ?= all
 
 campaign: setup
@@ -154,9 +154,10 @@ comma := ,
 
 # Flights as the field has them, identified: 120 flights; what is there is kept. SHORT=1 flies 14. For less:
 # make campaign-field FAMILIES=typical,rough SEEDS=2 METHODS=auto,ls. STEPS=1: textbook flights, one imperfection at a time.
+# RATES=1: aircraft that come with JSBSim, textbook sensors and measured surfaces at 20, 50 and 100 Hz.
 campaign-field: setup
 	$(BIN)/python tests/campaign/field.py --methods $(if $(METHODS),$(METHODS),auto$(comma)ls) --families $(or $(FAMILIES),all) \
-	  $(if $(SEEDS),--seeds $(SEEDS)) $(if $(SHORT),--short) $(if $(STEPS),--steps)
+	  $(if $(SEEDS),--seeds $(SEEDS)) $(if $(SHORT),--short) $(if $(STEPS),--steps) $(if $(RATES),--rates)
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info demo-output campaign-output

@@ -2,7 +2,7 @@
 
 A logged command is one of three things. A command that is really held steps at its stamps. One that is computed anew
 for each sample of the log is a smooth function seen at points, and a straight line between them would be a low-pass
-(5 % at 6 Hz of 50 Hz). A position that was measured is joined by straight lines.
+(5 % at 6 Hz of 50 Hz). So it would be for a position that was measured: a monotone curve goes through those.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class InputSignal:
     """A command or position as a function of time. time_s, values: (N,).
 
     kind: "held" from stamp to stamp; "splined", a cubic spline; "eased", a monotone one that does not overshoot at
-    steps; "joined" by straight lines.
+    steps (Fritsch and Butland 1984); "joined" by straight lines.
     """
 
     time_s: Array
@@ -94,7 +94,7 @@ def input_signal(time_s: Array, values: Array, position: bool, held: bool = Fals
     where the log has every one.
     """
     if position:
-        return InputSignal(time_s, values, "joined")
+        return InputSignal(time_s, values, "eased")
     repeats = float(np.mean(np.diff(values) == 0.0)) if values.size > 1 else 1.0
     slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
     if repeats <= _STEPPING:

@@ -1,7 +1,8 @@
 """What identification is worth in the field: flights of JSBSim's seen as the field sees them, identified and judged.
 
 Families: mild, typical, rough, short (8 to 12 s), closed-loop, slow (10 Hz), odd (dead channels, one axis), stock
-(aircraft that come with JSBSim). `--steps` takes textbook flights with one imperfection at a time instead. Methods are
+(aircraft that come with JSBSim). `--steps` takes textbook flights with one imperfection at a time instead, `--rates`
+aircraft that come with JSBSim with textbook sensors and measured surfaces at 20, 50 and 100 Hz. Methods are
 those of `sysid.identify`, and `ls`, plain least squares with one delay. Each line of the store is one flight by one
 method; a run that is broken off goes on where it stopped, and sources that changed are estimated anew.
 Run: make campaign-field, or for 14 flights make campaign-field SHORT=1
@@ -26,7 +27,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
-from field_flight import FAMILIES, STEPS, FieldFlight, field_flight
+from field_flight import FAMILIES, STEPS, STOCK_RATES, FieldFlight, field_flight
 from field_least_squares import least_squares
 from other_engine import version
 
@@ -137,6 +138,8 @@ def wanted_flights(options: argparse.Namespace) -> list[tuple[str, int]]:
     if options.steps:
         names = [f"step/{name}{gusts}" for name in STEPS for gusts in ("", "+gusts")]
         return [(name, seed) for name in names for seed in range(options.seeds or 2)]
+    if options.rates:
+        return [(name, seed) for name in STOCK_RATES for seed in range(options.seeds or 6)]
     families = FAMILIES if options.families == "all" else tuple(options.families.split(","))
     if options.short:
         return [(family, seed) for family, seed in SHORT if family in families]
@@ -151,6 +154,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, help=f"flights of each family ({SEEDS})")
     parser.add_argument("--short", action="store_true", help="14 flights over all families")
     parser.add_argument("--steps", action="store_true", help="textbook flights with one imperfection at a time")
+    parser.add_argument("--rates", action="store_true", help="stock aircraft, textbook sensors at 20, 50, 100 Hz")
     parser.add_argument("--limit", type=float, default=LIMIT, help="s of one estimate")
     parser.add_argument("--store", type=Path, default=Path("campaign-output/field/flights.jsonl"))
     parser.add_argument("--tlog", type=Path, help="write the flights as telemetry logs there, estimate nothing")

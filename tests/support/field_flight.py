@@ -91,12 +91,14 @@ def plan_of(family: str, seed: int) -> Plan:
         hold = Hold(0.35, 0.40, 0.06, 0.08, 0.10, plan.hold.hz)
         return replace(plan, kind="hold", hold=hold)
     if family == "slow":
-        rates = dict.fromkeys(("imu_hz", "vane_hz", "airspeed_hz", "attitude_hz", "command_hz", "thrust_hz"), 10.0)
-        return replace(plan, seconds=float(g.uniform(40.0, 90.0)), field=replace(field, **rates))
+        return replace(plan, seconds=float(g.uniform(40.0, 90.0)), field=at_rate(field, 10.0))
     if family == "odd":
         return _odd(plan, seed)
     return plan
 
+
+# Aircraft that come with JSBSim, textbook sensors and surfaces as measured, all at one rate, Hz.
+STOCK_RATES = {f"stock-{rate}-hz": float(rate) for rate in (20, 50, 100)}
 
 # Textbook flights with one imperfection each: what it is, of the plant or of the sensors.
 STEPS: dict[str, dict[str, Any]] = {
@@ -110,6 +112,12 @@ STEPS: dict[str, dict[str, Any]] = {
     "command-delay": {"servo": Servo(delay=0.030)},
     "stamps": {"field": {"vane_offset": 0.007}},
 }
+
+
+def at_rate(field: Field, hz: float) -> Field:
+    """The same with every message at one rate."""
+    names = ("imu_hz", "vane_hz", "airspeed_hz", "attitude_hz", "command_hz", "thrust_hz")
+    return replace(field, **dict.fromkeys(names, hz))
 
 
 def textbook() -> Field:
@@ -228,10 +236,10 @@ def told(vehicle: Vehicle, share: float, seed: int) -> Vehicle:
 
 def field_flight(family: str, seed: int, folder: Path) -> FieldFlight:
     """Fly one flight of a family; `folder` takes JSBSim's files."""
-    if family == "stock":
+    if family == "stock" or family in STOCK_RATES:
         from field_stock import stock_flight
 
-        return stock_flight(seed)
+        return stock_flight(seed, STOCK_RATES.get(family))
     if family.startswith("step/"):
         return fly_plan(step_plan(family.removeprefix("step/"), seed), seed, folder, f"{family}-{seed}")
     return fly_plan(plan_of(family, seed), seed, folder, f"{family}-{seed}")

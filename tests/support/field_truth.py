@@ -38,14 +38,26 @@ def regressors_of(log: Log, geometry: Geometry) -> dict[str, Array]:
 
 def projection(log: Log, geometry: Geometry, part: slice | Array = slice(None)) -> dict[str, float]:
     """The default structure's coefficients that come nearest to JSBSim's along (a part of) the flight."""
+    return _nearest(log, geometry, part)[0]
+
+
+def left_by_axis(log: Log, geometry: Geometry) -> dict[str, float]:
+    """Share of the variation of each of JSBSim's six coefficients that the default structure cannot hold."""
+    return _nearest(log, geometry, slice(None))[1]
+
+
+def _nearest(log: Log, geometry: Geometry, part: slice | Array) -> tuple[dict[str, float], dict[str, float]]:
     along = regressors_of(log, geometry)
     found: dict[str, float] = {}
+    left: dict[str, float] = {}
     for axis in AXES:
         names = [name for name in STRUCTURE if parse_term(name).axis == axis]
         ones = np.ones(log.time_s.size)
         X = np.stack([np.prod([along[f] for f in parse_term(n).factors] or [ones], axis=0) for n in names], axis=1)
-        found |= dict(zip(names, np.linalg.lstsq(X[part], log[axis][part], rcond=None)[0].tolist(), strict=True))
-    return found
+        values = np.linalg.lstsq(X[part], log[axis][part], rcond=None)[0]
+        found |= dict(zip(names, values.tolist(), strict=True))
+        left[axis] = float(np.std((log[axis] - X @ values)[part]) / np.std(log[axis][part]))
+    return found, left
 
 
 def truth_of(log: Log, aircraft: Aircraft) -> dict[str, Interval]:

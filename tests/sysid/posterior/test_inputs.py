@@ -18,10 +18,23 @@ def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve
     curve = input_signal(TIMES, wave, False)
     middle = TIMES[20:-20] + 0.01
     assert np.abs(curve.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() < 0.01
-    # Straight lines lose far more, and are what positions are joined by.
-    line = input_signal(TIMES, wave, True)
-    assert line.kind == "joined"
+    # Straight lines lose far more.
+    line = InputSignal(TIMES, wave, "joined")
     assert np.abs(line.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() > 0.05
+
+
+def test_a_measured_position_is_a_curve_that_keeps_what_lines_lose_and_does_not_overshoot() -> None:
+    slow = np.arange(0.0, 4.0, 0.05)
+    between = np.arange(0.5, 3.5, 0.001)
+    wave = input_signal(slow, np.sin(2.0 * np.pi * 2.0 * slow), True)
+    line = InputSignal(wave.time_s, wave.values, "joined")
+    gain = [
+        2.0 * np.mean(one.at(between) * np.sin(2.0 * np.pi * 2.0 * between)) for one in (wave, line)
+    ]  # whole periods
+    assert abs(gain[0] - 1.0) < 0.25 * abs(gain[1] - 1.0)
+    step = input_signal(slow, np.where(slow > 2.0, 0.1, 0.0), True).at(between)
+    assert step.min() >= 0.0
+    assert step.max() <= 0.1
 
 
 def test_steps_of_a_loop_that_is_faster_than_the_log_lie_between_its_stamps_and_do_not_overshoot() -> None:
