@@ -55,6 +55,7 @@ from peer_equations import (
     simulated,
 )
 from simulated import fly_mav
+from table_two import with_table_two
 
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.model.model_file import read_model
@@ -106,6 +107,12 @@ def by_output_error(case: Case, vehicle: Vehicle) -> Estimates:
 def by_equation_error(case: Case, vehicle: Vehicle) -> Estimates:
     """The same with --method ee."""
     return _told(identify([case.signals], vehicle, method="ee", systematic=False).model.coefficients)
+
+
+def by_posterior(case: Case, vehicle: Vehicle) -> Estimates:
+    """The same with --method map, the vehicle file saying what Table II says of servos and sensors."""
+    found = identify([case.signals], with_table_two(vehicle), method="map", systematic=False)
+    return _told(found.model.coefficients)
 
 
 def _told(entries: Mapping[str, object]) -> Estimates:
@@ -185,8 +192,8 @@ def by_aeroid(case: Case, vehicle: Vehicle) -> Estimates:
 
 
 CONTESTANTS: dict[str, Callable[[Case, Vehicle], Estimates]] = {
-    "ours": by_output_error, "ours, ee": by_equation_error, "statsmodels": by_statsmodels, "scipy": by_scipy,
-    "AeroID": by_aeroid,
+    "ours": by_output_error, "ours, map": by_posterior, "ours, ee": by_equation_error, "statsmodels": by_statsmodels,
+    "scipy": by_scipy, "AeroID": by_aeroid,
 }  # fmt: skip
 
 
@@ -260,7 +267,7 @@ def main() -> None:
     vehicle, true = load_vehicle("iitb-mav"), read_model("iitb-mav").values()
     flights = cases(options.seeds, options.seconds, vehicle)
     accounts = {name: Account() for name in CONTESTANTS}
-    for name in ("ours", "ours, ee", "scipy"):
+    for name in ("ours", "ours, map", "ours, ee", "scipy"):
         CONTESTANTS[name](flights[0], vehicle)  # compiled, as on every call but the first
     for i, case in enumerate(flights):
         turn = list(CONTESTANTS) if i % 2 == 0 else list(CONTESTANTS)[::-1]

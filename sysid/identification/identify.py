@@ -159,9 +159,10 @@ def _by_posterior(
 ) -> Identification:
     """`identify` with the method "map"."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import, and seldom wanted
+    from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, systematic, progress)
-    warnings = [*found.warnings, *unmeasured_thrust(found.prepared)]
+    warnings = [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
     check, errors = SignalCheck(), _kinematic_errors(found.compatible)
     progress(0.88, "validation")
     judges = [judge(flight, vehicle, check, warnings) for flight in validate_on]

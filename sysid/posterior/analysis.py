@@ -22,7 +22,7 @@ from sysid.posterior.group import GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
 from sysid.posterior.start import equation_error_starts, usual_starts
-from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, Nuisance, unknowns_of
+from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
@@ -178,8 +178,11 @@ def estimate(
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
-    measured = all(np.isfinite(part.thrust).all() for part in parts)
-    doubts = [one for one in doubts_of(vehicle, measured) if one.stated or systematic]
+    doubts = [
+        one
+        for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
+        if one.stated or systematic
+    ]
     found: dict[str, _GroupEstimate] = {}
     left_out, unexcited, warnings = {}, [], []
     for place, group in enumerate(GROUPS):
@@ -200,7 +203,7 @@ def estimate(
             continue
         progress(0.45 * place, f"{group} axes")
         free = effects if not found else ()
-        stated = {**_alike(found), **declared(vehicle, group, parts[0].messages)}
+        stated = {**_alike(found), **declared(vehicle, group, parts[0].messages), **_thrust_prior(parts)}
         try:
             seen = _seen(parts, found, vehicle)
             setting = (seen, vehicle, structure, names, free, group, outputs, known, stated, doubts)
@@ -241,6 +244,14 @@ def estimate(
         tuple(one for group in noise for one in group), tuple(unexcited), left_out, _not_believed(found),
         tuple(warnings),
     )  # fmt: skip
+
+
+def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
+    """How well thrust is known where no sensor measures it; the throttle's stands among what was taken as known."""
+    sources = {part.thrust_from for part in parts}
+    if sources <= {"throttle", ""}:
+        return {"thrust_error": (0.0, 0.0)}
+    return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if "rpm" in sources else {}
 
 
 def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Stated]:

@@ -18,6 +18,7 @@ from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.smoothing import Airspeed, airspeed_through, smoothed
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
+from sysid.posterior.thrust import thrust_by_speed
 from sysid.signals.flight import FlightSignals
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
@@ -43,9 +44,9 @@ class FlightPart:
 
     grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
     [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from
-    the throttle. rho: (N,) kg/m3. channels: measured outputs by name. common: grid of the residuals. highest_hz: to
-    which they count. position: whether the log holds positions of the surfaces. messages: signal -> the message
-    that carried it.
+    the throttle; thrust_from: the signal that tells it, "" for none. rho: (N,) kg/m3. channels: measured outputs by
+    name. common: grid of the residuals. highest_hz: to which they count. position: whether the log holds positions of
+    the surfaces. messages: signal -> the message that carried it.
     """
 
     flight: str
@@ -54,6 +55,7 @@ class FlightPart:
     motion: Mapping[str, Array]
     airspeed: Airspeed
     thrust: Array
+    thrust_from: str
     rho: Array
     channels: Mapping[str, Channel]
     common: CommonGrid
@@ -160,9 +162,10 @@ def make_part(
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
     highest = min(HIGHEST_HZ, NYQUIST_SHARE * min(rates))
-    thrust = _thrust(signals, vehicle, grid, motion["ax"], begin, end)
+    thrust, thrust_from = _thrust(signals, vehicle, grid, motion["ax"], speed.values, rho, (begin, end))
     return FlightPart(
-        signals.name, grid, inputs, motion, speed, thrust, rho, channels, common, highest, position, messages
+        signals.name, grid, inputs, motion, speed, thrust, thrust_from, rho, channels, common, highest, position,
+        messages,
     )  # fmt: skip
 
 
@@ -186,13 +189,29 @@ def _density(signals: FlightSignals, vehicle: Vehicle, grid: Array, begin: float
     return smoothed(time_s, values, grid, 1.0) if time_s.size > 10 else np.interp(grid, time_s, values)
 
 
-def _thrust(signals: FlightSignals, vehicle: Vehicle, grid: Array, ahead: Array, begin: float, end: float) -> Array:
-    """Measured thrust, what accelerates the motor on its cell added; NaN where the throttle tells it."""
-    time_s, values = finite(signals, "thrust", begin, end)
-    if time_s.size < 10:
-        return np.full(grid.size, np.nan if vehicle.propulsion is not None else 0.0)
-    moving = 0.0 if vehicle.propulsion is None else vehicle.propulsion.moving_mass
-    return np.asarray(_smooth((time_s, values), grid, _THRUST_HALF_S) + moving * ahead)
+def _thrust(
+    signals: FlightSignals,
+    vehicle: Vehicle,
+    grid: Array,
+    ahead: Array,
+    airspeed: Array,
+    rho: Array,
+    span: tuple[float, float],
+) -> tuple[Array, str]:
+    """Thrust, and the signal that tells it: measured, what accelerates the motor on its cell added, or by rpm; NaN
+    where the simulation takes it from the throttle.
+    """
+    propulsion = vehicle.propulsion
+    time_s, values = finite(signals, "thrust", *span)
+    if time_s.size >= 10:
+        moving = 0.0 if propulsion is None else propulsion.moving_mass
+        return np.asarray(_smooth((time_s, values), grid, _THRUST_HALF_S) + moving * ahead), "thrust"
+    if propulsion is None:
+        return np.zeros(grid.size), ""
+    time_s, values = finite(signals, "rpm", *span)
+    if time_s.size >= 10 and propulsion.by_rpm:
+        return thrust_by_speed(_smooth((time_s, values), grid, _THRUST_HALF_S), airspeed, rho, vehicle), "rpm"
+    return np.full(grid.size, np.nan), "throttle"
 
 
 def _flow(

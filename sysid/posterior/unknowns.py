@@ -91,6 +91,10 @@ PRIORS: tuple[Nuisance, ...] = (
 POSITION: dict[str, tuple[float, float]] = {"servo_delay": (0.0, 0.010)}
 POSITION_FIXED = ("servo_lag", "servo_backlash")
 
+# Standard deviation of thrust by the propeller's speed: curves of other samples of a propeller, measured in a wind
+# tunnel and not behind a nose (Brandt & Selig, AIAA 2011-1255: a tenth between propellers of one name).
+THRUST_BY_SPEED_STD = 0.10
+
 # What holds from one start-up to the next: messages fall into another phase of what they report.
 OF_A_FLIGHT = frozenset(("servo_delay", "vane_clock", "airspeed_lag"))
 

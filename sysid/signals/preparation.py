@@ -171,12 +171,17 @@ def prepare(
     return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho), curves, shares)
 
 
-def unmeasured_thrust(prepared: Sequence[Prepared]) -> list[str]:
-    """What follows where thrust is not measured, one line for each source of it."""
-    sources = dict.fromkeys(str(flight.thrust_source) for flight in prepared if not flight.thrust_source.measured)
+def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None = None) -> list[str]:
+    """What follows where thrust is not measured, one line for each source of it.
+
+    known_by_rpm: share to which thrust by the propeller's speed was known, where its error is estimated.
+    """
+    sources = dict.fromkeys(flight.thrust_source for flight in prepared if not flight.thrust_source.measured)
+    counted = "the systematic column counts 5 % of thrust (thrust_5pct)"
+    estimated = f"one gain for all of it is estimated, known to {known_by_rpm or 0.0:.0%} before"
     return [
-        f"thrust {source}, not measured: its errors become errors of drag, and of lift by the sine of alpha; the "
-        "systematic column counts 5 % of thrust (thrust_5pct)"
+        f"thrust {source}, not measured: its errors become errors of drag, and of lift by the sine of alpha; "
+        f"{estimated if known_by_rpm and source.signal == 'rpm' else counted}"
         for source in sources
     ]
 
