@@ -84,7 +84,10 @@ class _Flight:
         self.warnings.append(text)
 
     def add_measured(self, name: str) -> None:
-        """The first source that comes fast enough through the flight, else the fastest, with a warning."""
+        """The first source that comes fast enough through the flight, else the fastest, with a warning.
+
+        One that repeats a single value throughout (a field that nobody fills) gives way to one that does not.
+        """
         row = SIGNALS.get(name, Row("", SURFACE_RATE_HZ, ()))
         override = self.vehicle.signals.get(name)
         if override is not None:
@@ -95,6 +98,7 @@ class _Flight:
             found = list(self.candidates(name, row, row.sources, declared=False))
         if not found:
             return
+        found = [entry for entry in found if _varies(entry.signal.values)] or found
         best = next((entry for entry in found if entry.steady), None)
         if best is None:
             best = max(found, key=lambda entry: entry.signal.time_s.size)
@@ -257,6 +261,11 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
         updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)
         stream = stream if updated.all() else stream.only(updated)
     return stream, source.convert(*[stream.values(name) for name in source.fields])
+
+
+def _varies(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return known.size > 0 and float(np.ptp(known)) > 0.0
 
 
 def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:

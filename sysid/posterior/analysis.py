@@ -17,7 +17,7 @@ from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Stated, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
-from sysid.posterior.estimator import ALL, Posterior, PosteriorResult, Prior
+from sysid.posterior.estimator import ALL, MAX_PASSES, Posterior, PosteriorResult, Prior
 from sysid.posterior.group import GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
@@ -336,7 +336,7 @@ def _best(tried: list[tuple[float, Array, Posterior]]) -> tuple[Posterior, Array
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return posterior, theta
+    return posterior, posterior.search(theta, MAX_PASSES)
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:

@@ -21,20 +21,36 @@ _LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 SHORTEST_LOOP_S = 20.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
 _LEAST_SHARE = 0.05
+# By so much more than it is of the motion a residual may be of a command: a loop that follows set points well has
+# commands that are small beside what it would do to the whole motion.
+_MOST_GAIN = 5.0
 # So many other times tell what chance explains, and so many of their standard deviations beyond is no chance.
 _SURROGATES, _BEYOND_CHANCE = 12, 3.0
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 
 
-def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) -> float:
+def most_answered(residual: Array, measured: Array, common: CommonGrid) -> float:
+    """Largest share of a command that can answer residuals (m, K) of rates, which every loop feels, by those measured.
+
+    Where residuals are next to nothing of the motion, it is they that follow the command (what the structure lacks),
+    and not the other way round.
+    """
+    inner, felt = residual[:, common.taper > 0.5], measured[:, common.taper > 0.5]
+    ratio = inner.var(axis=1) / np.maximum(felt.var(axis=1), 1e-30)
+    return min(_MOST_GAIN**2 * float(np.max(ratio, initial=0.0)), 1.0)
+
+
+def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, most: float = 1.0) -> float:
     """Share of a command's variance that a causal filter of the residuals (m, K) explains, 0 to 1.
 
     Adjusted for chance, by which many lags explain a part of anything, the more the smoother it is: as much as the same
-    residuals explain at other times.
+    residuals explain at other times. most: what it can be at most.
     """
     every = max(1, round(_STEP_S / common.interval_s))
     lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
+    if most < _LEAST_SHARE:
+        return 0.0
     inner = residual[:, common.taper > 0.5]
     scale = np.maximum(inner.std(axis=1, keepdims=True), 1e-12)
     # Means over the samples up to each moment: causal, and no frequency folds down.
@@ -63,7 +79,7 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid) ->
     middle, share = float(chance.mean()), explained(0)
     if share < middle + _BEYOND_CHANCE * float(chance.std()):
         return 0.0
-    adjusted = (share - middle) / (1.0 - middle)
+    adjusted = min((share - middle) / (1.0 - middle), most)
     return adjusted if adjusted > _LEAST_SHARE else 0.0
 
 

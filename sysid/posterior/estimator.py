@@ -15,11 +15,12 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law
+from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law, most_answered
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import GroupModel
 from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, ResidualSpectrum, residual_spectrum
 from sysid.posterior.unknowns import SURFACES_OF
+from sysid.signals.record import STATES
 
 MAX_PASSES = 12
 # Share that a surface answers which nothing moves but a law of the motion.
@@ -287,9 +288,12 @@ class Posterior:
     def _followed(self, at: _Point, surface: str, places: Sequence[int], rows: slice) -> float:
         """Share of a surface's command that follows some residuals, the mean over parts by their length."""
         length = [self.parts[i].duration_s for i in places]
-        shares = [
-            feedback_share(self.parts[i].inputs[surface], at.residuals[i][rows], self.parts[i].common) for i in places
-        ]
+        felt = [j for j, name in enumerate(self.model.outputs) if name in STATES]
+        shares = []
+        for i in places:
+            common, residual = self.parts[i].common, at.residuals[i]
+            most = most_answered(residual[felt], self.model.measured(i)[felt], common)
+            shares.append(feedback_share(self.parts[i].inputs[surface], residual[rows], common, most))
         return float(np.average(shares, weights=length))
 
     def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:

@@ -211,6 +211,19 @@ def test_a_source_too_slow_or_that_stops_gives_way(tmp_path: Path, rate: float, 
     assert flight.signals().signals["ax"].source == "SCALED_IMU.xacc"
 
 
+def test_a_field_that_nobody_fills_gives_way_to_one_that_moves(tmp_path: Path) -> None:
+    def attitude(t: float) -> Message:
+        return mavlink.MAVLink_attitude_message(ms(t), 0.1, 0.2, 3.0, 0.0, 0.0, 0.0)
+
+    def slow_imu(t: float) -> Message:
+        return mavlink.MAVLink_scaled_imu_message(ms(t), 0, 0, -1000, 100, round(200.0 * np.sin(t)), 0, 0, 0, 0)
+
+    found = Flight(tmp_path).stream(50, attitude).stream(10, slow_imu).signals()
+    assert found.signals["q"].source == "SCALED_IMU.ygyro"
+    assert found.signals["p"].source == "ATTITUDE.rollspeed"  # neither moves: the first that is fast enough
+    assert any("q: SCALED_IMU comes at" in line for line in found.warnings)
+
+
 def test_where_none_is_fast_enough_the_fastest_counts_with_a_warning(tmp_path: Path) -> None:
     found = Flight(tmp_path).stream(5, highres).stream(10, scaled_imu).signals()
     assert found.signals["ax"].source == "SCALED_IMU.xacc"

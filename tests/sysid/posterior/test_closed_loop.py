@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_flight import field_flight
+from simulated import fly_mav
 
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.identify import identify
-from sysid.posterior.closed_loop import feedback_share, is_law
+from sysid.posterior.closed_loop import feedback_share, is_law, most_answered
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import common_grid
 
@@ -77,3 +80,24 @@ def test_pitch_is_told_though_an_autopilot_answers_every_gust(tmp_path: Path) ->
     # The rudder did nothing but damp yaw.
     assert any(warning.startswith("rudder: moved by nothing but a law") for warning in found.warnings)
     assert {"Cn_dr", "Cn_r"} <= {entry.name for entry in found.refused}
+
+
+def test_what_is_next_to_nothing_of_the_motion_is_answered_by_no_command() -> None:
+    g = np.random.default_rng(4)
+    motion = np.sin(2.0 * np.pi * 0.7 * GRID.points)[None, :]
+    lacking = 0.01 * motion
+    assert most_answered(lacking, motion, GRID) == pytest.approx(25e-4)
+    assert most_answered(motion + g.standard_normal(motion.shape), motion, GRID) == 1.0
+    command = InputSignal(GRID.points, motion[0], "joined")
+    # The command goes with what the structure lacks as with its own answer; by its size it is known to come first.
+    assert feedback_share(command, lacking, GRID, most_answered(lacking, motion, GRID)) == 0.0
+
+
+@pytest.mark.whole_flight
+def test_test_inputs_that_come_again_and_again_are_no_closed_loop() -> None:
+    signals, _ = fly_mav("multisine,multisine,multisine", 5)
+    found = identify([signals], load_vehicle("iitb-mav"), method="map", systematic=False)
+    assert not any("autopilot or pilot in the loop" in line for line in found.warnings)
+    truth = read_model("iitb-mav").values()
+    for name in ("Cm_alpha", "Cm_de", "Cl_p", "Cl_da", "Cn_beta"):
+        assert found.model.coefficients[name].value == pytest.approx(truth[name], rel=0.02), name
