@@ -216,20 +216,24 @@ class Posterior:
 
     def search(self, start: Array, max_passes: int) -> Array:
         """(P,) where some steps from `start` lead."""
-        return self._search(start, max_passes)[0].theta
+        return self._search(start, max_passes, fresh=not self._held, least=2)[0].theta
 
     def solve(self, start: Array, doubts: Sequence[Doubt] = (), max_passes: int = MAX_PASSES) -> PosteriorResult:
-        """Search from `start` (P,). doubts: what was taken as known. Raises EstimationError where even the start
-        diverges.
+        """Search from `start` (P,), where another search of much the same ended. doubts: what was taken as known.
+
+        Raises EstimationError where even the start diverges.
         """
-        at, passes, converged = self._search(start, max_passes)
+        at, passes, converged = self._search(start, max_passes, fresh=True, least=1)
         return self._result(at, doubts, passes, converged)
 
-    def _search(self, start: Array, max_passes: int) -> tuple[_Point, int, bool]:
-        """Where the steps end, how many there were, and whether the last was small."""
+    def _search(self, start: Array, max_passes: int, fresh: bool, least: int) -> tuple[_Point, int, bool]:
+        """Where the steps end, how many there were, and whether the last was small.
+
+        fresh: whether the first step works out all slopes anew. least: steps before which a small one is no end.
+        """
         at = self.point(np.clip(start, self.low, self.high))
         self.weigh(at)
-        damping, converged, passes, fresh = 1e-3, False, 0, True
+        damping, converged, passes = 1e-3, False, 0
         for passes in range(1, max_passes + 1):
             H, g = self.normal(at, fresh)
             std = np.sqrt(np.diag(inverse(H)))
@@ -253,7 +257,7 @@ class Posterior:
             moved = float(np.max((np.abs(accepted.theta - at.theta) / std)[:count]))
             damping, at = max(damping / 10.0, 1e-7), accepted
             self.weigh(at)
-            if moved < _SETTLED and passes > 1 and fresh:
+            if moved < _SETTLED and passes >= least and fresh:
                 converged = True
                 break
             fresh = moved < _SETTLED or passes % _FRESH_EVERY == 0
