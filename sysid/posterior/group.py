@@ -146,12 +146,12 @@ class GroupModel:
         other._given, other.flat = by, flatten(by.vehicle, self._model)
         gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])[:, None]
 
-        def told(one: _Prepared) -> _Prepared:
+        def changed(one: _Prepared) -> _Prepared:
             record = replace(one.record, rho=by.density * one.record.rho)
             return replace(one, record=record, measured=gain * one.measured)
 
-        other._prepared = [told(one) for one in self._prepared]
-        other._coarse = [told(one) for one in self._coarse]
+        other._prepared = [changed(one) for one in self._prepared]
+        other._coarse = [changed(one) for one in self._coarse]
         return other
 
     def steps_at_stamps(self, index: int) -> bool:
