@@ -25,7 +25,7 @@ from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
-from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal, repeats
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class _Flight:
             found = list(self.candidates(name, row, row.sources, declared=False))
         if not found:
             return
-        found = [entry for entry in found if _varies(entry.signal.values)] or found
+        found = [entry for entry in found if not repeats(entry.signal.values)] or found
         best = next((entry for entry in found if entry.steady), None)
         if best is None:
             best = max(found, key=lambda entry: entry.signal.time_s.size)
@@ -261,11 +261,6 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
         updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)
         stream = stream if updated.all() else stream.only(updated)
     return stream, source.convert(*[stream.values(name) for name in source.fields])
-
-
-def _varies(values: Array) -> bool:
-    known = values[np.isfinite(values)]
-    return known.size > 0 and float(np.ptp(known)) > 0.0
 
 
 def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:

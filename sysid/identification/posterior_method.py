@@ -20,7 +20,7 @@ from sysid.posterior.part import NEEDED, FlightPart, make_part
 from sysid.problem.formulation import known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
 from sysid.problem.problem import Progress
-from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
 
@@ -143,7 +143,7 @@ def _filled(time_s: Array, values: Array) -> tuple[Array, Array]:
 
 def dead_channels(signals: FlightSignals) -> list[str]:
     """IMU channels that a flight can do without and that repeat one value throughout."""
-    return [name for name in ("ay", "p") if float(np.ptp(signals.signals[name].values)) == 0.0]
+    return [name for name in ("ay", "p") if repeats(signals.signals[name].values)]
 
 
 def _without_dead(signals: FlightSignals, dead: Sequence[str]) -> FlightSignals:

@@ -94,7 +94,7 @@ class GroupModel:
         unknowns: Unknowns,
         flow_imposed: bool = False,
     ) -> None:
-        self.group, self.outputs, self.unknowns, self.parts = group, tuple(outputs), unknowns, tuple(parts)
+        self.group, self.outputs, self.unknowns = group, tuple(outputs), unknowns
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
         self._model, self._given = model, Altered(vehicle)
         self.flat = flatten(vehicle, model)
@@ -108,8 +108,7 @@ class GroupModel:
             i for i, one in enumerate(unknowns, len(self.parameters)) if one.name in self._driving - set(_SERVO)
         ]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
-        self._prepared = [self._prepare(part) for part in parts]
-        self._coarse = [self._prepare(part.thinned()) for part in parts]
+        self._take(parts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,9 +128,7 @@ class GroupModel:
     def of(self, parts: Sequence[FlightPart]) -> GroupModel:
         """The same model of other parts, as many of the same flights."""
         other = copy.copy(self)
-        other.parts = tuple(parts)
-        other._prepared = [self._prepare(part) for part in parts]
-        other._coarse = [self._prepare(part.thinned()) for part in parts]
+        other._take(parts)
         return other
 
     def rough(self) -> GroupModel:
@@ -228,24 +225,33 @@ class GroupModel:
         full[:, self._columns] = y
         return full
 
-    def _prepare(self, part: FlightPart) -> _Prepared:
+    def _take(self, parts: Sequence[FlightPart]) -> None:
+        """Go by these parts, on their own grid and, for slopes and searches that are far from their end, on half."""
+        self.parts = tuple(parts)
+        self._prepared = [self._prepare(part, *self._compared(part)) for part in parts]
+        self._coarse = [self._prepare(one.part.thinned(), one.joined, one.measured) for one in self._prepared]
+
+    def _compared(self, part: FlightPart) -> tuple[dict[str, sparse.csr_array], Array]:
+        """Matrices from the stamps of each output to the common grid, and what was measured there, (m, K)."""
+        common = part.common
+        channels = {name: part.channels[name] for name in self.outputs}
+        joined = {name: common.bridged(joined_at(one.time_s, common.points)) for name, one in channels.items()}
+        return joined, np.array([joined[name] @ one.values for name, one in channels.items()])
+
+    def _prepare(self, part: FlightPart, joined: Mapping[str, sparse.csr_array], measured: Array) -> _Prepared:
         n = part.grid.size
         record = Record(
             part.flight, float(part.grid[1] - part.grid[0]), part.grid, 0, np.zeros((n, 4)), part.thrust, part.rho,
             np.full((n, len(OUTPUTS)), np.nan), np.full((n, 9), np.nan),
         )  # fmt: skip
-        common = part.common
-        fixed, joined, rows = {}, {}, []
-        for name in self.outputs:
-            channel = part.channels[name]
-            between = common.bridged(joined_at(channel.time_s, common.points))
-            joined[name] = between
-            fixed[name] = sparse.csr_array(between @ read_at(part.grid, channel.time_s))
-            rows.append(between @ channel.values)
+        fixed = {
+            name: sparse.csr_array(between @ read_at(part.grid, part.channels[name].time_s))
+            for name, between in joined.items()
+        }
         vane = vane_reading(part, FLOW_OF[self.group]) if self.flow_imposed else None
         states = self._imposed(part, self.unknowns.values(self.unknowns.mean, part.flight), vane)
         start = states[: max(1, round(0.1 / record.interval_s))].mean(axis=0)
-        return _Prepared(part, record, start, fixed, joined, np.array(rows), vane)
+        return _Prepared(part, record, start, fixed, joined, measured, vane)
 
     def _imposed(self, part: FlightPart, values: Mapping[str, float], vane: VaneReading | None) -> Array:
         """(N, 9) u v w p q r phi theta psi of a part, air data corrected by the nuisances."""

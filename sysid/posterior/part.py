@@ -18,8 +18,9 @@ from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.smoothing import Airspeed, airspeed_through, smoothed
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
-from sysid.posterior.thrust import thrust_by_speed
 from sysid.signals.flight import FlightSignals
+from sysid.signals.record import SURFACES
+from sysid.signals.thrust_source import thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
@@ -119,17 +120,12 @@ def make_part(
             f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than 3 s in which all is read"
         )
     grid: Array = begin + STEP_S * np.arange(int((end - begin) / STEP_S), dtype=np.float64)
-    surfaces = {"de": "elevator", "da": "aileron", "dr": "rudder"}
-    position = any(
-        getattr(vehicle.controls.get(long), "signal", "command") == "position"
-        for short, long in surfaces.items()
-        if short in commands
-    )
-    # A delay that is known counts from commands that are sent at their stamps and stay.
-    inputs = {
-        name: input_signal(*one, position and name != "throttle", vehicle.controls[long].delay.value is not None)
-        for (name, one), long in ((one, _CONTROLS[one[0]]) for one in commands.items())
-    }
+    # [signals] may bring what [controls] does not describe. A delay that is known counts from commands that stay.
+    controls = {name: vehicle.controls.get(control) for name, control in _CONTROLS.items() if name in commands}
+    described = {name: one for name, one in controls.items() if one is not None}
+    position = any(one.signal == "position" for name, one in described.items() if name in SURFACES)
+    held = [name for name, one in described.items() if one.delay.value is not None]
+    inputs = {name: input_signal(*one, position and name in SURFACES, name in held) for name, one in commands.items()}
     motion = {
         **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in ("ax", "ay", "az", "p", "q", "r")},
         **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
@@ -154,10 +150,10 @@ def make_part(
     imu = float(np.median(np.diff(read["q"][0])))
     rates = [
         1.0 / imu,
-        *(1.0 / float(np.median(np.diff(t))) for t, _ in (commands[n] for n in surfaces if n in commands)),
+        *(1.0 / float(np.median(np.diff(t))) for t, _ in (commands[n] for n in SURFACES if n in commands)),
     ]
     rates += [1.0 / float(np.median(np.diff(channels[n].time_s))) for n in ("alpha", "beta") if n in channels]
-    lost = bursts(read["q"][0]) + [one for n in surfaces if n in commands for one in bursts(commands[n][0])]
+    lost = bursts(read["q"][0]) + [one for n in SURFACES if n in commands for one in bursts(commands[n][0])]
     for name in ("alpha", "beta"):
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
@@ -210,7 +206,7 @@ def _thrust(
         return np.zeros(grid.size), ""
     time_s, values = finite(signals, "rpm", *span)
     if time_s.size >= 10 and propulsion.by_rpm:
-        return thrust_by_speed(_smooth((time_s, values), grid, _THRUST_HALF_S), airspeed, rho, vehicle), "rpm"
+        return thrust_in_air(_smooth((time_s, values), grid, _THRUST_HALF_S), airspeed, rho, vehicle), "rpm"
     return np.full(grid.size, np.nan), "throttle"
 
 

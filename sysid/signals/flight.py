@@ -5,11 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sysid.arrays import Array
 from sysid.errors import SignalError
 
 if TYPE_CHECKING:
     from sysid.signals.calibration import Calibration
+
+
+def repeats(values: Array) -> bool:
+    """Whether a signal is one value throughout: its sensor is dead or not connected, or nobody fills its field."""
+    known = values[np.isfinite(values)]
+    return known.size > 1 and float(np.ptp(known)) == 0.0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SegmentError, SignalError
 from sysid.signals.calibration import Calibration
-from sysid.signals.flight import FlightData, FlightSignals
+from sysid.signals.flight import FlightData, FlightSignals, repeats
 from sysid.signals.record import Record, make_records
 from sysid.signals.redundant_vanes import combined_vanes
 from sysid.signals.resampling import resample
@@ -113,12 +113,7 @@ def _dead(data: FlightData) -> list[tuple[str, str]]:
     """Signals that repeat one value in these samples, each with a surface that moves there and would move them."""
     moving = [s for s in _MOVED_BY if s in data and np.ptp(np.nan_to_num(data[s])) > _MOVED]
     pairs = {name: surface for surface in moving for name in _MOVED_BY[surface] if name in data}
-    return [(name, surface) for name, surface in pairs.items() if _repeats(data[name])]
-
-
-def _repeats(values: Array) -> bool:
-    known = values[np.isfinite(values)]
-    return known.size > 1 and float(np.ptp(known)) == 0.0
+    return [(name, surface) for name, surface in pairs.items() if repeats(data[name])]
 
 
 def _without_dead(data: FlightData, segments: Sequence[FlightSegment]) -> FlightData:
@@ -145,7 +140,7 @@ def prepare(
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)
-    if "thrust" in data and _repeats(data["thrust"]):
+    if "thrust" in data and repeats(data["thrust"]):
         told = "thrust: repeats one value throughout; if that sensor is dead, lift and drag coefficients are wrong"
         if "throttle" in data and np.ptp(np.nan_to_num(data["throttle"])) > _THROTTLE_MOVED:
             told = (

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.propeller import along
+from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -90,14 +93,31 @@ def rotor_speed(data: FlightData, first: int, stop: int) -> Denoised | None:
 
 def thrust_of_speed(speed: Denoised, vehicle: Vehicle) -> Denoised:
     """(N,) N, by max_thrust (rpm / max_rpm)^2: a propeller at one advance ratio."""
-    propulsion = vehicle.propulsion
-    if propulsion is None or propulsion.max_thrust is None or propulsion.max_rpm is None:
-        raise SignalError("thrust from rpm needs [propulsion] max_thrust and max_rpm")
-    share = np.abs(speed.values) / propulsion.max_rpm
-    slope = 2.0 * propulsion.max_thrust * share / propulsion.max_rpm
+    by_square = _square_law(vehicle)
+    slope = 2.0 * by_square * np.abs(speed.values)
     # One size for the whole series: where the speed swings by a tenth, so does that of its noise.
     noise = replace(speed.noise, sigma=float(np.sqrt(np.mean(slope**2))) * speed.noise.sigma)
     return Denoised(0.5 * slope * speed.values, np.ascontiguousarray(slope * speed.doubt), noise=noise)
+
+
+def thrust_in_air(rpm: Array, airspeed: Array, rho: Array, vehicle: Vehicle) -> Array:
+    """(N,) N, of a propeller that turns at rpm, 1/min, in an airspeed, m/s, and air of density rho, kg/m3.
+
+    By CT(J) of [propulsion], else by max_thrust (rpm / max_rpm)^2. Raises SignalError without either.
+    """
+    propulsion = vehicle.propulsion
+    if propulsion is None or not propulsion.CT:
+        return np.asarray(_square_law(vehicle) * rpm * np.abs(rpm))
+    share = rpm * 2.0 * np.pi / 60.0 / rotor_scale(propulsion)
+    return np.asarray(along(share, airspeed, rho, flatten(vehicle, Model(vehicle.name, {})).P)[0])
+
+
+def _square_law(vehicle: Vehicle) -> float:
+    """N min^2: thrust over the square of the propeller's speed."""
+    propulsion = vehicle.propulsion
+    if propulsion is None or propulsion.max_thrust is None or propulsion.max_rpm is None:
+        raise SignalError("thrust from rpm needs [propulsion] max_thrust and max_rpm")
+    return propulsion.max_thrust / propulsion.max_rpm**2
 
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:

@@ -41,8 +41,10 @@ class Field:
     it is; pneumatic_lag. airspeed_coloured: noise that is correlated over 0.3 s. gps_delay: age of what GPS tells.
     positions: whether a control's signal is where the surface is, rather than what was sent. pulse: rad of one
     microsecond. thrust_scale as it is. dead: signals that stay at one value; zeros: signals that are 0 throughout.
+    suite: seed of the sensors' constant errors, None for that of the flight.
     """
 
+    suite: int | None = None
     imu_hz: float = 50.0
     vane_hz: float = 50.0
     airspeed_hz: float = 50.0
@@ -168,7 +170,7 @@ def _imu(log: Log, vehicle: Vehicle, f: Field, seed: int) -> dict[str, Array]:
             crossed = crossed + force @ (f.g_sensitivity * noise_of(seed, "g").standard_normal((3, 3))).T
         for i, name in enumerate(names):
             filtered = low_pass(crossed[:, i], f.filter_hz) if f.filter_hz else crossed[:, i]
-            own = noise_of(seed, f"bias {name}")
+            own = noise_of(seed if f.suite is None else f.suite, f"bias {name}")
             constant, wander = bias * own.standard_normal(), slow_noise(log.time_s.size, STEP, DRIFT, own)
             read[name] = filtered + constant + drift * wander
     return read
@@ -201,7 +203,9 @@ def _vanes(log: Log, vehicle: Vehicle, f: Field, seed: int) -> dict[str, Array]:
             angle = vane(angle, 2.0 * np.pi * f.vane_hz_natural * V / VANE_SPEED, f.vane_damping)
         if f.vane_friction:
             angle = play(angle, f.vane_friction)
-        read[name] = angle + f.vane_bias * noise_of(seed, f"bias {name}").standard_normal()
+        read[name] = (
+            angle + f.vane_bias * noise_of(seed if f.suite is None else f.suite, f"bias {name}").standard_normal()
+        )
     return read
 
 

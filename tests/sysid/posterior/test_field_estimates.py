@@ -144,7 +144,9 @@ def test_a_fit_that_needs_what_no_vane_does_is_refused() -> None:
 
 def test_a_right_model_is_acceptable_on_a_second_flight_whatever_the_kinematics_say(tmp_path: Path) -> None:
     # The same aircraft with the same sensors, other inputs, air and noise.
-    first, second = flown("mild", 0), fly_plan(plan_of("mild", 0), 2, tmp_path, "second")
+    plan = plan_of("mild", 0)
+    plan = replace(plan, field=replace(plan.field, suite=0))
+    first, second = (fly_plan(plan, seed, tmp_path, f"flight {seed}") for seed in (0, 2))
     found = identify([first.signals], first.vehicle, method="map", validate_on=[second.signals])
     assert found.validation is not None
     scores = found.validation.outputs
@@ -163,7 +165,9 @@ def test_a_mass_in_grams_gives_no_lift_of_thousands() -> None:
 
 def test_two_flights_tell_more_than_one_though_their_stamps_differ(tmp_path: Path) -> None:
     # Messages fall into another phase of what they report at each start-up.
-    first, second = flown("mild", 0), fly_plan(plan_of("mild", 0), 2, tmp_path, "second")
+    plan = plan_of("mild", 0)
+    plan = replace(plan, field=replace(plan.field, suite=0))
+    first, second = (fly_plan(plan, seed, tmp_path, f"flight {seed}") for seed in (0, 2))
     both = identify([first.signals, second.signals], first.vehicle, method="map")
     alone = identified("mild", 0)
     off = []

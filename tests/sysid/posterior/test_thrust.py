@@ -12,8 +12,8 @@ from table_two import with_table_two
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identify import identify
-from sysid.posterior.thrust import thrust_by_speed
 from sysid.signals.flight import FlightSignals
+from sysid.signals.thrust_source import thrust_in_air
 
 
 def test_a_propeller_turns_into_thrust_by_its_advance_ratio() -> None:
@@ -25,9 +25,9 @@ def test_a_propeller_turns_into_thrust_by_its_advance_ratio() -> None:
     n = rpm / 60.0
     # At advance ratios of 0.4, 0.4 and 0 the curve goes through its points.
     expected = rho * n**2 * 0.25**4 * np.array([0.06, 0.06, 0.10])
-    np.testing.assert_allclose(thrust_by_speed(rpm, airspeed, rho, plane), expected, rtol=1e-9)
+    np.testing.assert_allclose(thrust_in_air(rpm, airspeed, rho, plane), expected, rtol=1e-9)
     square = replace(plane, propulsion=replace(plane.propulsion, CT=(), max_thrust=8.0, max_rpm=9000.0))
-    np.testing.assert_allclose(thrust_by_speed(rpm, airspeed, rho, square), 8.0 * np.array([4.0 / 9.0, 1.0, 1.0]))
+    np.testing.assert_allclose(thrust_in_air(rpm, airspeed, rho, square), 8.0 * np.array([4.0 / 9.0, 1.0, 1.0]))
 
 
 @pytest.mark.whole_flight
