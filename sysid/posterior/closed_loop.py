@@ -18,7 +18,7 @@ from sysid.posterior.observations import CommonGrid
 LAW_OF = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
 _LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 # A shorter part cannot tell an answer from chance, s.
-SHORTEST_LOOP_S = 20.0
+SHORTEST_LOOP_S = 15.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
 _LEAST_SHARE = 0.05
 # By so much more than it is of the motion a residual may be of a command: a loop that follows set points well has

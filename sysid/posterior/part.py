@@ -16,7 +16,7 @@ from sysid.errors import SignalError
 from sysid.posterior.declared import airspeed_lag
 from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
-from sysid.posterior.smoothing import Airspeed, airspeed_through, smoothed
+from sysid.posterior.smoothing import Airspeed, airspeed_through, expected, smoothed
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
@@ -170,6 +170,12 @@ def _smooth(read: tuple[Array, Array], grid: Array, half: float) -> Array:
     return smoothed(time_s, values, grid, max(half, _HALF_SAMPLES * float(np.median(np.diff(time_s)))))
 
 
+def _flow_read(read: tuple[Array, Array], grid: Array) -> Array:
+    """A vane's reading as what it most likely stands for."""
+    half = max(_HALF_S["angles"], _HALF_SAMPLES * float(np.median(np.diff(read[0]))))
+    return expected(*read, grid, half)
+
+
 def _inside(read: tuple[Array, Array], grid: Array) -> tuple[Array, Array]:
     inside = (read[0] >= grid[0]) & (read[0] <= grid[-1])
     return read[0][inside], read[1][inside]
@@ -222,7 +228,7 @@ def _flow(
     sensors, found = vehicle.sensors, {}
     for name in ("alpha", "beta"):
         if name in read:
-            found[name] = _smooth(read[name], grid, _HALF_S["angles"])
+            found[name] = _flow_read(read[name], grid)
         elif name in reconstructed:
             found[name] = np.interp(grid, *reconstructed[name])
         elif name == "beta":
@@ -280,7 +286,7 @@ class VaneReading:
 def vane_reading(part: FlightPart, name: str) -> VaneReading:
     """What the vane of alpha or beta told through a part."""
     channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
-    read = _smooth((channel.time_s, channel.values), part.grid, _HALF_S["angles"])
+    read = _flow_read((channel.time_s, channel.values), part.grid)
     rate = np.gradient(read, dt)
     return VaneReading(part, name, read, rate, np.gradient(rate, dt))
 

@@ -8,9 +8,11 @@ from functools import cache, partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.signal import welch
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
+from sysid.signals.outliers import MAD_TO_SIGMA
 
 # Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
 # that go with one of these, then with those that go with what was found; by what change the likelihood's bend is read.
@@ -20,6 +22,8 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
+# Windows of the spectrum by which noise is told from a signal, s, and samples below which there is none.
+_SPECTRUM_S, _FEWEST = 10.0, 50
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
 _BIAS_WALK, _LEAST_NOISE = 0.05, 0.01
 
@@ -57,6 +61,28 @@ def smoothed(time_s: Array, values: Array, grid: Array, half: float) -> Array:
             share = min(max((at - t0) / (t1 - t0), 0.0), 1.0) if t1 > t0 else 0.0
             out[i] = values[last - 1] + share * (values[last] - values[last - 1])
     return out
+
+
+def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
+    """(N,) what noisy samples stand for, on a grid: `smoothed`, then Wiener's filter for what noise that leaves.
+
+    A regressor with noise in it makes every derivative by it too small; by its expected value they are not (Berkson,
+    J. Am. Stat. Assoc. 45, 1950). The noise is taken as white, as large as third differences say.
+    """
+    smooth = smoothed(time_s, values, grid, half)
+    if values.size < _FEWEST:
+        return smooth
+    sigma = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0)
+    passed = smoothed(time_s, np.random.default_rng(0).standard_normal(values.size), grid, half)
+    length = min(grid.size, round(_SPECTRUM_S / float(grid[1] - grid[0])))
+    middle = float(smooth.mean())
+    frequencies, power = welch(smooth - middle, nperseg=length)
+    noise = sigma * sigma * welch(passed, nperseg=length)[1]
+    gain = 1.0 - np.minimum(noise / np.maximum(power, 1e-300), 1.0)
+    # There and back again: no jump where the end meets the start.
+    there = np.fft.rfft(np.concatenate((smooth, smooth[::-1])) - middle)
+    kept = np.fft.irfft(there * np.interp(np.fft.rfftfreq(2 * grid.size), frequencies, gain), 2 * grid.size)
+    return np.asarray(middle + kept[: grid.size])
 
 
 @dataclass(frozen=True)

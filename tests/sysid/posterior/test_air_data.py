@@ -13,7 +13,7 @@ from table_two import with_table_two
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.posterior.part import make_part, with_vane
-from sysid.posterior.smoothing import airspeed_through
+from sysid.posterior.smoothing import airspeed_through, expected, smoothed
 from sysid.signals.flight import FlightSignals, Signal
 
 TIME = np.arange(0.0, 40.0, 0.002)
@@ -105,3 +105,21 @@ def test_a_flow_angle_is_what_it_was_before_its_vane_swung() -> None:
     after = with_vane(part, "alpha", plane.sensors, values).motion["alpha"][inside] - truth
     assert np.std(before) > 0.008
     assert np.std(after) < 0.001
+
+
+def test_derivatives_by_a_noisy_vane_are_right_by_what_it_is_expected_to_stand_for() -> None:
+    g = np.random.default_rng(8)
+    stamps, grid = np.arange(0.0, 60.0, 0.02), np.arange(0.0, 59.98, 0.01)
+    flow = signal.lfilter([1.0 - 0.95], [1.0, -0.95], g.standard_normal(stamps.size))
+    flow *= 0.004 / flow.std()
+    read = flow + 0.005 * g.standard_normal(stamps.size)
+    force = -0.4 * np.interp(grid, stamps, flow)
+    slopes = []
+    for told in (smoothed(stamps, read, grid, 0.1), expected(stamps, read, grid, 0.1)):
+        off = told - told.mean()
+        slopes.append(float(off @ force / (off @ off)))
+    assert slopes[0] > -0.36  # attenuated by the noise that the window leaves
+    assert slopes[1] == pytest.approx(-0.4, rel=0.05)
+    # A vane without noise is left as it is.
+    clean = 0.05 * np.sin(2.0 * np.pi * 0.8 * stamps)
+    np.testing.assert_allclose(expected(stamps, clean, grid, 0.1), smoothed(stamps, clean, grid, 0.1), atol=2e-5)
