@@ -22,8 +22,9 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
-# Windows of the spectrum by which noise is told from a signal, s, and samples below which there is none.
-_SPECTRUM_S, _FEWEST = 10.0, 50
+# Windows of the spectrum by which noise is told from a signal, s, samples below which there is none, and the share of
+# a signal's power below which noise makes no derivative too small by as much as anybody sees.
+_SPECTRUM_S, _FEWEST, _LEAST_SHARE = 10.0, 50, 1e-3
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
 _BIAS_WALK, _LEAST_NOISE = 0.05, 0.01
 
@@ -78,6 +79,8 @@ def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
     middle = float(smooth.mean())
     frequencies, power = welch(smooth - middle, nperseg=length)
     noise = sigma * sigma * welch(passed, nperseg=length)[1]
+    if noise.sum() < _LEAST_SHARE * power.sum():
+        return smooth
     gain = 1.0 - np.minimum(noise / np.maximum(power, 1e-300), 1.0)
     # There and back again: no jump where the end meets the start.
     there = np.fft.rfft(np.concatenate((smooth, smooth[::-1])) - middle)
