@@ -5,6 +5,7 @@ SysidError                     every error that data or settings can cause; its 
 ├── SignalError                a signal that is missing, constant, not finite, or in the wrong unit
 ├── SegmentError               no airborne, excited part was found, or the part asked for holds no data
 └── EstimationError            an estimation that cannot start or did not converge
+    └── DivergedError          the simulated motion of the aircraft runs away, from whatever start
 """
 
 
@@ -26,3 +27,7 @@ class SegmentError(SysidError):
 
 class EstimationError(SysidError):
     """An estimation cannot start, or did not converge."""
+
+
+class DivergedError(EstimationError):
+    """The simulated motion of the aircraft runs away, from whatever start."""

@@ -49,12 +49,14 @@ def identify(
     start: float | None = None,
     stop: float | None = None,
     system: int | None = None,
+    as_recorded: Sequence[str] = (),
     progress: Progress = _silent,
 ) -> dict[str, Any]:
     """Identify the model of the vehicle from recordings; the JSON of schema identification/1.
 
     paths: MCAP recordings, estimated together. validate: recordings the model is judged by. structure, prior: model
-    files. start, stop: s from the flight's first stamp. Raises GcsError, SysidError, SimVehicleError in one line.
+    files. start, stop: s from the flight's first stamp. as_recorded: signals that are right whatever seems. Raises
+    GcsError, SysidError, SimVehicleError in one line.
     """
     from sysid.identification.compile_ahead import CompileAhead
     from sysid.identification.result_file import result_json
@@ -77,6 +79,7 @@ def identify(
             method=method,
             start_s=start,
             stop_s=stop,
+            as_recorded=as_recorded,
             progress=progress,
         )
     result = result_json(found)
@@ -84,7 +87,10 @@ def identify(
     if result.get("validation") and any(same(judge, flight) for judge in judges for flight in flights):
         # The verdict stands in green beside its reason.
         result["validation"]["reason"] = f"{result['validation']['reason']}, judged on a flight that was fitted"
-    settings = {"vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system}
+    settings: dict[str, Any] = {
+        "vehicle": craft.name, "method": method, "from": start, "to": stop, "system": system,
+        **({"as_recorded": list(as_recorded)} if as_recorded else {}),
+    }  # fmt: skip
     models = [path for path in (structure, prior) if path is not None and path.is_file()]
     result["made"] = made(settings, [*paths, *validate, craft.path, *models])
     return result

@@ -238,6 +238,9 @@ class JobRequest(BaseModel):
     rule_out: list[str] = Field(
         default_factory=list, max_length=50, description="Effects that a test on the ground has shown not to be there"
     )
+    as_recorded: list[str] = Field(
+        default_factory=list, max_length=50, description="Signals that are right as recorded, whatever seems"
+    )
     method: Literal["auto", "map", "ee", "oe", "fe"] = "auto"
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)

@@ -18,6 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     parser.add_argument("--from", metavar="S", dest="start", type=float, help="seconds from the flight's first stamp")
     parser.add_argument("--to", metavar="S", dest="stop", type=float)
+    parser.add_argument(
+        "--as-recorded", metavar="SIGNAL", action="append", default=[], help="take this signal as it was recorded"
+    )
     parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
 
 
@@ -43,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
             start=args.start,
             stop=args.stop,
             system=args.system,
+            as_recorded=args.as_recorded,
             progress=flights.progress,
         )
     write_results(result, args.output, args.write_model, as_json=args.json, text=identification_text)

@@ -83,9 +83,9 @@ class JobRunner:
         """Queue a job after checking all that can be checked at once.
 
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
-        "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects); "automatic" where no
-        person asked for it: a recording of nothing but the ground is then skipped, not failed. Raises JobError,
-        CatalogueError.
+        "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects), "as_recorded" (signals);
+        "automatic" where no person asked for it: a recording of nothing but the ground is then skipped, not failed.
+        Raises JobError, CatalogueError.
         """
         if self._settings.vehicle is None:
             raise JobError("no vehicle file is configured; start the service with --vehicle FILE")
@@ -266,6 +266,7 @@ class JobRunner:
             "stop": request.get("to"),
             "system": request.get("system"),
             "rule_out": request.get("rule_out", ()),
+            "as_recorded": request.get("as_recorded", ()),
             "automatic": request.get("automatic", False),
             "output": folder / "result.json",
         }

@@ -61,6 +61,7 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
             start=order["start"],
             stop=order["stop"],
             system=order["system"],
+            as_recorded=order["as_recorded"],
             progress=progress,
         )
     return dict(result)

@@ -143,6 +143,13 @@ class Table:
         """Whether `key` holds a string."""
         return isinstance(self._data.get(key), str)
 
+    def texts(self, key: str) -> tuple[str, ...]:
+        """A list of texts."""
+        value = self._take(key)
+        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+            raise self.error(key, f"is {value!r}; it must be a list of names")
+        return tuple(value)
+
     def table(self, key: str, *, demanded: bool = False) -> Table:
         """A table below this one; an empty one where absent unless `demanded`."""
         if not demanded and not self.optional(key):

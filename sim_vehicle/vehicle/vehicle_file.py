@@ -142,7 +142,8 @@ class Flight:
 class Vehicle:
     """Everything a vehicle file says. `warnings` are doubts about it, one line each.
 
-    timing: message -> how much later than the moment measured its stamps are, s.
+    timing: message -> how much later than the moment measured its stamps are, s. as_recorded: signals that no search
+    for mistakes may change.
     """
 
     name: str
@@ -158,6 +159,7 @@ class Vehicle:
     path: Path
     warnings: tuple[str, ...] = ()
     timing: Mapping[str, Known] = field(default_factory=dict)
+    as_recorded: tuple[str, ...] = ()
 
     @classmethod
     def unknown(cls) -> Vehicle:
@@ -231,7 +233,9 @@ def _read(top: Table, path: Path) -> Vehicle:
     controls = read_controls(top.table("controls"), warnings)
     propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
     sensors = _read_sensors(top.table("sensors"))
-    signals = _read_signals(top.table("signals"))
+    table = top.table("signals")
+    as_recorded = table.texts("as_recorded") if table.optional("as_recorded") else ()
+    signals = _read_signals(table)
     calibration = _read_calibration(top.table("calibration"), path)
     table = top.table("environment")
     environment = Environment(
@@ -246,8 +250,9 @@ def _read(top: Table, path: Path) -> Vehicle:
     flight = _read_flight(top.table("flight"), mass, geometry, environment)
     top.close()
     vehicle = Vehicle(
-        name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path, (), timing
-    )
+        name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path, (),
+        timing, as_recorded,
+    )  # fmt: skip
     return Vehicle(**{**vehicle.__dict__, "warnings": (*warnings, *doubts(vehicle))})
 
 
@@ -311,6 +316,8 @@ def _read_timing(table: Table) -> dict[str, Known]:
 def _read_signals(table: Table) -> dict[str, SignalSource]:
     sources = {}
     for name in table:
+        if name == "as_recorded":
+            continue
         entry = table.table(name)
         message = entry.text("message")
         label = entry.text("name", "") if "name" in entry else ""

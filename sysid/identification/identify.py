@@ -11,7 +11,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
-from sysid.errors import EstimationError
+from sysid.errors import DivergedError, EstimationError
 from sysid.identification.command_alignment import commands_in_time, refined_delays, with_late_commands
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.linear_model import LinearModel
@@ -90,6 +90,7 @@ def identify(
     progress: Progress = lambda share, text: None,
     check: SignalCheck | None = None,
     delays: bool = True,
+    as_recorded: Sequence[str] = (),
 ) -> Identification:
     """Identify a model.
 
@@ -97,18 +98,85 @@ def identify(
     coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
     before the flight, with its correlations (sysid.numerics.gaussian); start values alone where it has none.
     method: "map" output error with an estimated noise spectrum and priors, "ee" equation error, "oe" output error, "fe"
-    filter error; "auto" is "oe", and "fe" in turbulence.
+    filter error. "auto" is "map"; where that finds a flight as of the textbooks (sysid.identification.textbook) "oe",
+    whose bars are narrower there, and "fe" where the aircraft's free motion diverges. Where sensors or check are given
+    "auto" is "oe", and "fe" in turbulence: the other knows none of them.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
     check: what is known of mistakes in the signals already; None looks for them.
     delays: whether those that the whole motion tells (sysid.output_error.delay_selection) are looked for.
+    as_recorded: signals that "map" takes as they are, whatever seems ("ax", ...).
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
     if method not in METHODS:
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
+    given = (structure, prior, start_s, stop_s)
     if method == "map":
-        return _by_posterior(flights, vehicle, validate_on, structure, prior, start_s, stop_s, systematic, progress)
+        return _by_posterior(flights, vehicle, validate_on, *given, systematic, progress, as_recorded)
+    if method == "auto" and sensors is None and check is None:
+        return _by_the_flight(flights, vehicle, validate_on, *given, systematic, delays, progress, as_recorded)
+    return _by_the_books(flights, vehicle, validate_on, *given, systematic, progress, method, sensors, check, delays)
+
+
+def _by_the_flight(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    validate_on: Sequence[FlightSignals],
+    structure: Model | None,
+    prior: Model | None,
+    start_s: float | None,
+    stop_s: float | None,
+    systematic: bool,
+    delays: bool,
+    progress: Progress,
+    as_recorded: Sequence[str],
+) -> Identification:
+    """`identify` with the method that the flight asks for."""
+    given = (structure, prior, start_s, stop_s)
+
+    def later(share: float, text: str) -> None:
+        progress(0.5 + 0.5 * share, text)
+
+    try:
+        found = _by_posterior(
+            flights, vehicle, validate_on, *given, systematic, lambda s, text: progress(0.5 * s, text), as_recorded
+        )
+    except DivergedError as error:
+        books = _by_the_books(flights, vehicle, validate_on, *given, systematic, later, "fe", None, None, delays)
+        return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
+    from sysid.identification.posterior_method import meant  # slow to import
+    from sysid.identification.textbook import is_textbook
+
+    if found.posterior is None or not is_textbook(found.posterior):
+        progress(1.0, "done")
+        return found
+    mended = [[meant(one, vehicle, as_recorded).signals for one in each] for each in (flights, validate_on)]
+    books = _by_the_books(mended[0], vehicle, mended[1], *given, systematic, later, "auto", None, None, delays)
+    mistakes = found.check.mistakes
+    return replace(
+        books,
+        check=replace(books.check, mistakes=(*mistakes, *books.check.mistakes)),
+        warnings=tuple(dict.fromkeys((*(one.sentence for one in mistakes), *books.warnings))),
+    )
+
+
+def _by_the_books(
+    flights: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    validate_on: Sequence[FlightSignals],
+    structure: Model | None,
+    prior: Model | None,
+    start_s: float | None,
+    stop_s: float | None,
+    systematic: bool,
+    progress: Progress,
+    method: str,
+    sensors: Sequence[str] | None,
+    check: SignalCheck | None,
+    delays: bool,
+) -> Identification:
+    """`identify` with equation error, output error or filter error; "auto" is filter error in turbulence."""
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     compatible = None
@@ -156,16 +224,25 @@ def _by_posterior(
     stop_s: float | None,
     systematic: bool,
     progress: Progress,
+    as_recorded: Sequence[str],
 ) -> Identification:
     """`identify` with the method "map"."""
-    from sysid.identification.posterior_method import identify_by_posterior  # slow to import, and seldom wanted
+    from sysid.identification.posterior_method import identify_by_posterior, meant  # slow to import
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
-    found = identify_by_posterior(flights, vehicle, structure, prior, start_s, stop_s, systematic, progress)
-    warnings = [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
-    check, errors = SignalCheck(), _kinematic_errors(found.compatible)
+    found = identify_by_posterior(
+        flights, vehicle, structure, prior, start_s, stop_s, systematic, progress, as_recorded
+    )
+    check, errors = SignalCheck(mistakes=found.mistakes), _kinematic_errors(found.compatible)
+    warnings = [one.sentence for one in found.mistakes]
+    warnings += [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
     progress(0.88, "validation")
-    judges = [judge(flight, vehicle, check, warnings) for flight in validate_on]
+    others = [meant(flight, vehicle, as_recorded) for flight in validate_on]
+    if doubts := [one.doubt for one in others if one.doubt is not None]:
+        raise doubts[0]
+    judges = [one.prepared for one in others]
+    for one in others:
+        warnings += [*one.prepared.warnings, *(mistake.sentence for mistake in one.mistakes)]
     # What the kinematics say of sensors is not what this estimate takes them for.
     compared = comparison(judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), False)
     validation = validation_of(compared) if judges else None

@@ -20,6 +20,8 @@ from sysid.posterior.part import NEEDED, FlightPart, make_part
 from sysid.problem.formulation import known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
 from sysid.problem.problem import Progress
+from sysid.signal_check.decisive import as_meant
+from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
@@ -42,6 +44,38 @@ class PosteriorIdentification:
     refused: tuple[Refusal, ...]
     estimate: PosteriorEstimate
     warnings: tuple[str, ...]
+    mistakes: tuple[Mistake, ...]
+
+
+@dataclass(frozen=True)
+class Meant:
+    """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
+
+    doubt: why it may not be a flight, where all of it was taken.
+    """
+
+    signals: FlightSignals
+    prepared: Prepared
+    mistakes: tuple[Mistake, ...]
+    doubt: SysidError | None
+
+
+def meant(
+    flight: FlightSignals,
+    vehicle: Vehicle,
+    as_recorded: Sequence[str] = (),
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Meant:
+    """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
+    prepared, doubt = _prepared(flight, vehicle, start_s, stop_s)
+    try:
+        signals, mistakes = as_meant(flight, prepared, vehicle, as_recorded)
+        if signals is not flight:
+            prepared, doubt = _prepared(signals, vehicle, start_s, stop_s)
+    except SysidError as error:
+        raise (doubt or error) from error
+    return Meant(signals, prepared, tuple(mistakes), doubt)
 
 
 def identify_by_posterior(
@@ -53,10 +87,27 @@ def identify_by_posterior(
     stop_s: float | None,
     systematic: bool,
     progress: Progress,
+    as_recorded: Sequence[str] = (),
 ) -> PosteriorIdentification:
     """Estimate a model from one or more flights. Raises SysidError where no flight has what is needed."""
-    progress(0.05, "parts of the flights")
-    prepared = [_prepared(flight, vehicle, start_s, stop_s) for flight in flights]
+    progress(0.05, "units, signs and axes")
+    read = [meant(flight, vehicle, as_recorded, start_s, stop_s) for flight in flights]
+    try:
+        return _identified(read, vehicle, structure, prior, systematic, progress)
+    except SysidError as error:
+        raise next((one.doubt for one in read if one.doubt is not None), error) from error
+
+
+def _identified(
+    read: Sequence[Meant],
+    vehicle: Vehicle,
+    structure: Model | None,
+    prior: Model | None,
+    systematic: bool,
+    progress: Progress,
+) -> PosteriorIdentification:
+    flights, prepared = [one.signals for one in read], [one.prepared for one in read]
+    mistakes = tuple({one.sentence: one for each in read for one in each.mistakes}.values())
     progress(0.15, "data compatibility")
     compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
     warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
@@ -79,9 +130,8 @@ def identify_by_posterior(
     )
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
-    return PosteriorIdentification(
-        tuple(prepared), compatible, model, tuple(refused), found, tuple(dict.fromkeys((*warnings, *found.warnings)))
-    )
+    told = tuple(dict.fromkeys((*warnings, *found.warnings)))
+    return PosteriorIdentification(tuple(prepared), compatible, model, tuple(refused), found, told, mistakes)
 
 
 def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> list[Refusal]:
@@ -159,19 +209,25 @@ def _without_dead(signals: FlightSignals, dead: Sequence[str]) -> FlightSignals:
     return replace(signals, signals=every, warnings=(*signals.warnings, *told))
 
 
-def _prepared(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None) -> Prepared:
+def _prepared(
+    flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
+) -> tuple[Prepared, SysidError | None]:
+    """The flight prepared; where no part of it seems to be flight, all of it, and why not."""
     whole = bridged(flight)
     whole.require(*NEEDED)
     dead = dead_channels(whole)
     if dead:
         whole = _without_dead(whole, dead)
     try:
-        return prepare(whole, vehicle, start_s, stop_s)
-    except SysidError:
-        if start_s is not None or stop_s is not None:
-            raise
+        return prepare(whole, vehicle, start_s, stop_s), None
+    except SysidError as error:
         time_s = whole.signals["q"].time_s
-        return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1]))
+        if start_s is not None or stop_s is not None or time_s.size < 2:
+            raise
+        try:
+            return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1])), error
+        except SysidError:
+            raise error from None
 
 
 def _compatible(prepared: Sequence[Prepared], dead: bool) -> tuple[CompatibilityResult, list[str]]:

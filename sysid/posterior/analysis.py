@@ -13,7 +13,7 @@ from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import EstimationError
+from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Stated, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
@@ -185,6 +185,7 @@ def estimate(
     ]
     found: dict[str, _GroupEstimate] = {}
     left_out, unexcited, warnings = {}, [], []
+    problem = EstimationError
     for place, group in enumerate(GROUPS):
         own = [name for name in structure.coefficients if is_longitudinal(name) == (group == "longitudinal")]
         if not own:
@@ -216,13 +217,14 @@ def estimate(
             found[group] = begun.ended()
         except EstimationError as error:
             left_out[group] = str(error)
+            problem = DivergedError if isinstance(error, DivergedError) else problem
     if len(found) > 1:
         progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
         others = {group: one for group, one in found.items() if group == "lateral"}
         with suppress(EstimationError):
             found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle))
     if not found:
-        raise EstimationError("; ".join(f"{group}: {why}" for group, why in left_out.items()))
+        raise problem("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     warnings += [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
     for group, result in ((group, one.result) for group, one in found.items()):
         warnings += [
@@ -330,7 +332,7 @@ def _best(tried: list[tuple[float, Array, Posterior]]) -> tuple[Posterior, Array
     """The likelier of where the two likeliest starts lead, of those from which the simulation does not diverge."""
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
-        raise EstimationError("the simulated motion diverges from every start: the aircraft may be unstable")
+        raise DivergedError("the simulated motion diverges from every start: the aircraft may be unstable")
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)

@@ -58,7 +58,7 @@ class SignalCheck:
 
         A delay that the motion takes back is gone.
         """
-        _stop_at_unusable(more, name)
+        stop_at_unusable(more, name)
         late = [Delay(one.signals, one.found, one.std) for one in more if one.kind == "delay"]
         told = [one for one in total([*self.delays, *late]) if abs(one.value) > one.std]
         mistakes = (*self.mistakes, *(one for one in more if one.kind != "delay"))
@@ -68,7 +68,7 @@ class SignalCheck:
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
     """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
     found = _found(prepared, vehicle)
-    _stop_at_unusable(found, flights_named(prepared))
+    stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
 
@@ -82,7 +82,7 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     """
     found = _found(prepared, vehicle)
     doubtful = [one for one in found if one.kind in ("sign", "scale") and len(one.signals) == 1]
-    _stop_at_unusable([one for one in found if one not in doubtful], flights_named(prepared))
+    stop_at_unusable([one for one in found if one not in doubtful], flights_named(prepared))
     late = [Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay"]
     told = [one.sentence for one in found if one.kind != "delay" and one not in doubtful]
     told += [f"perhaps {one.sentence}" for one in doubtful]
@@ -91,7 +91,7 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
 
 def _found(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
-    found = [*_plausible(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
+    found = [*impossible_values(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
     found += _impossible_winds(parts, {name for one in found if one.kind != "delay" for name in one.signals})
     return named_cures([one for one in found if not _unflyable(one, prepared, vehicle)], prepared, vehicle)
 
@@ -106,7 +106,8 @@ def flights_named(prepared: Sequence[Prepared]) -> str:
     return ", ".join(dict.fromkeys(flight.data.name for flight in prepared))
 
 
-def _stop_at_unusable(found: Sequence[Mistake], name: str) -> None:
+def stop_at_unusable(found: Sequence[Mistake], name: str) -> None:
+    """Raise SignalError for mistakes that leave nothing to estimate from."""
     wrong = [one for one in found if not one.usable]
     if wrong:
         raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
@@ -180,7 +181,7 @@ def _too_strong(ratio: float) -> Mistake:
     return Mistake("thrust", "unit", _GRAM_FORCE, 0.0, "gf", text, ("thrust",), False)
 
 
-def _plausible(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+def impossible_values(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
     """Signals that no other one tells, against what is possible at all."""
     found = []
     density = np.concatenate([stretch.record.rho for flight in prepared for stretch in flight.stretches])

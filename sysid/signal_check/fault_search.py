@@ -72,7 +72,7 @@ _LONGEST_S = 60.0
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class LikelyReading:
     """One reading of the data with its gain over the one before; columns: per window.
 
     stretched: logarithm of its Jacobian, less its penalty.
@@ -110,7 +110,7 @@ def _finite(window: Window, columns: Columns) -> bool:
     return all(np.isfinite(gap @ gap) and gap @ gap < _HUGE for gap in window.gaps(columns, {}).values())
 
 
-def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate | None:
+def _best(windows: list[Window], columns: list[dict[str, Array]]) -> LikelyReading | None:
     base = KinematicResiduals(windows, columns)
     found = _discrete(windows, columns, base)
     # Large scale errors of vanes and airspeed are estimated later; here they must only do no harm.
@@ -129,7 +129,7 @@ def _best(windows: list[Window], columns: list[dict[str, Array]]) -> _Candidate 
     return None if best is None else best[0]
 
 
-def _worth(windows: list[Window], one: _Candidate, given: list[dict[str, Array]]) -> float:
+def _worth(windows: list[Window], one: LikelyReading, given: list[dict[str, Array]]) -> float:
     """Log likelihood of a reading of `given` with the large scale errors that it leaves taken off.
 
     Late signals are moved by whole samples: parts of a sample would make their noise small, which is no merit.
@@ -167,14 +167,21 @@ def _rescaled(
     return columns, base, total
 
 
-def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
-    present = set.union(*(set(c) for c in columns))
+def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[LikelyReading]:
+    present = set.union(*(set(c) for c in columns)) - {GROUND_DELAY}
+    return discrete_readings(windows, columns, base, hypotheses(present, windows[0].layout.gravity))
+
+
+def discrete_readings(
+    windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals, tried: Sequence[Hypothesis]
+) -> list[LikelyReading]:
+    """Those of the readings tried that are far likelier than the data as they are, the likeliest first."""
+    present = set.union(*(set(c) for c in columns)) - {GROUND_DELAY}
     filters = base.filters()
     quick = quick_cost(windows, columns, filters)
     ranked = []
-    present.discard(GROUND_DELAY)
     quiet = {n for n in present - set(GROUND) if n not in ACCEL and _still(windows, columns, n)}
-    for one in hypotheses(present, windows[0].layout.gravity):
+    for one in tried:
         # Of a signal that is hardly more than noise little can be said: that its unit makes it so small, or that it has
         # the wrong sign, where thousands of samples leave no doubt.
         silent = quiet.issuperset(one.signals) and one.shrinks(one.signals[0]) >= 0.0
@@ -190,12 +197,12 @@ def _discrete(windows: list[Window], columns: list[dict[str, Array]], base: Kine
         there = KinematicResiduals(windows, read)
         gain = base.null().cost - there.null().cost + _stretched(one, windows) - one.penalty
         if gain > GAIN and (base.level_cost - there.level_cost > _LEVEL_GAIN or _moved_by(one, base)):
-            factor = float(one.matrix[0, 0]) if one.kind in ("unit", "sign") else float("nan")
+            factor = float("nan") if one.kind == "axis" else float(one.matrix[0, 0])
             mistake = Mistake(
                 _name(one.signals), one.kind, factor, float("nan"), one.unit, one.sentence, one.signals, False
             )
-            found.append(_Candidate(gain, mistake, read, _stretched(one, windows) - one.penalty))
-    return found
+            found.append(LikelyReading(gain, mistake, read, _stretched(one, windows) - one.penalty))
+    return sorted(found, key=lambda entry: -entry.gain)
 
 
 def _moved_by(one: Hypothesis, base: KinematicResiduals) -> bool:
@@ -240,7 +247,7 @@ def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) ->
     return bool(travel < 3.0 * noise)
 
 
-def _scales(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
+def _scales(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[LikelyReading]:
     """Scale factors of signals for which no sensor error stands."""
     found = []
     singles = {
@@ -270,7 +277,7 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Kinema
         if gain > GAIN:
             usable = abs(scale) < SCALE_REFUSED
             mistake = Mistake(_name(names), "scale", 1.0 / (1.0 + scale), std, "1", one.sentence, names, usable)
-            found.append(_Candidate(gain, mistake, read, _stretched(one, windows) - one.penalty))
+            found.append(LikelyReading(gain, mistake, read, _stretched(one, windows) - one.penalty))
     return found
 
 
@@ -311,7 +318,7 @@ def _calm(windows: list[Window], columns: list[dict[str, Array]], fit: Fit, name
     return True
 
 
-def _delays(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[_Candidate]:
+def _delays(windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals) -> list[LikelyReading]:
     """Delays of groups and single signals against all others."""
     found = []
     singles = [(name,) for name in dict.fromkeys(n for group in GROUPS.values() for n in group) if name not in GROUND]
@@ -350,7 +357,7 @@ def _scanned(
 
 def _delay(
     windows: list[Window], columns: list[dict[str, Array]], base: KinematicResiduals, names: tuple[str, ...], start: int
-) -> _Candidate | None:
+) -> LikelyReading | None:
     """One delay by Gauss-Newton from `start` samples on: whole samples by shifting, the rest by its derivative."""
     interval = windows[0].interval_s
     for relations in (None, CALM_RELATIONS):
@@ -376,7 +383,7 @@ def _delay(
         if gain < GAIN or abs(delay) < max(DELAY_LEAST_S, DELAY_SIGMAS * std) or abs(delay) > LONGEST_DELAY_S:
             return None
         read = [advanced(c, names, delay, interval) for c in columns]
-        return _Candidate(gain, delay_mistake(Delay(names, delay, std)), read)
+        return LikelyReading(gain, delay_mistake(Delay(names, delay, std)), read)
     return None
 
 

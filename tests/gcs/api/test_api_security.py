@@ -76,7 +76,19 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/live/stream",
     }
     body = schema["components"]["schemas"]["JobRequest"]["properties"]
-    known = {"kind", "model", "structure", "prior", "validate", "method", "from", "to", "system", "rule_out"}
+    known = {
+        "kind",
+        "model",
+        "structure",
+        "prior",
+        "validate",
+        "method",
+        "from",
+        "to",
+        "system",
+        "rule_out",
+        "as_recorded",
+    }
     assert known == set(body)
     assert client.get("/docs").status_code == 200
 

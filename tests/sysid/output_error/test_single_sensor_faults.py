@@ -31,7 +31,7 @@ def flight() -> FlightSignals:
 
 
 def told(flight: FlightSignals) -> Identification:
-    return identify([flight], VEHICLE, systematic=False)
+    return identify([flight], VEHICLE, method="oe", systematic=False)
 
 
 def test_a_clean_flight_blames_no_sensor(flight: FlightSignals) -> None:
@@ -64,7 +64,7 @@ def test_airspeed_that_comes_late_is_told_though_little_changes() -> None:
     craft, model = load_vehicle("ultrastick25e"), read_model("ultrastick25e")
     flight = fly_mav("multisine", 500, vehicle=craft, model=model)[0]
     wrong = Injection(("airspeed",), "delay", "", None, 0.2).apply(flight)
-    found = identify([wrong], craft, systematic=False).check
+    found = identify([wrong], craft, method="oe", systematic=False).check
     assert [one.signals for one in found.delays] == [("airspeed",)]
     assert found.delays[0].value == pytest.approx(0.2, abs=4.0 * found.delays[0].std)
 

@@ -92,14 +92,18 @@ def test_slopes_are_those_of_the_simulation() -> None:
             np.testing.assert_allclose(slopes[:, :, i], expected, atol=0.08 * scale + 1e-9, err_msg=name)
 
 
-def test_a_level_that_no_flight_has_is_refused_with_the_cure_and_a_doubtful_side_signal_is_not() -> None:
+def test_a_level_that_no_flight_has_is_read_as_meant_or_refused_and_a_doubtful_side_signal_is_not() -> None:
     flight = flown("short", 0)
     signals = dict(flight.signals.signals)
     for name in ("ax", "ay", "az"):
         one = signals[name]
         signals[name] = Signal(one.time_s, one.values / 9.80665, one.unit, one.source)
+    in_g = FlightSignals("in-g", signals)
+    meant = identify([in_g], flight.vehicle, method="map")
+    assert any("ax, ay and az look like g" in warning for warning in meant.warnings)
+    assert meant.model.values() == pytest.approx(identified("short", 0).model.values(), rel=1e-6)
     with pytest.raises(SignalError, match="wrong unit"):
-        identify([FlightSignals("in-g", signals)], flight.vehicle, method="map")
+        identify([in_g], flight.vehicle, method="map", as_recorded=("ax", "ay", "az"))
     dead = dict(flight.signals.signals)
     beta = dead["beta"]
     dead["beta"] = Signal(beta.time_s, np.zeros_like(beta.values), beta.unit, beta.source)

@@ -61,7 +61,8 @@ def test_intervals_hold_where_airspeed_is_measured_and_not_simulated() -> None:
 def test_coefficients_beside_a_dead_channel_are_refused_with_the_reason(
     surface: str, lost: tuple[str, ...], given: int
 ) -> None:
-    found = identify([frozen(fly_mav("multisine", 1, duration=14.0)[0], surface)], VEHICLE, systematic=False)
+    flight = frozen(fly_mav("multisine", 1, duration=14.0)[0], surface)
+    found = identify([flight], VEHICLE, method="oe", systematic=False)
     refused = {one.name: one.reason for one in found.refused if one.name in found.model.coefficients}
     assert {name.split("_")[0] for name in refused} == set(lost)
     assert all(f"channel of {surface} is dead" in reason for reason in refused.values())
@@ -74,7 +75,7 @@ def test_coefficients_beside_a_dead_channel_are_refused_with_the_reason(
 def test_where_all_that_moved_is_dead_nothing_is_told() -> None:
     flight = frozen(fly_mav("elevator-3211", 3, duration=12.0)[0], "de")
     with pytest.raises(SysidError, match="channel is dead") as told:
-        identify([flight], VEHICLE, systematic=False)
+        identify([flight], VEHICLE, method="oe", systematic=False)
     assert "\n" not in str(told.value)
 
 

@@ -1,0 +1,72 @@
+"""The method that a flight gets: the estimator for real flights, unless the flight is one of the textbooks."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_flight import field_flight
+from signal_mistakes import injections
+from simulated import fly_mav
+
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.errors import DivergedError
+from sysid.identification import posterior_method
+from sysid.identification.result_file import result_json
+from sysid.identify import Identification, identify
+
+VEHICLE = load_vehicle("iitb-mav")
+
+
+def largest(found: Identification) -> float:
+    """Largest error in standard errors."""
+    true = read_model("iitb-mav").values()
+    entries = found.model.coefficients.items()
+    return max(abs(e.value - true[n]) / e.std for n, e in entries if e.value is not None and e.std and n in true)
+
+
+def test_white_noise_and_obedient_servos_get_the_method_of_the_books() -> None:
+    flight = fly_mav("multisine", 3)[0]
+    books, given = identify([flight], VEHICLE, systematic=False), identify([flight], VEHICLE, method="map")
+    assert result_json(books)["method"] == "oe"
+    assert largest(books) < 4.0
+    names = ("CL_alpha", "Cm_alpha", "Cl_p")
+    narrow, wide = ([one.model.coefficients[name].std or np.nan for name in names] for one in (books, given))
+    widths = np.divide(narrow, wide)
+    assert max(widths) < 0.7
+
+
+@pytest.mark.parametrize("effect", ["turbulence:sigma=0.3,length=30", "actuator_lag:tau=0.05"])
+def test_gusts_or_a_servo_that_lags_get_the_estimator_for_real_flights(effect: str) -> None:
+    found = identify([fly_mav("multisine", 3, effects=(effect,))[0]], VEHICLE, systematic=False)
+    assert result_json(found)["method"] == "map"
+    assert largest(found) < 4.0
+
+
+def test_a_flight_as_the_field_gives_it_gets_it_too(tmp_path: Path) -> None:
+    flown = field_flight("mild", 1, tmp_path)
+    found = identify([flown.signals], flown.vehicle, systematic=False)
+    assert result_json(found)["method"] == "map"
+
+
+def test_what_was_mended_is_told_whichever_method_answers_and_on_the_flight_of_the_validation_too() -> None:
+    wrong = next(one for one in injections() if one.name == "unit:p+q+r:deg/s")
+    flight, other = (wrong.apply(fly_mav("multisine", seed)[0]) for seed in (3, 4))
+    found = identify([flight], VEHICLE, validate_on=[other], systematic=False)
+    result = result_json(found)
+    assert result["method"] == "oe"
+    assert largest(found) < 4.0
+    assert result["validation"]["acceptable"]
+    assert [one["signals"] for one in result["mistakes"]] == [["p", "q", "r"]]
+    assert sum("p, q and r look like deg/s" in warning for warning in result["warnings"]) == 1
+
+
+def test_an_aircraft_whose_free_motion_runs_away_gets_filter_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverges(*_: object) -> None:
+        raise DivergedError("the simulated motion diverges from every start: the aircraft may be unstable")
+
+    monkeypatch.setattr(posterior_method, "identify_by_posterior", diverges)
+    found = identify([fly_mav("multisine", 3, duration=12.0)[0]], VEHICLE, systematic=False)
+    assert result_json(found)["method"] == "fe"
+    assert found.warnings[0].endswith("estimated by filter error")
+    assert np.isfinite(largest(found))

@@ -1,0 +1,126 @@
+"""Mistakes that no owner would doubt: mended in the signals themselves, and nothing else."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_flight import fly_plan, plan_of
+from signal_mistakes import Injection, injections
+from simulated import fly_mav
+
+from sim_vehicle.errors import VehicleFileError
+from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
+from sysid.errors import SignalError
+from sysid.signal_check.decisive import as_meant
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import prepare
+
+KINDS = {one.name: one for one in injections()}
+UNMISTAKABLE = (
+    "unit:p+q+r:deg/s", "unit:p+q+r:mrad/s", "unit:ax+ay+az:g", "unit:ax+ay+az:ft/s^2", "unit:phi+theta+psi:degrees",
+    "unit:alpha+beta:degrees", "sign:p:-1", "sign:theta:-1", "sign:q+r:-1", "sign:ax+ay+az:-1", "sign:alpha:-1",
+    "axis:p+q:exchanged", "axis:phi+theta:exchanged", "axis:ax+az:exchanged", "axis:ax+ay+az:no gravity",
+    "axis:p+q+r:cycled",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("iitb-mav")
+
+
+@pytest.fixture(scope="module")
+def flight() -> FlightSignals:
+    return fly_mav("multisine", 1, effects=("turbulence:sigma=0.3,length=30",))[0]
+
+
+def mended(flight: FlightSignals, vehicle: Vehicle, *as_recorded: str) -> tuple[FlightSignals, list[str]]:
+    found, mistakes = as_meant(flight, prepare(flight, vehicle), vehicle, as_recorded)
+    return found, [one.sentence for one in mistakes]
+
+
+def alike(found: FlightSignals, true: FlightSignals, one: Injection, tolerance: float) -> bool:
+    """Whether the signals of a mistake read again what they did before it."""
+    return all(
+        np.nanmax(np.abs(found.signals[name].values - true.signals[name].values))
+        <= tolerance * np.nanmax(np.abs(true.signals[name].values))
+        for name in one.signals
+    )
+
+
+@pytest.mark.parametrize("name", UNMISTAKABLE)
+def test_what_no_owner_would_doubt_is_mended_and_told(name: str, flight: FlightSignals, vehicle: Vehicle) -> None:
+    one = KINDS[name]
+    found, told = mended(one.apply(flight), vehicle)
+    # Accelerations without gravity get it back by the attitude as measured.
+    assert alike(found, flight, one, 0.05 if "gravity" in name else 1e-9)
+    assert len(told) == 1
+    assert "it was read so here" in told[0]
+    assert f"--as-recorded {one.signals[0]}" in told[0]
+
+
+def test_a_flight_without_mistakes_stays_as_it_is(flight: FlightSignals, vehicle: Vehicle) -> None:
+    found, told = mended(flight, vehicle)
+    assert told == []
+    assert found is flight
+
+
+@pytest.mark.parametrize(("family", "seed"), [("mild", 1), ("rough", 2), ("slow", 0)])
+def test_lags_gusts_and_vibration_are_no_mistake(family: str, seed: int, tmp_path: Path) -> None:
+    flown = fly_plan(plan_of(family, seed), seed, tmp_path, "flight")
+    assert mended(flown.signals, flown.vehicle) == (flown.signals, [])
+
+
+def test_a_gyro_in_degrees_is_found_behind_the_sensors_of_the_field(tmp_path: Path) -> None:
+    flown = fly_plan(plan_of("mild", 1), 1, tmp_path, "flight")
+    one = KINDS["unit:p+q+r:deg/s"]
+    found, told = mended(one.apply(flown.signals), flown.vehicle)
+    assert alike(found, flown.signals, one, 1e-9)
+    assert len(told) == 1
+
+
+def test_a_signal_that_is_said_to_be_right_is_left_alone(flight: FlightSignals, vehicle: Vehicle) -> None:
+    one = KINDS["sign:alpha:-1"]
+    wrong = one.apply(flight)
+    assert mended(wrong, vehicle)[1]
+    for found, told in (mended(wrong, vehicle, "alpha"), mended(wrong, replace(vehicle, as_recorded=("alpha",)))):
+        assert not any("alpha" in sentence.split(":")[0] for sentence in told)
+        np.testing.assert_array_equal(found.signals["alpha"].values, wrong.signals["alpha"].values)
+
+
+def test_a_name_of_no_signal_is_told_and_not_passed_over(flight: FlightSignals, vehicle: Vehicle) -> None:
+    with pytest.raises(SignalError, match=r"as recorded: alfa is no signal searched for mistakes; those are ax, ay"):
+        mended(flight, vehicle, "alfa")
+
+
+def test_thrust_in_gram_force_is_read_in_newton_and_one_beyond_any_unit_left_out(
+    flight: FlightSignals, vehicle: Vehicle
+) -> None:
+    def times(factor: float) -> FlightSignals:
+        one = flight.signals["thrust"]
+        return replace(flight, signals={**flight.signals, "thrust": replace(one, values=factor * one.values)})
+
+    found, told = mended(times(1000.0 / 9.80665), vehicle)
+    np.testing.assert_allclose(found.signals["thrust"].values, flight.signals["thrust"].values, rtol=1e-3)
+    assert "gram-force" in told[0]
+    found, told = mended(times(1e6), vehicle)
+    assert "thrust" not in found.signals
+    assert told[0].endswith("it is left out")
+
+
+def test_air_that_no_air_is_ends_the_job_with_the_reason(flight: FlightSignals, vehicle: Vehicle) -> None:
+    wrong = prepare(flight, vehicle)
+    stretches = [replace(s, record=replace(s.record, rho=np.full(s.record.length, 0.01))) for s in wrong.stretches]
+    with pytest.raises(SignalError, match=r"air density is 0\.01"):
+        as_meant(flight, replace(wrong, stretches=stretches), vehicle)
+
+
+def test_the_vehicle_file_names_signals_that_are_right(tmp_path: Path) -> None:
+    text = (VEHICLES / "ultrastick25e.toml").read_text(encoding="utf-8")
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text(f'{text}\n[signals]\nas_recorded = ["ax"]\n', encoding="utf-8")
+    assert load_vehicle(good).as_recorded == ("ax",)
+    bad.write_text(f'{text}\n[signals]\nas_recorded = "ax"\n', encoding="utf-8")
+    with pytest.raises(VehicleFileError, match=r"signals\.as_recorded is 'ax'; it must be a list of names"):
+        load_vehicle(bad)
