@@ -138,15 +138,21 @@ def decisive_corrections(
 
 
 def _likeliest(windows: Sequence[Window], likelier: Sequence[LikelyReading]) -> LikelyReading:
-    """The likeliest, but of accelerometers and of gyros all in one unit, and of like units that with the least gain."""
+    """The likeliest, but of like units that which leaves least, and of a chip all axes if that harms none."""
     first = likelier[0].mistake
-    signals = set(first.signals)
-    if first.kind == "unit":
-        for chip in (ACCEL, GYRO):
-            if signals <= set(chip) and any(set(one.mistake.signals) == set(chip) for one in likelier):
-                signals = set(chip)
-    alike = [one for one in likelier if one.mistake.kind == first.kind and set(one.mistake.signals) == signals]
-    return min(alike or likelier[:1], key=lambda one: _Misfit.of(windows, one.columns).total())
+
+    def best_of(signals: Collection[str]) -> tuple[LikelyReading, _Misfit] | None:
+        alike = [one for one in likelier if one.mistake.kind == first.kind and set(one.mistake.signals) == set(signals)]
+        tried = [(one, _Misfit.of(windows, one.columns)) for one in alike]
+        return min(tried, key=lambda entry: entry[1].total(), default=None)
+
+    best = best_of(first.signals)
+    assert best is not None
+    for chip in (ACCEL, GYRO):
+        wide = best_of(chip) if first.kind == "unit" and set(first.signals) < set(chip) else None
+        if wide is not None and not best[1].harmed_by(wide[1]):
+            best = wide
+    return best[0]
 
 
 def _halves(part: FlightData) -> tuple[FlightData, FlightData]:
@@ -220,10 +226,8 @@ class _Misfit:
         for name, sizes in after.levels.items():
             if max(sizes) > max(_limits(name)[1], *self.levels[name]) + 1e-6:
                 return False
-        for name, halves in after.shares.items():
-            for a, b in zip(self.shares[name], halves, strict=True):
-                if b > max(a + _WORSE, _MUCH_WORSE if a > _FAILS else 0.0):
-                    return False
+        if self.harmed_by(after):
+            return False
         wrong = self.impossible()
         if any(max(after.levels[name]) < _limits(name)[1] for name in wrong):
             return True
@@ -233,6 +237,14 @@ class _Misfit:
                 for a, b in ((self.shares[name][half], after.shares[name][half]) for half in self._moving(name))
             )
             for name in self.failing()
+        )
+
+    def harmed_by(self, after: _Misfit) -> bool:
+        """Whether a relation that holds here does not there, or one that does not is far worse."""
+        return any(
+            b > max(a + _WORSE, _MUCH_WORSE if a > _FAILS else 0.0)
+            for name, halves in after.shares.items()
+            for a, b in zip(self.shares[name], halves, strict=True)
         )
 
     def failing(self) -> set[str]:

@@ -18,6 +18,7 @@ from sysid.signals.preparation import prepare
 
 KINDS = {one.name: one for one in injections()}
 UNMISTAKABLE = (
+    "unit:q:mrad/s",
     "unit:p+q+r:deg/s", "unit:p+q+r:mrad/s", "unit:ax+ay+az:g", "unit:ax+ay+az:ft/s^2", "unit:phi+theta+psi:degrees",
     "unit:alpha+beta:degrees", "sign:p:-1", "sign:theta:-1", "sign:q+r:-1", "sign:ax+ay+az:-1", "sign:alpha:-1",
     "axis:p+q:exchanged", "axis:phi+theta:exchanged", "axis:ax+az:exchanged", "axis:ax+ay+az:no gravity",
