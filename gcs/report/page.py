@@ -177,8 +177,8 @@ def _mistakes(result: Result) -> str:
     found = result.get("mistakes", [])
     if not found and result.get("method") == "map":
         return (
-            "<p>Of units, signs, axes and delays only levels that no flight has were looked for: this method does not"
-            " correct the signals, and estimates what is below beside the coefficients.</p>"
+            "<p>No unit, sign or axis was found wrong beyond doubt, and no signal was changed. Delays are among what is"
+            " estimated beside the coefficients, below.</p>"
         )
     if not found:
         return "<p>No unit, sign, axis, scale or delay mistake was found in the signals.</p>"
