@@ -135,7 +135,7 @@ def draw(result: dict[str, Any], published: dict[str, float], shares: dict[str, 
     left.axvline(1.0, color="black", lw=1.0)
     left.axvspan(0.7, 1.3, color="0.92")
     left.set_yticks(range(len(MAIN)), MAIN)
-    left.invert_yaxis()
+    left.set_ylim(len(MAIN) - 0.5, -0.5)
     left.set_xlabel("flight / published; bars: 95 % intervals; grey: 30 % about the published value")
     for axis, values in shares.items():
         right.plot(1e3 * DELAYS, values, "o-", ms=3, label=f"{axis} from the log")

@@ -28,16 +28,21 @@ _MARGIN = 12.0
 _CUTOFF_HZ = 10.0
 
 
-def command_shows_at_once(parts: Sequence[FlightData], body: Body, lateral: bool) -> bool:
-    """Decide the timing from corrected stretches; lateral: whether the elevator did not move."""
+def command_shows_at_once(parts: Sequence[FlightData], body: Body) -> bool:
+    """Decide the timing from corrected stretches, by lift and side force together."""
     still = {name for name in ("de", "da", "dr") if all(np.ptp(part[name]) < 1e-4 for part in parts)}
-    names = [name for name in (_SIDE if lateral else _LIFT) if name.partition("_")[2] not in still]
-    try:
-        later, now = _residuals(parts, body, names)
-    except SysidError:
-        return False
-    independent = now.size / max(float(np.sum(pooled_autocorrelation([now]))), 1.0)
-    return bool(independent * np.log(np.mean(later**2) / np.mean(now**2)) > _MARGIN)
+    gain = 0.0
+    for axis in (_LIFT, _SIDE):
+        names = [name for name in axis if name.partition("_")[2] not in still]
+        if not any(name.partition("_")[2] in ("de", "da", "dr") for name in names):
+            continue
+        try:
+            later, now = _residuals(parts, body, names)
+        except SysidError:
+            continue
+        independent = now.size / max(float(np.sum(pooled_autocorrelation([now]))), 1.0)
+        gain += float(independent * np.log(np.mean(later**2) / np.mean(now**2)))
+    return gain > _MARGIN
 
 
 def _residuals(parts: Sequence[FlightData], body: Body, names: Sequence[str]) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Identification of flights in turbulence: what filter error is asked to estimate, and whether the air asks for it."""
+"""Identification of flights in turbulence: what filter error is asked to estimate."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.compatibility.selection import Refusal, most_implausible, select
 from sysid.filter_error.estimator import FilterError, FilterErrorResult
 from sysid.numerics.dryden import Turbulence
-from sysid.problem.delay_parameters import COMMAND_DELAY
 from sysid.problem.problem import Problem, Progress, known_of, predictor_of, start_values
 from sysid.signals.record import GROUND, OUTPUTS
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
-# Log likelihood that two intensities and a length must gain over calm air: 99 % for three parameters.
-_GAIN = 5.7
 # Log likelihood by which the other timing of the commands must be better.
 _TIMING = 5.0
 _LEAST_SIGMA = 0.02  # m/s, to start from
@@ -35,13 +32,11 @@ def estimate_in_turbulence(
     compatible: CompatibilityResult,
     sensors: Sequence[str] | None = None,
     progress: Progress = lambda share, text: None,
-    *,
-    brief: bool = False,
 ) -> tuple[Problem, FilterErrorResult, list[Refusal]]:
     """Filter error with the sensor errors that this flight can tell, over the likelier timing of the commands.
 
     problem: of the flight, with paths. sensors: names to estimate; None lets the flight decide, GPS velocity included
-    where it was measured. brief: see `FilterError.solve`. Raises EstimationError where the filter diverges.
+    where it was measured. Raises EstimationError where the filter diverges.
     Returns the problem as it was solved, the result, and refused sensor errors.
     """
     refused: list[Refusal] = []
@@ -52,7 +47,7 @@ def estimate_in_turbulence(
     def solved(given: Problem, values: dict[str, float], near: FilterErrorResult | None) -> FilterErrorResult:
         air = Turbulence(sigma, sigma) if near is None else near.turbulence
         return build_filter(given, model, coefficients, effects).solve(
-            values, air, lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"), near=near, brief=brief
+            values, air, lambda i, cost: progress(min(0.8, i / 12.0), f"filter error, step {i}"), near=near
         )
 
     def believed(given: Problem, found: FilterErrorResult) -> tuple[Problem, FilterErrorResult]:
@@ -66,14 +61,9 @@ def estimate_in_turbulence(
     other = replace(problem, command_first=not problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:
-        again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, brief=brief)
+        again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence)
         problem, result = believed(other, again)
     return problem, result, refused
-
-
-def is_turbulent(result: FilterErrorResult) -> bool:
-    """Whether the flight's innovations ask for turbulence."""
-    return result.calm_cost - result.cost > _GAIN
 
 
 def _with_sensors(
@@ -107,7 +97,7 @@ def build_filter(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> FilterError:
     """The same problem with turbulence as process noise."""
-    uneven = COMMAND_DELAY in problem.delays or any(effect.name in _UNEVEN for effect in model.effects)
+    uneven = any(effect.name in _UNEVEN for effect in model.effects)
     problem = replace(problem, sub_steps=_UNEVEN_STEPS if uneven else _FILTER_STEPS)
     predictor = predictor_of(problem, model, coefficients, effects)
     return FilterError(predictor, problem.paths, problem.motion.outputs, known_of(problem, predictor))

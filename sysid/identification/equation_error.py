@@ -29,7 +29,6 @@ from sysid.problem.model_structure import PRIOR_SHARE, REFUSED_SHARE, helpful_ma
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
-from sysid.uncertainty.bench_errors import late_commands
 from sysid.uncertainty.systematic import LATE, SHARE, perturbations
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
@@ -89,14 +88,12 @@ def estimate_by_equations(
     known: Gaussian | None,
     make_parts: MakeParts,
     systematic: bool = True,
-    delay_std: float = 0.0,
 ) -> EquationEstimate:
     """Estimate coefficients by equation error.
 
     names: P coefficients that the flights excite. command_first: see sysid.equation_error.equations. known: prior, or
     None. make_parts: corrected parts of prepared flights.
-    systematic: whether to say what errors of the vehicle file would do. delay_std: standard error of a delay, s, that
-    the commands were corrected for.
+    systematic: whether to say what errors of the vehicle file would do.
     """
     step = _Regression(tuple(names), command_first)
     parts = make_parts(prepared, vehicle, compatible)
@@ -108,11 +105,6 @@ def estimate_by_equations(
         values[where] = axis.values
         covariance[np.ix_(where, where)] = axis.covariance
     covariance += _from_sensors(step, prepared, vehicle, compatible, values, make_parts)
-    if delay_std:
-        base = step.values(parts, vehicle)
-        late = with_records(prepared, late_commands(delay_std).record)
-        moved = step.values(make_parts(late, vehicle, compatible), vehicle) - base
-        covariance += np.outer(moved, moved)
     statistical = Gaussian(tuple(names), values, covariance)
     equations = settled_equations(parts, body_of(vehicle), names, CUTOFF_HZ, command_first, diffuse(names))
     bands = band_estimates(equations, statistical)

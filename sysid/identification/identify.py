@@ -12,11 +12,11 @@ from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, che
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError
-from sysid.identification.command_alignment import commands_in_time, refined_delays, with_late_commands
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.linear_model import LinearModel
-from sysid.identification.method_choice import MaximumLikelihood, maximum_likelihood
-from sysid.identification.method_choice import systematic as systematic_effects
+from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
+from sysid.identification.maximum_likelihood import systematic as systematic_effects
+from sysid.identification.request import Request
 from sysid.identification.result_model import (
     equation_model,
     linear_model,
@@ -30,9 +30,7 @@ from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
-from sysid.signal_check.check import SignalCheck, check_signals, flights_named, in_time
-from sysid.signal_check.remedies import named_cures
-from sysid.signals.delay import commands_std
+from sysid.signal_check.check import SignalCheck, check_signals, in_time
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, unmeasured_thrust
 from sysid.signals.record import SURFACES
@@ -47,8 +45,6 @@ if TYPE_CHECKING:
     from sysid.posterior.analysis import PosteriorEstimate
 
 METHODS = ("auto", "map", "ee", "oe", "fe")
-# How often a flight is corrected for what the whole motion told of single sensors.
-_CORRECTED = 3
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,6 @@ def identify(
     systematic: bool = True,
     progress: Progress = lambda share, text: None,
     check: SignalCheck | None = None,
-    delays: bool = True,
     as_recorded: Sequence[str] = (),
 ) -> Identification:
     """Identify a model.
@@ -100,59 +95,49 @@ def identify(
     method: "map" output error with an estimated noise spectrum and priors, "ee" equation error, "oe" output error, "fe"
     filter error. "auto" is "map"; where that finds a flight as of the textbooks (sysid.identification.textbook) "oe",
     whose bars are narrower there, and "fe" where the aircraft's free motion diverges. Where sensors or check are given
-    "auto" is "oe", and "fe" in turbulence: the other knows none of them.
+    "auto" is "oe": the other knows none of them.
     start_s, stop_s: the part to take, s.
-    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None lets the flight decide.
+    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight tells.
     check: what is known of mistakes in the signals already; None looks for them.
-    delays: whether those that the whole motion tells (sysid.output_error.delay_selection) are looked for.
     as_recorded: signals that "map" takes as they are, whatever seems ("ax", ...).
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
     if method not in METHODS:
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
-    given = (structure, prior, start_s, stop_s)
+    asked = Request(
+        tuple(flights), vehicle, tuple(validate_on), structure, prior, start_s, stop_s,
+        None if sensors is None else tuple(sensors), systematic, check, tuple(as_recorded), progress,
+    )  # fmt: skip
     if method == "map":
-        return _by_posterior(flights, vehicle, validate_on, *given, systematic, progress, as_recorded)
-    if method == "auto" and sensors is None and check is None:
-        return _by_the_flight(flights, vehicle, validate_on, *given, systematic, delays, progress, as_recorded)
-    return _by_the_books(flights, vehicle, validate_on, *given, systematic, progress, method, sensors, check, delays)
+        return _by_posterior(asked)
+    if method != "auto":
+        return _by_the_books(asked, method)
+    return _by_the_flight(asked) if sensors is None and check is None else _by_the_books(asked, "oe")
 
 
-def _by_the_flight(
-    flights: Sequence[FlightSignals],
-    vehicle: Vehicle,
-    validate_on: Sequence[FlightSignals],
-    structure: Model | None,
-    prior: Model | None,
-    start_s: float | None,
-    stop_s: float | None,
-    systematic: bool,
-    delays: bool,
-    progress: Progress,
-    as_recorded: Sequence[str],
-) -> Identification:
+def _by_the_flight(asked: Request) -> Identification:
     """`identify` with the method that the flight asks for."""
-    given = (structure, prior, start_s, stop_s)
-
-    def later(share: float, text: str) -> None:
-        progress(0.5 + 0.5 * share, text)
-
     try:
-        found = _by_posterior(
-            flights, vehicle, validate_on, *given, systematic, lambda s, text: progress(0.5 * s, text), as_recorded
-        )
+        found = _by_posterior(asked.within(0.0, 0.5))
     except DivergedError as error:
-        books = _by_the_books(flights, vehicle, validate_on, *given, systematic, later, "fe", None, None, delays)
+        books = _by_the_books(asked.within(0.5, 1.0), "fe")
         return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
     from sysid.identification.posterior_method import meant  # slow to import
     from sysid.identification.textbook import is_textbook
 
     if found.posterior is None or not is_textbook(found.posterior):
-        progress(1.0, "done")
+        asked.progress(1.0, "done")
         return found
-    mended = [[meant(one, vehicle, as_recorded).signals for one in each] for each in (flights, validate_on)]
-    books = _by_the_books(mended[0], vehicle, mended[1], *given, systematic, later, "auto", None, None, delays)
+    flights, validate_on = (
+        tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in each)
+        for each in (asked.flights, asked.validate_on)
+    )
+    mended = replace(asked.within(0.5, 1.0), flights=flights, validate_on=validate_on)
+    books = _by_the_books(mended, "oe")
+    if books.likeliest is not None and books.likeliest.left_over:
+        asked.progress(1.0, "done")
+        return found
     mistakes = found.check.mistakes
     return replace(
         books,
@@ -161,24 +146,11 @@ def _by_the_flight(
     )
 
 
-def _by_the_books(
-    flights: Sequence[FlightSignals],
-    vehicle: Vehicle,
-    validate_on: Sequence[FlightSignals],
-    structure: Model | None,
-    prior: Model | None,
-    start_s: float | None,
-    stop_s: float | None,
-    systematic: bool,
-    progress: Progress,
-    method: str,
-    sensors: Sequence[str] | None,
-    check: SignalCheck | None,
-    delays: bool,
-) -> Identification:
-    """`identify` with equation error, output error or filter error; "auto" is filter error in turbulence."""
+def _by_the_books(asked: Request, method: str) -> Identification:
+    """`identify` with equation error, output error or filter error."""
+    vehicle, progress, check = asked.vehicle, asked.progress, asked.check
     progress(0.02, "signals on one time base")
-    prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
+    prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
     compatible = None
     if check is None:
         progress(0.05, "units, signs, axes and delays")
@@ -186,58 +158,36 @@ def _by_the_books(
         with begun(lambda: check_compatibility(prepared)) as ahead:
             check = check_signals(prepared, vehicle)
             compatible = None if check.delays else ahead.result()
-    posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress, compatible)
-    if method == "ee":
-        found = _by_equations(posed, systematic)
-    else:
-        for turn in range(_CORRECTED + 1):
-            likeliest = _likeliest(posed, method, sensors, delays, turn < _CORRECTED, progress)
-            if not likeliest.mistakes:
-                break
-            check = check.joined(named_cures(likeliest.mistakes, prepared, vehicle), flights_named(prepared))
-            posed = _pose(prepared, vehicle, check, structure, prior, method, sensors, delays, progress)
-        found = _by_likelihood(posed, likeliest, systematic, progress)
-    warnings = list(posed.warnings)
-    warnings += [*found.warnings, *(one.sentence for one in found.check.findings())]
+    posed = _pose(asked, prepared, check, compatible)
+    found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
+    warnings = [*posed.warnings, *found.warnings, *(one.sentence for one in check.findings())]
     progress(0.88, "validation")
-    judges = [judge(flight, vehicle, found.check, warnings) for flight in validate_on]
-    compared = comparison(judges or found.prepared, vehicle, found.model, found.errors, found.command_first)
+    judges = [judge(flight, vehicle, check, warnings) for flight in asked.validate_on]
+    compared = comparison(judges or posed.prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
     compatible = posed.compatible
     return Identification(
-        tuple(found.prepared), compatible, found.model, found.errors,
+        tuple(posed.prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
-        tuple(flight.name for flight in validate_on), found.likeliest, found.equations,
-        linear_model(vehicle, found.model, found.prepared, compatible, found.likeliest),
-        tuple(dict.fromkeys(warnings)), found.check, compared,
+        tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
+        linear_model(vehicle, found.model, posed.prepared, compatible, found.likeliest),
+        tuple(dict.fromkeys(warnings)), check, compared,
     )  # fmt: skip
 
 
-def _by_posterior(
-    flights: Sequence[FlightSignals],
-    vehicle: Vehicle,
-    validate_on: Sequence[FlightSignals],
-    structure: Model | None,
-    prior: Model | None,
-    start_s: float | None,
-    stop_s: float | None,
-    systematic: bool,
-    progress: Progress,
-    as_recorded: Sequence[str],
-) -> Identification:
+def _by_posterior(asked: Request) -> Identification:
     """`identify` with the method "map"."""
     from sysid.identification.posterior_method import identify_by_posterior, meant  # slow to import
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
-    found = identify_by_posterior(
-        flights, vehicle, structure, prior, start_s, stop_s, systematic, progress, as_recorded
-    )
+    vehicle, progress = asked.vehicle, asked.progress
+    found = identify_by_posterior(asked)
     check, errors = SignalCheck(mistakes=found.mistakes), _kinematic_errors(found.compatible)
     warnings = [one.sentence for one in found.mistakes]
     warnings += [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
     progress(0.88, "validation")
-    others = [meant(flight, vehicle, as_recorded) for flight in validate_on]
+    others = [meant(flight, vehicle, asked.as_recorded) for flight in asked.validate_on]
     if doubts := [one.doubt for one in others if one.doubt is not None]:
         raise doubts[0]
     judges = [one.prepared for one in others]
@@ -250,7 +200,7 @@ def _by_posterior(
     return Identification(
         found.prepared, found.compatible, found.model, errors,
         unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
-        tuple(flight.name for flight in validate_on), None, None,
+        tuple(flight.name for flight in asked.validate_on), None, None,
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
         tuple(dict.fromkeys(warnings)), check, compared, found.estimate,
     )  # fmt: skip
@@ -260,17 +210,15 @@ def _by_posterior(
 class _Posed:
     """Prepared flights with the problem to solve.
 
-    start: start values; late_start: the same with commands as late as they seem, in rough air. names: coefficients that
-    the flight moves. refused: those it does not. dead: surfaces that were not recorded, and what was said of them.
+    start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
+    were not recorded, and what was said of them.
     """
 
-    vehicle: Vehicle
+    asked: Request
     prepared: Sequence[Prepared]
-    check: SignalCheck
     compatible: CompatibilityResult
     problem: Problem
     start: Model
-    late_start: Model | None
     names: list[str]
     refused: list[Refusal]
     warnings: list[str]
@@ -281,30 +229,19 @@ class _Posed:
 class _Found:
     """What an estimation told. errors: value, standard error and unit of every sensor error."""
 
-    prepared: Sequence[Prepared]
-    check: SignalCheck
     model: Model
     errors: Mapping[str, tuple[float, float, str]]
     refused: list[Refusal]
     warnings: Sequence[str]
-    command_first: bool
     likeliest: MaximumLikelihood | None = None
     equations: EquationEstimate | None = None
 
 
 def _pose(
-    prepared: Sequence[Prepared],
-    vehicle: Vehicle,
-    check: SignalCheck,
-    structure: Model | None,
-    prior: Model | None,
-    method: str,
-    sensors: Sequence[str] | None,
-    delays: bool,
-    progress: Progress,
-    compatible: CompatibilityResult | None = None,
+    asked: Request, prepared: Sequence[Prepared], check: SignalCheck, compatible: CompatibilityResult | None
 ) -> _Posed:
     """compatible: what the data compatibility of the prepared flights is known to be."""
+    vehicle, progress, structure = asked.vehicle, asked.progress, asked.structure
     prepared = in_time(prepared, vehicle, check)
     progress(0.10, "data compatibility")
     if compatible is None:
@@ -316,61 +253,48 @@ def _pose(
     surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
-    late: dict[str, float] = {}
-    parts, told = corrected_parts(prepared, vehicle, compatible), tuple(structure.coefficients)
     dead: dict[str, str] = {}
     if calm:
         noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
-        dead = frozen_commands(parts, body_of(vehicle), noise, surfaces)
+        dead = frozen_commands(corrected_parts(prepared, vehicle, compatible), body_of(vehicle), noise, surfaces)
         warnings += dead.values()
-    if delays and structure.effect("actuator_delay") is None:
-        prepared, check, late = commands_in_time(prepared, vehicle, check, parts, told, method, calm)
-    problem = make_problem(prepared, vehicle, compatible, sensors, ground=calm and sensors is None, dead=dead)
-    problem = replace(problem, known=known_before(prior, structure, warnings), delays=late)
+    ground = calm and asked.sensors is None
+    problem = make_problem(prepared, vehicle, compatible, asked.sensors, ground=ground, dead=dead)
+    problem = replace(problem, known=known_before(asked.prior, structure, warnings))
     progress(0.30, "equation error")
-    start = start_model(prepared, vehicle, compatible, structure, problem.motion, prior)
-    late_start = None
-    if late and not calm:
-        tried = with_late_commands(prepared, vehicle, late)
-        late_start = start_model(tried, vehicle, compatible, structure, problem.motion, prior)
+    start = start_model(prepared, vehicle, compatible, structure, problem.motion, asked.prior)
     names = free_coefficients(list(structure.coefficients), problem.motion)
     carried = () if problem.known is None else problem.known.names
     refused = refuse_unexcited([name for name in structure.coefficients if name not in carried], names, list(dead))
-    return _Posed(vehicle, prepared, check, compatible, problem, start, late_start, names, refused, warnings, dead)
+    return _Posed(asked, prepared, compatible, problem, start, names, refused, warnings, dead)
 
 
-def _by_equations(posed: _Posed, systematic: bool) -> _Found:
+def _by_equations(posed: _Posed) -> _Found:
     problem, compatible = posed.problem, posed.compatible
     equations = estimate_by_equations(
-        posed.prepared, posed.vehicle, compatible, posed.names, problem.command_first, problem.known, corrected_parts,
-        systematic, commands_std(posed.check.delays),
+        posed.prepared, posed.asked.vehicle, compatible, posed.names, problem.command_first, problem.known,
+        corrected_parts, posed.asked.systematic,
     )  # fmt: skip
     refused = [*posed.refused, *equations.refused]
     model = equation_model(posed.start, equations, refused, validity_of(posed.prepared, compatible))
     model = with_extra(model, "systematic", equations.systematic)
-    return _Found(
-        posed.prepared, posed.check, model, _kinematic_errors(compatible), refused, equations.warnings,
-        problem.command_first, equations=equations,
-    )  # fmt: skip
+    return _Found(model, _kinematic_errors(compatible), refused, equations.warnings, equations=equations)
 
 
-def _likeliest(
-    posed: _Posed, method: str, sensors: Sequence[str] | None, delays: bool, singles: bool, progress: Progress
-) -> MaximumLikelihood:
-    """The estimate; singles: whether to ask for mistakes of single sensors, which kinematics did not find any of."""
-    progress(0.40, "maximum likelihood")
-    vehicle, compatible = posed.vehicle, posed.compatible
-
-    def turbulent() -> Problem:
-        problem = make_problem(posed.prepared, vehicle, compatible, sensors, MAX_STRETCH_S, dead=posed.dead)
-        return replace(problem, known=posed.problem.known)
-
+def _likeliest(posed: _Posed, method: str) -> MaximumLikelihood:
+    """The estimate by output error or filter error."""
+    asked, compatible = posed.asked, posed.compatible
+    progress = asked.within(0.4, 0.85).progress
+    progress(0.0, "maximum likelihood")
+    problem = posed.problem
+    if method == "fe":
+        # In longer runs: the filter follows what a free simulation would lose.
+        longer = make_problem(posed.prepared, asked.vehicle, compatible, asked.sensors, MAX_STRETCH_S, dead=posed.dead)
+        problem = replace(longer, known=problem.known)
     return maximum_likelihood(
-        posed.problem, turbulent, posed.start, posed.names, _free_effects(posed),
-        compatible, bench_errors(posed.prepared, vehicle), held=held_errors(compatible, posed.problem),
-        delays=posed.check.delays if delays else None,
-        singles=singles and not posed.check.mistakes, late_model=posed.late_start, method=method, sensors=sensors,
-        progress=lambda s, t: progress(0.4 + 0.45 * s, t),
+        problem, posed.start, posed.names, _free_effects(posed), compatible,
+        bench_errors(posed.prepared, asked.vehicle), held_errors(compatible, posed.problem), method, asked.sensors,
+        progress,
     )  # fmt: skip
 
 
@@ -378,26 +302,25 @@ def _free_effects(posed: _Posed) -> list[tuple[str, str]]:
     return [(e.name, key) for e in posed.start.effects for key, entry in e.parameters.items() if entry.std]
 
 
-def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood, systematic: bool, progress: Progress) -> _Found:
-    vehicle, compatible, start, names = posed.vehicle, posed.compatible, posed.start, posed.names
+def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood) -> _Found:
+    asked, compatible, start, names = posed.asked, posed.compatible, posed.start, posed.names
     free_effects = _free_effects(posed)
     problem, result = likeliest.problem, likeliest.estimate
-    prepared, check = refined_delays(posed.prepared, vehicle, posed.check, likeliest.delays)
     odd = unbelieved(result, names)
     unsure = refusals(result, [name for name in names if name not in {entry.name for entry in odd}])
     refused = [*posed.refused, *odd, *unsure, *likeliest.refused]
-    validity = validity_of(prepared, compatible)
-    model = model_of(start, vehicle.name, result, names, free_effects, refused, validity, problem.known)
+    validity = validity_of(posed.prepared, compatible)
+    model = model_of(start, asked.vehicle.name, result, names, free_effects, refused, validity, problem.known)
     model = with_extra(model, "bench", likeliest.from_bench)
-    if systematic:
-        progress(0.85, "systematic errors")
+    if asked.systematic:
+        asked.progress(0.85, "systematic errors")
         model = with_extra(model, "systematic", systematic_effects(likeliest, start, names, free_effects))
     likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
     unclear = {refusal.name for refusal in likeliest.refused}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}
     for name in problem.sensors:
         errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
-    return _Found(prepared, check, model, errors, refused, likeliest.warnings, problem.command_first, likeliest)
+    return _Found(model, errors, refused, likeliest.warnings, likeliest)
 
 
 def _kinematic_errors(compatible: CompatibilityResult) -> dict[str, tuple[float, float, str]]:

@@ -31,7 +31,7 @@ Complex = NDArray[np.complex128]
 STATES = ("V", "alpha", "q", "theta", "beta", "p", "r", "phi")
 INPUTS = ("de", "da", "dr", "throttle")
 OUTPUTS = (*STATES, "ax", "ay", "az")
-STATE_UNITS = ("m/s", "rad", "rad/s", "rad", "rad", "rad/s", "rad/s", "rad")
+
 _LONGITUDINAL = slice(0, 4)
 _STILL = np.zeros(3)
 _STEP = 1e-5

@@ -13,13 +13,13 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.errors import SignalError, SysidError
+from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
 from sysid.posterior.declared import unused_timing
 from sysid.posterior.part import NEEDED, FlightPart, make_part
 from sysid.problem.formulation import known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
-from sysid.problem.problem import Progress
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals, Signal, repeats
@@ -78,34 +78,18 @@ def meant(
     return Meant(signals, prepared, tuple(mistakes), doubt)
 
 
-def identify_by_posterior(
-    flights: Sequence[FlightSignals],
-    vehicle: Vehicle,
-    structure: Model | None,
-    prior: Model | None,
-    start_s: float | None,
-    stop_s: float | None,
-    systematic: bool,
-    progress: Progress,
-    as_recorded: Sequence[str] = (),
-) -> PosteriorIdentification:
+def identify_by_posterior(asked: Request) -> PosteriorIdentification:
     """Estimate a model from one or more flights. Raises SysidError where no flight has what is needed."""
-    progress(0.05, "units, signs and axes")
-    read = [meant(flight, vehicle, as_recorded, start_s, stop_s) for flight in flights]
+    asked.progress(0.05, "units, signs and axes")
+    read = [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
     try:
-        return _identified(read, vehicle, structure, prior, systematic, progress)
+        return _identified(read, asked)
     except SysidError as error:
         raise next((one.doubt for one in read if one.doubt is not None), error) from error
 
 
-def _identified(
-    read: Sequence[Meant],
-    vehicle: Vehicle,
-    structure: Model | None,
-    prior: Model | None,
-    systematic: bool,
-    progress: Progress,
-) -> PosteriorIdentification:
+def _identified(read: Sequence[Meant], asked: Request) -> PosteriorIdentification:
+    vehicle, structure, progress = asked.vehicle, asked.structure, asked.progress
     flights, prepared = [one.signals for one in read], [one.prepared for one in read]
     mistakes = tuple({one.sentence: one for each in read for one in each.mistakes}.values())
     progress(0.15, "data compatibility")
@@ -117,17 +101,9 @@ def _identified(
     surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
-    known = known_before(prior, structure, warnings)
+    known = known_before(asked.prior, structure, warnings)
     effects = [(e.name, key) for e in structure.effects for key, entry in e.parameters.items() if entry.std]
-    found = estimate(
-        parts,
-        vehicle,
-        structure,
-        effects,
-        known,
-        systematic,
-        progress=lambda share, text: progress(0.3 + 0.5 * share, text),
-    )
+    found = estimate(parts, vehicle, structure, effects, known, asked.systematic, asked.within(0.3, 0.8).progress)
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))

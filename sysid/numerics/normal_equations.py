@@ -146,35 +146,3 @@ def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Ar
         with np.errstate(over="ignore", invalid="ignore"):
             across += rows[:used].T @ others[:used]
     return across
-
-
-@jit
-def single_pulls(s: Array, residual: Array, columns: IntArray, sigma: Array, alone: Array, across: Array) -> None:
-    """Add to `across` (outputs, kinds, unknowns) what S' R^-1 d is for further unknowns that act on one output each.
-
-    alone: (samples, outputs, kinds) slopes d of the output by each of its further unknowns.
-    """
-    for k in range(s.shape[0]):
-        for c in range(columns.size):
-            j = columns[c]
-            if not np.isfinite(residual[k, j]):
-                continue
-            weight = 1.0 / (sigma[j] * sigma[j])
-            for kind in range(alone.shape[2]):
-                weighted = weight * alone[k, j, kind]
-                if weighted != 0.0:
-                    for i in range(s.shape[2]):
-                        across[j, kind, i] += weighted * s[k, j, i]
-
-
-@jit
-def single_gram(residual: Array, columns: IntArray, sigma: Array, alone: Array, own: Array, pulled: Array) -> None:
-    """Add to `own` and `pulled` (outputs, kinds) what d' R^-1 d and d' R^-1 nu are of `single_pulls`."""
-    for k in range(residual.shape[0]):
-        for c in range(columns.size):
-            j = columns[c]
-            if np.isfinite(residual[k, j]):
-                for kind in range(alone.shape[2]):
-                    weighted = alone[k, j, kind] / (sigma[j] * sigma[j])
-                    own[j, kind] += weighted * alone[k, j, kind]
-                    pulled[j, kind] += weighted * residual[k, j]

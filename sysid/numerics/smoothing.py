@@ -139,30 +139,6 @@ def smooth_columns(values: Array, interval_s: float, cutoff_hz: float) -> Array:
     return np.asarray(line, dtype=np.float64)
 
 
-def local_derivative(values: Array, interval_s: float, half_width: int = 3) -> Array:
-    """Derivative from a quadratic fitted to 2 half_width + 1 neighbouring samples (one-sided at the ends).
-
-    values: (N,) uniform samples, N >= 2 half_width + 1. interval_s: s. Returns (N,) per second.
-    Source: Klein & Morelli, "Aircraft System Identification", chapter 11 (local smoothing).
-    """
-    values = np.asarray(values, dtype=np.float64)
-    width = 2 * half_width + 1
-    if half_width < 1 or values.size < width:
-        raise SignalError(f"a derivative over {width} samples needs at least as many, {values.size} are given")
-    offset = np.arange(-half_width, half_width + 1, dtype=np.float64)
-    weights = offset / np.sum(offset**2) / interval_s
-    derivative = np.convolve(values, weights[::-1], mode="same")
-    time = offset * interval_s
-    for part, centre, target in (
-        (values[:width], half_width, slice(0, half_width)),
-        (values[-width:], -half_width - 1, slice(-half_width, None)),
-    ):
-        curve = np.polyfit(time, part, 2)
-        ends = time[:half_width] if centre > 0 else time[-half_width:]
-        derivative[target] = 2.0 * curve[0] * ends + curve[1]
-    return derivative
-
-
 def _end_points(values: Array) -> tuple[Array, Array]:
     """Smoothed end values of (N,) or (N, P): the series cannot take noise off the two points its line goes through."""
     count = min(max(values.shape[0] // 20, 7), 15)
@@ -187,7 +163,7 @@ def _passed(count: int, cutoff_order: float) -> Array:
 
 def _cutoff_order(coefficients: Array) -> float:
     """Order at which the power of the signal has fallen to that of the noise."""
-    power = coefficients**2
+    power = (coefficients / max(float(np.max(np.abs(coefficients))), 1e-300)) ** 2
     count = power.size
     # Upper half of the band: noise alone. 0.4549 is the median of chi-squared with one degree of freedom.
     floor = float(np.median(power[count // 2 :])) / 0.4549

@@ -9,7 +9,6 @@ from dataclasses import replace
 from sim_vehicle.model.model_file import Model
 from sysid.arrays import Array
 from sysid.output_error.estimator import MAX_ITERATIONS, OutputError, OutputErrorResult
-from sysid.problem.delay_parameters import COMMAND_DELAY
 from sysid.problem.predictor import free_states
 from sysid.problem.problem import Problem, Progress, known_of, predictor_of, start_values
 
@@ -22,9 +21,6 @@ def build(
     sigma: Array | None = None,
 ) -> OutputError:
     """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
-    if COMMAND_DELAY in problem.delays:
-        # A command that changes between samples asks for more steps.
-        problem = replace(problem, sub_steps=2 * problem.sub_steps)
     predictor = predictor_of(problem, model, coefficients, effects)
     return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, known_of(problem, predictor))
 

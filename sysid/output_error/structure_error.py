@@ -29,11 +29,8 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import solve
-from sysid.output_error.command_order import likelier_timing
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.fit import build, fit, warmed
-from sysid.output_error.linearisation import Linearised
-from sysid.problem.delay_parameters import COMMAND_DELAY
 from sysid.problem.problem import Motion, Problem, start_values
 from sysid.signals.record import OUTPUTS, SURFACES, Record
 
@@ -151,10 +148,6 @@ def widened(
     extended = _extended(model, further)
     names = (*coefficients, *further)
     estimate = fit(wider, extended, names, effects, values | dict.fromkeys(further, 0.0))
-    # A misfit can pass for the other timing of the commands.
-    if COMMAND_DELAY not in wider.delays:
-        likelier = likelier_timing(Linearised(wider, extended, names, effects, estimate))
-        wider, estimate = likelier.problem, likelier.result
     if not estimate.converged:
         raise EstimationError("the misfit's size does not settle")
     # The motion of the wider estimate is the one flown, and nearest means along that.
@@ -197,15 +190,14 @@ def _along(
     result: OutputErrorResult,
 ) -> dict[str, Array]:
     """(N,) of every regressor along the estimated motion of all records."""
-    flat, errors = estimation.predictor.apply(result.theta)
-    delays = {name: value for name, value in errors.items() if name == COMMAND_DELAY}
+    flat, _ = estimation.predictor.apply(result.theta)
     lift = {name: result.value(name) for name in coefficients if parse_term(name).axis == "CL"}
     parts = []
     for index, record in enumerate(problem.records):
         states = estimation.predictor.initial_states(index, result.theta, estimation.guesses[index])
-        motion = estimation.predictor.outputs(index, flat, delays, states)
+        motion = estimation.predictor.outputs(index, flat, {}, states)
         # A command acts from its sample on, and the reading of a sample shows it or the one before.
-        late = int(delays.get(COMMAND_DELAY, 0.0) / record.interval_s) + (0 if problem.command_first else 1)
+        late = 0 if problem.command_first else 1
         parts.append(_regressors(record, motion, problem.vehicle, lift, late))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -43,6 +43,8 @@ PRIOR_SHARE = 0.7
 
 # A nuisance beyond so many of its prior standard deviations is none.
 _BELIEVED = 4.0
+# Beginnings of the names of what such a one spoils, where it is not the whole group.
+_SPOILED = {"thrust_error": ("CD",)}
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
 _NO_WORSE = 0.1
 # Steps from each of two starts before one is chosen.
@@ -427,7 +429,8 @@ def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
                     f"the fit asks for {nuisance.name} = {value:.2g} {nuisance.unit}, {sizes:.0f} times its"
                     " realistic size: something that is not in the model stands behind it"
                 )
-                reasons |= dict.fromkeys(one.result.names[:count], reason)
+                spoiled = _SPOILED.get(nuisance.name, ("",))
+                reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
     return reasons
 
 

@@ -75,9 +75,7 @@ def make_problem(
     told = () if motion.ground else _FROM_COMPATIBILITY
     priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in told}
     start = {name: known[name].value if name in known else 0.0 for name in names}
-    at_once = command_shows_at_once(
-        corrected_parts(prepared, vehicle, compatible), body_of(vehicle), lateral=not motion.longitudinal
-    )
+    at_once = command_shows_at_once(corrected_parts(prepared, vehicle, compatible), body_of(vehicle))
     guesses = tuple(path[0].copy() for path in paths)
     return Problem(vehicle, tuple(runs), guesses, motion, start, priors, at_once, paths=tuple(paths))
 

@@ -8,7 +8,6 @@ from functools import cache
 from sim_vehicle.model.terms import parse_term
 
 LONGITUDINAL_AXES = ("CL", "CD", "Cm")
-LATERAL_AXES = ("CY", "Cl", "Cn")
 
 DEFAULT_LONGITUDINAL = (
     "CL_0", "CL_alpha", "CL_q", "CL_de", "CD_0", "CD_k", "Cm_0", "Cm_alpha", "Cm_q", "Cm_de",

@@ -14,20 +14,11 @@ from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate_variants
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array
-from sysid.problem.delay_parameters import (
-    COMMAND_DELAY,
-    DELAY_STEP_S,
-    LONGEST_S,
-    commands_of,
-    delay_derivative,
-    late_readings,
-)
 from sysid.problem.sensitivities import Inputs, Lane, has_tangents, tangents
 from sysid.signals.record import (
     OUTPUT_PLACES,
     OUTPUTS,
     Record,
-    angle_wrap,
     held_by_dead_band,
     simulated_effects,
     thrust_without_airspeed,
@@ -53,7 +44,7 @@ _SMOOTH_STEP = 1e-4
 class FreeParameter:
     """One estimated number.
 
-    kind: "coefficient", "effect", "sensor", "delay", "input". low, high: bounds. prior_std: standard deviation of a
+    kind: "coefficient", "effect", "sensor", "input". low, high: bounds. prior_std: standard deviation of a
     Gaussian prior about `prior_mean`, infinite for none. difference: step for difference quotients, where the kind's
     usual one does not do.
     """
@@ -71,7 +62,7 @@ class FreeParameter:
         """Step for difference quotients, absolute."""
         if self.difference is not None:
             return self.difference
-        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6, "delay": DELAY_STEP_S}[self.kind]
+        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6}[self.kind]
 
     @property
     def is_stepping(self) -> bool:
@@ -87,11 +78,6 @@ def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> FreePara
 def sensor_error(name: str) -> FreeParameter:
     """A sensor error of SENSOR_ERRORS."""
     return FreeParameter(name, "sensor")
-
-
-def delay_parameter(name: str) -> FreeParameter:
-    """A delay of sysid.problem.delay_parameters.DELAYS, s."""
-    return FreeParameter(name, "delay", -LONGEST_S, LONGEST_S)
 
 
 def thrust_error(index: int) -> FreeParameter:
@@ -118,7 +104,7 @@ def _state_vector(states: Array) -> Array:
 
 
 def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
-    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias, no delays."""
+    """Readings (N, 15) from ideal ones (N, 19): (1 + scale) true + bias."""
     return with_placed_errors(y[:, OUTPUT_PLACES], errors)
 
 
@@ -150,17 +136,13 @@ def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], 
     out[:, column] += (predicted[:, column] - bias) / (1.0 + scale)
 
 
-def _timed(flat: FlatModel, record: Record, errors: Mapping[str, float]) -> tuple[Array, Array]:
-    """Effects (as in `flat.E`) at the record's own time, and its commands with their delay that is estimated.
+def _timed(flat: FlatModel, record: Record) -> tuple[Array, Array]:
+    """Effects (as in `flat.E`) at the record's own time, and its commands.
 
     commands: (M, 4), or (M, 6) with the other inputs that an effect needs.
     """
-    commands, late = commands_of(record, errors)
     effects = simulated_effects(flat, record)
-    commands = with_other_inputs(held_by_dead_band(commands, record, effects), record, effects)
-    if late > 0.0:
-        effects[slot("actuator_delay")] = 1.0
-        effects[slot("actuator_delay", "delay")] = late
+    commands = with_other_inputs(held_by_dead_band(record.commands, record, effects), record, effects)
     return effects, commands
 
 
@@ -217,7 +199,7 @@ class Predictor:
         return states
 
     def apply(self, theta: Array) -> tuple[FlatModel, dict[str, float]]:
-        """Model and sensor errors, delays among them, at `theta` (its first P entries)."""
+        """Model and sensor errors at `theta` (its first P entries)."""
         flat = self.flat.copy()
         errors: dict[str, float] = {}
         for parameter, value in zip(self.parameters, theta[: len(self.parameters)], strict=True):
@@ -241,9 +223,9 @@ class Predictor:
         record = self.records[index]
         y = np.empty((1, record.length, len(CHANNELS)))
         shift = np.array([self.thrust_shift(record, errors)])
-        timed, commands = _timed(flat, record, errors)
+        timed, commands = _timed(flat, record)
         self._simulate(record, commands, _state_vector(states)[None], flat, timed[None], flat.C[None], shift, gusts, y)
-        return late_readings(with_errors(y[0], errors), errors, record.interval_s)
+        return with_errors(y[0], errors)
 
     def thrust_shift(self, record: Record, errors: Mapping[str, float]) -> float:
         """What an accelerometer's bias adds to the thrust of a motor that hangs on the cell, N."""
@@ -263,9 +245,9 @@ class Predictor:
         """Derivatives of a record's outputs by the parameters and its own free initial states.
 
         Returns (N, outputs, P + states): `out`, if that is given, written over.
-        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors and
-        their delays enter in closed form, parameters of effects and the commands' delay by forward differences, all
-        else by tangents of the simulation. Where lift lags there are differences alone.
+        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors
+        enter in closed form, parameters of effects by forward differences, all else by tangents of the simulation.
+        Where lift lags there are differences alone.
         """
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
@@ -286,20 +268,12 @@ class Predictor:
         if exact:
             differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
             self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
-            late = late_readings(by_sample, errors, record.interval_s)
-            if late is not by_sample:
-                by_sample[:] = late
         else:
             differences = simulated
         self._differences(index, theta, states, predicted, differences, result)
         for i, parameter in enumerate(self.parameters):
             if parameter.kind == "sensor":
                 sensor_derivative(parameter.name, predicted, errors, result[i])
-            elif parameter.name == COMMAND_DELAY:
-                later = {**errors, COMMAND_DELAY: errors[COMMAND_DELAY] + parameter.step}
-                result[i] += angle_wrap(self.outputs(index, flat, later, states) - predicted) / parameter.step
-            elif parameter.kind == "delay":
-                delay_derivative(parameter.name, predicted, record.interval_s, result[i])
         return by_sample
 
     def _tangents(
@@ -319,7 +293,7 @@ class Predictor:
         if self.tangent_steps is None and record.interval_s <= _CLOSE_SAMPLES_S:
             steps = (self.sub_steps + 1) // 2
         flat = flat.copy()
-        flat.E[:], commands = _timed(flat, record, errors)
+        flat.E[:], commands = _timed(flat, record)
         inputs = Inputs(
             record.start, record.start + record.length, commands,
             thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
@@ -336,7 +310,7 @@ class Predictor:
             return
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
-        flat.E[:], commands = _timed(flat, record, errors)
+        flat.E[:], commands = _timed(flat, record)
         base, base_shift = _state_vector(states), self.thrust_shift(record, errors)
         # Per variant: the step, state, effects, coefficients, thrust.
         variants: list[tuple[float, Array, Array, Array, float]] = []
@@ -356,13 +330,9 @@ class Predictor:
                 shifted = theta.copy()
                 shifted[i] += step
                 moved, _ = self.apply(shifted)
-                variants.append((step, base, _timed(moved, record, errors)[0], moved.C, base_shift))
+                variants.append((step, base, _timed(moved, record)[0], moved.C, base_shift))
         steps, x0, E, C, shift = zip(*variants, strict=True)
         y = np.empty((len(variants), record.length, len(CHANNELS)))
         self._simulate(record, commands, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
         for i, step, outputs in zip(places, steps, y, strict=True):
-            result[i] += (late_readings(with_errors(outputs, errors), errors, record.interval_s) - predicted) / step
-
-    def state_steps(self, index: int) -> Array:
-        """Steps for difference quotients of the free initial states."""
-        return _STATE_STEP[self.free_states[index]]
+            result[i] += (with_errors(outputs, errors) - predicted) / step

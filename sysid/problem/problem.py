@@ -29,7 +29,6 @@ from sysid.problem.predictor import (
     FreeParameter,
     Predictor,
     coefficient,
-    delay_parameter,
     effect_parameter,
     sensor_error,
     thrust_error,
@@ -81,8 +80,7 @@ class Problem:
     records: runs of at most MAX_RUN_S. guesses: per record (9,) initial states u v w p q r phi theta psi. paths: per
     record (N, 9) the same at every sample, reconstructed from the measurements.
     sensors: sensor errors to estimate, with start values. priors: sensor errors with (mean, std) known from elsewhere.
-    known: coefficients and effect parameters known before the flight. delays: those of
-    sysid.problem.delay_parameters.DELAYS to estimate, with start values, s. thrust_errors: rows of every record's
+    known: coefficients and effect parameters known before the flight. thrust_errors: rows of every record's
     `thrust_doubt`, if filter error is to estimate them.
     """
 
@@ -96,7 +94,6 @@ class Problem:
     sub_steps: int = 2
     known: Gaussian | None = None
     paths: tuple[Array, ...] = ()
-    delays: Mapping[str, float] = field(default_factory=dict)
     thrust_errors: int = 0
 
 
@@ -166,7 +163,6 @@ def predictor_of(
         entry = sensor_error(name)
         mean, std = problem.priors.get(name, (0.0, 10.0 * SENSOR_ERRORS[name][3]))
         parameters.append(replace(entry, prior_mean=mean, prior_std=std))
-    parameters += [delay_parameter(name) for name in problem.delays]
     parameters += [thrust_error(k) for k in range(problem.thrust_errors)]
     return Predictor(
         flatten(problem.vehicle, model),
@@ -180,10 +176,10 @@ def predictor_of(
 def start_values(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> dict[str, float]:
-    """Where an estimation starts: the model's values, and the sensor errors and delays of the problem."""
+    """Where an estimation starts: the model's values, and the sensor errors of the problem."""
     values = {name: model.values()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
-    return values | dict(problem.sensors) | dict(problem.delays)
+    return values | dict(problem.sensors)
 
 
 class Estimates(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sysid.signal_check.fault import Mistake, delay_mistake
 from sysid.signal_check.fault_hypotheses import SPEED
 from sysid.signal_check.fault_search import DELAY_LEAST_S, find_mistakes
 from sysid.signal_check.remedies import named_cures
-from sysid.signals.delay import Delay, delay_sentence, prepared_in_time, total
+from sysid.signals.delay import Delay, delay_sentence, prepared_in_time
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared
 from sysid.signals.sensor_groups import GROUND
@@ -35,34 +35,15 @@ _LIFTS = (0.05, 2.0)
 
 @dataclass(frozen=True)
 class SignalCheck:
-    """What was found: delays, for which the data are corrected, and other mistakes that only warn.
-
-    rounds: how often the delays were estimated anew with the model.
-    """
+    """What was found: delays, for which the data are corrected, and other mistakes that only warn."""
 
     delays: tuple[Delay, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
-    rounds: int = 0
 
     def findings(self) -> list[Mistake]:
         """All mistakes, the delays with their last estimates; one that the estimate has taken back is none."""
         late = (one for one in self.delays if abs(one.value) > max(DELAY_LEAST_S, 2.0 * one.std))
         return [*self.mistakes, *map(delay_mistake, late)]
-
-    def with_delays(self, delays: Sequence[Delay]) -> SignalCheck:
-        """The same after one more round of estimating them."""
-        return replace(self, delays=tuple(delays), rounds=self.rounds + 1)
-
-    def joined(self, more: Sequence[Mistake], name: str) -> SignalCheck:
-        """The same with what the whole motion told besides, of the flights `name`. Raises SignalError as above.
-
-        A delay that the motion takes back is gone.
-        """
-        stop_at_unusable(more, name)
-        late = [Delay(one.signals, one.found, one.std) for one in more if one.kind == "delay"]
-        told = [one for one in total([*self.delays, *late]) if abs(one.value) > one.std]
-        mistakes = (*self.mistakes, *(one for one in more if one.kind != "delay"))
-        return replace(self, delays=tuple(told), mistakes=mistakes, rounds=self.rounds + 1)
 
 
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:

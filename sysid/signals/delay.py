@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.numerics.fractional_delay import held_back, read_later
+from sysid.numerics.fractional_delay import read_later
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, Stretch
 from sysid.signals.record import make_records
 from sysid.signals.sensor_groups import GROUND, GROUPS, joined
-
-COMMANDS = ("de", "da", "dr", "throttle")
-# All groups that may be late against the IMU or with it, and the commands, which the motion may follow late.
-DELAY_GROUPS: dict[str, tuple[str, ...]] = {**GROUPS, "commands": COMMANDS}
 
 
 @dataclass(frozen=True)
 class Delay:
     """How late some signals are.
 
-    signals: which. value, std: s; positive where they come late, or where the aircraft follows its commands late.
+    signals: which. value, std: s; positive where they come late.
     """
 
     signals: tuple[str, ...]
@@ -32,14 +28,9 @@ class Delay:
     std: float
 
     @property
-    def of_commands(self) -> bool:
-        """Whether commands are late, not a sensor."""
-        return self.signals[0] in COMMANDS
-
-    @property
     def name(self) -> str:
         """Name of the group, or of the signal."""
-        for group, names in DELAY_GROUPS.items():
+        for group, names in GROUPS.items():
             if set(self.signals) <= set(names) and (len(self.signals) > 1 or len(names) == 1):
                 return group
         return joined(self.signals)
@@ -52,9 +43,7 @@ def in_time(data: FlightData, delays: Sequence[Delay]) -> FlightData:
         for name in delay.signals:
             if name not in columns:
                 continue
-            if name in COMMANDS:
-                columns[name] = held_back(columns[name], delay.value, data.interval_s)
-            elif name in GROUND:
+            if name in GROUND:
                 columns[name] = _moved(columns[name], round(delay.value / data.interval_s))
             else:
                 columns[name] = read_later(columns[name], delay.value, data.interval_s)
@@ -88,28 +77,10 @@ def prepared_in_time(prepared: Sequence[Prepared], vehicle: Vehicle, delays: Seq
     return found
 
 
-def total(delays: Sequence[Delay]) -> list[Delay]:
-    """One entry for each set of signals, values added, the last standard error kept."""
-    sums: dict[tuple[str, ...], Delay] = {}
-    for one in delays:
-        before: Mapping[tuple[str, ...], Delay] = sums
-        earlier = before[one.signals].value if one.signals in before else 0.0
-        sums[one.signals] = Delay(one.signals, earlier + one.value, one.std)
-    return list(sums.values())
-
-
-def commands_std(delays: Sequence[Delay]) -> float:
-    """Standard error of the delay that the commands were corrected for, s; 0 where they were not."""
-    return max((one.std for one in delays if one.of_commands), default=0.0)
-
-
 def delay_sentence(delay: Delay, corrected: bool = True) -> str:
     """What is said of a delay in one line."""
     done = "corrected" if corrected else "left as it is, since a lag may be the missing effect"
     size = f"{abs(delay.value) * 1e3:.1f} ± {delay.std * 1e3:.1f} ms"
-    if delay.of_commands:
-        way = "after" if delay.value > 0.0 else "before"
-        return f"the aircraft follows its commands {size} {way} their stamps: {done}"
     verb = "comes" if len(delay.signals) == 1 else "come"
     way = "late" if delay.value > 0.0 else "early"
     return f"{joined(delay.signals)} {verb} {size} {way} against the other signals: {done}"

@@ -10,10 +10,12 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.layout import CHANNELS
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
+from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData
 from sysid.signals.height import height_above_ground, height_in_flight
@@ -37,6 +39,8 @@ LONGITUDINAL = ("airspeed", "alpha", "q", "theta", "ax", "az")
 LATERAL = ("beta", "p", "r", "phi", "psi", "ay")
 GROUND = ("vn", "ve", "vd")
 SURFACES = ("de", "da", "dr")
+_INPUTS = (*SURFACES, "throttle")
+_CONTROL_OF = {signal: control for control, signal in DEFLECTION_SIGNALS.items()}
 # Commands before a stretch that may still be under way in the actuators when it starts, s.
 PRE_ROLL_S = 0.6
 # Actuators forget what was commanded longer ago, s.
@@ -214,10 +218,17 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
             f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
         )
     n = data.time_s.size
-    columns = [filled(data[name]) if name in data else np.zeros(n) for name in (*SURFACES, "throttle")]
-    commands = np.stack(columns, axis=1)
+    told = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
+    commands = np.stack([_as_acted(name, told[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
     return [_make_record(data, vehicle, start, stop, commands, heights) for start, stop in spans]
+
+
+def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> Array:
+    """(n,) what a command does, later by what the vehicle file says of its servo: delay and lag together."""
+    control = vehicle.controls.get(_CONTROL_OF[name])
+    late = 0.0 if control is None else (control.delay.value or 0.0) + (control.lag.value or 0.0)
+    return held_back(values, late, interval_s) if late > 0.0 else values
 
 
 def _make_record(

@@ -26,7 +26,6 @@ from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.fit import build
 from sysid.output_error.linearisation import Linearised
-from sysid.problem.delay_parameters import COMMAND_DELAY, with_late_commands
 from sysid.problem.problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
@@ -100,11 +99,6 @@ def _misread(
         return replace(record, z=z)
 
     return change
-
-
-def late_commands(delay_s: float) -> BenchError:
-    """What is left, s, of a delay of the commands that the data were corrected for; no bench's, but carried alike."""
-    return BenchError(COMMAND_DELAY, lambda record: with_late_commands(record, delay_s))
 
 
 def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:

@@ -59,13 +59,10 @@ def _with_errors(record: Record, thrust: Array, throttle: Array) -> Record:
     return replace(record, thrust=record.thrust + thrust, commands=commands)
 
 
-def with_input_noise(here: Linearised, found: Sequence[InputError] | None = None) -> tuple[Problem, OutputErrorResult]:
-    """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected.
-
-    found: `doubts` of the estimate, if known.
-    """
+def with_input_noise(here: Linearised) -> tuple[Problem, OutputErrorResult]:
+    """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected."""
     problem, result = here.problem, here.result
-    every = doubts(here) if found is None else found
+    every = doubts(here)
     if not every:
         return problem, result
     step, covariance = _joint_step(here, every)

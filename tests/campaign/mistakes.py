@@ -63,7 +63,7 @@ def checked(flight: FlightSignals, vehicle: str) -> tuple[str, list[dict[str, An
 def estimates(flight: FlightSignals, vehicle: str, method: str) -> dict[str, tuple[float, float]]:
     """Coefficients as if nothing were wrong."""
     craft = load_vehicle(vehicle)
-    found = identify([flight], craft, method=method, check=SignalCheck(), systematic=False, delays=False)
+    found = identify([flight], craft, method=method, check=SignalCheck(), systematic=False)
     entries = found.model.coefficients.items()
     return {n: (e.value, e.std) for n, e in entries if e.value is not None and e.std is not None}
 

@@ -13,7 +13,7 @@ from sysid.validation.held_out import comparison, validation_of
 def judged() -> Identification:
     first, second = (fly_mav("multisine", seed, duration=24.0)[0] for seed in (71, 72))
     vehicle = load_vehicle("iitb-mav")
-    return identify([first], vehicle, validate_on=[second], systematic=False, check=SignalCheck(), delays=False)
+    return identify([first], vehicle, validate_on=[second], systematic=False, check=SignalCheck())
 
 
 def test_a_good_model_leaves_the_sensors_noise(judged: Identification) -> None:

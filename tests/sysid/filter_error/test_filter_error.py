@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -232,7 +233,7 @@ def test_steps_through_sheared_wind_have_the_slopes_of_its_predictions() -> None
 def rough() -> list[Identification]:
     return [
         identify([gusty_flight(0.3, 41)], VEHICLE, method=method, systematic=False, check=SignalCheck())
-        for method in ("auto", "oe")
+        for method in ("fe", "oe")
     ]
 
 
@@ -296,12 +297,6 @@ def _misses(found: Identification, bars: Identification) -> list[float]:
     return misses
 
 
-def test_in_calm_air_output_error_stays(rough: list[Identification]) -> None:
-    calm = identify([gusty_flight(0.0, 42)], VEHICLE, systematic=False, check=SignalCheck())
-    assert calm.likeliest is not None
-    assert calm.likeliest.method == "oe"
-
-
 @pytest.mark.parametrize(("gain", "kept"), [(5.0, False), (2.0, True)])
 def test_a_sensor_error_that_no_sensor_has_is_held_and_refused(gain: float, kept: bool) -> None:
     """A vane that reads five times the sideslip, in gusts, about which kinematics alone say nothing."""
@@ -313,7 +308,7 @@ def test_a_sensor_error_that_no_sensor_has_is_held_and_refused(gain: float, kept
     sensors = ("accel_bias_y", "beta_scale")
     problem = make_problem(prepared, VEHICLE, compatible, sensors, run_s=60.0)
     names = free_coefficients(list(TRUTH.coefficients), problem.motion)
-    solved, found, refused = estimate_in_turbulence(problem, TRUTH, names, (), compatible, sensors, brief=True)
+    solved, found, refused = estimate_in_turbulence(problem, TRUTH, names, (), compatible, sensors)
     told = [parameter.name for parameter in found.parameters if parameter.kind == "sensor"]
     assert tuple(solved.sensors) == tuple(told) == (sensors if kept else sensors[:1])
     if kept:
@@ -322,5 +317,7 @@ def test_a_sensor_error_that_no_sensor_has_is_held_and_refused(gain: float, kept
         return
     (refusal,) = refused
     assert refusal.name == "beta_scale"
-    assert refusal.reason.startswith("the readings ask for 5.")
+    asked_for = re.match(r"the readings ask for ([\d.]+) of true", refusal.reason)
+    assert asked_for is not None
+    assert float(asked_for[1]) == pytest.approx(1.005 * gain, rel=0.1)
     assert "held at its nominal value" in refusal.reason

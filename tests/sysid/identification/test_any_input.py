@@ -16,7 +16,7 @@ from sysid.equation_error.least_squares import gram_regress, regress
 from sysid.errors import SysidError
 from sysid.identification.result_file import result_json
 from sysid.identify import identify
-from sysid.numerics.smoothing import fourier_smooth, local_derivative, noise_sigma
+from sysid.numerics.smoothing import fourier_smooth, noise_sigma
 from sysid.signals.flight import FlightData, FlightSignals, Signal
 from sysid.signals.resampling import resample
 
@@ -144,7 +144,6 @@ def test_smoothing_anything_ends_in_numbers_or_one_line(shape: str, scale: float
     for smooth in (
         lambda: fourier_smooth(values, 0.02).values,
         lambda: fourier_smooth(values, 0.02).derivative,
-        lambda: local_derivative(values, 0.02),
         lambda: np.array([noise_sigma(values, 0.02)]),
     ):
         try:

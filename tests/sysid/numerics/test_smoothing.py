@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sysid.errors import SignalError
-from sysid.numerics.smoothing import fourier_smooth, local_derivative, noise_sigma, smooth_columns
+from sysid.numerics.smoothing import fourier_smooth, noise_sigma, smooth_columns
 
 DT = 0.02
 TIME = DT * np.arange(1000)
@@ -56,18 +56,11 @@ def test_the_filter_is_linear_so_that_it_cancels_in_a_regression():
     assert both.derivative == pytest.approx(2.0 * one.derivative - 3.0 * other.derivative)
 
 
-def test_local_derivative_is_exact_for_a_parabola():
-    values = 1.0 - 2.0 * TIME + 3.0 * TIME**2
-    assert local_derivative(values, DT) == pytest.approx(-2.0 + 6.0 * TIME, abs=1e-8)
-
-
 def test_too_little_data_is_refused():
     with pytest.raises(SignalError):
         fourier_smooth(np.ones(10), DT)
     with pytest.raises(SignalError):
         noise_sigma(np.ones(8), DT)
-    with pytest.raises(SignalError):
-        local_derivative(np.ones(4), DT)
 
 
 def test_columns_smoothed_together_are_smoothed_as_each_alone():

@@ -115,7 +115,6 @@ def test_unknowns_are_the_parameters_and_the_free_states_of_each_record(record: 
     assert predictor.initial_states(0, theta, guess).tolist() == [1, -1, 2, -1, 3, -1, -1, 4, -1]
     assert predictor.initial_states(1, theta, guess).tolist() == list(range(5, 14))
     assert guess.tolist() == [-1.0] * 9
-    assert predictor.state_steps(0).shape == (4,)
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in EFFECTS.items() if not e.is_coefficient))

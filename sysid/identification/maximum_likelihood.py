@@ -1,0 +1,184 @@
+"""The maximum-likelihood methods of the books: output error in calm air, filter error in turbulence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Model
+from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.compatibility.selection import Refusal
+from sysid.errors import EstimationError
+from sysid.filter_error.estimation import estimate_in_turbulence
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.numerics.smoothing import sample_noise
+from sysid.output_error.estimator import OutputErrorResult
+from sysid.output_error.linearisation import Linearised
+from sysid.output_error.sensor_selection import with_told_sensors
+from sysid.output_error.structure_error import Widened, widened
+from sysid.problem.problem import Likeliest, Problem, Progress
+from sysid.signals.record import OUTPUTS
+from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, misled
+from sysid.uncertainty.systematic import systematic_errors, systematic_in_turbulence
+from sysid.uncertainty.thrust_noise import with_input_noise, with_thrust_by_airspeed
+
+# Gyros have the least noise beside what they feel: what a model lacks shows there first. It is 0.5 to 1.1 times the
+# noise where the model is right, 20 and more with commands 20 ms late or gusts of 0.3 m/s.
+_RATES = ("p", "q", "r")
+_NOT_NOISE = 4.0
+_FEWEST = 50
+
+
+@dataclass(frozen=True)
+class MaximumLikelihood:
+    """An estimate, the problem it solves, and how.
+
+    method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
+    words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
+    left_over: what output error has not explained, in words; its bars are too small then. linearised: of output error,
+    where the last step started, the noise of the inputs not yet taken out.
+    """
+
+    problem: Problem
+    result: OutputErrorResult | FilterErrorResult
+    method: str
+    refused: tuple[Refusal, ...]
+    warnings: tuple[str, ...]
+    from_bench: Mapping[str, Mapping[str, float]]
+    wider: Widened | None = None
+    left_over: str = ""
+    linearised: Linearised | None = field(default=None, repr=False)
+
+    @property
+    def estimate(self) -> Likeliest:
+        """The result, whichever method gave it."""
+        return self.result
+
+
+def maximum_likelihood(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    compatible: CompatibilityResult,
+    bench: Sequence[BenchError] = (),
+    held: Sequence[BenchError] = (),
+    method: str = "oe",
+    sensors: Sequence[str] | None = None,
+    progress: Progress = lambda share, text: None,
+) -> MaximumLikelihood:
+    """Estimate coefficients, effect parameters and sensor errors together.
+
+    problem: of the flight, cut into runs that a free simulation follows, for filter error into longer ones. method:
+    "oe" or "fe". sensors: sensor errors asked for; None lets the flight decide. bench: errors of calibrations. held: of
+    a motion that output error takes from the measurement (sysid.uncertainty.reconstruction_errors). Raises
+    EstimationError where the method fails.
+    """
+    if method == "fe":
+        return _in_turbulence(problem, model, coefficients, effects, compatible, bench, sensors, progress)
+    here = Linearised.fitted(problem, model, coefficients, effects, lambda s, t: progress(0.85 * s, t))
+    problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, here.result)
+    warnings = []
+    if compatible.gust_sigma > 0.0:
+        warnings.append(
+            f"turbulence of {compatible.gust_sigma:.2f} m/s: standard errors of output error may be half of what they"
+            " are; use --method map, or fe"
+        )
+    elif sensors is None:
+        unclear = [refusal.name for refusal in compatible.refused]
+        problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
+    if result is not here.result:
+        here = replace(here, problem=problem, result=result)
+    found = _in_calm_air(here, bench, held, warnings)
+    left = _left_over(found.problem, found.result)
+    return replace(found, left_over=left, warnings=(*found.warnings, *([left] if left else [])))
+
+
+def _in_calm_air(
+    here: Linearised, bench: Sequence[BenchError], held: Sequence[BenchError], warnings: list[str]
+) -> MaximumLikelihood:
+    """The estimate by output error, with bars that count all."""
+    problem, result = here.problem, here.result
+    if not result.converged:
+        warnings.append("output error did not converge; the standard errors may be too small")
+    # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
+    wider = None
+    if not bench and all(record.thrust_source.measured for record in problem.records):
+        try:
+            wider = widened(problem, here.model, here.coefficients, here.effects, result)
+        except EstimationError as error:
+            text = "the flight shows what the structure does not hold, and the standard errors do not count it"
+            warnings.append(f"{text}: {error}")
+    if wider is not None:
+        return _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), held)
+    problem, result = with_input_noise(here)
+    result, shares = carry(misled([*bench, *held], here), here, result)
+    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, linearised=here)
+
+
+def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) -> str:
+    """What is left of the rates beyond their sensors' own noise, in words; empty where it is that noise alone."""
+    interval_s = problem.records[0].interval_s
+    shares = {}
+    for name in _RATES:
+        column = OUTPUTS.index(name)
+        read = np.concatenate([record.z[:, column] for record in problem.records])
+        if name in problem.motion.outputs and np.count_nonzero(np.isfinite(read)) >= _FEWEST:
+            shares[name] = float(result.sigma[column]) / max(sample_noise(read, interval_s), 1e-12)
+    most = max(shares, key=shares.__getitem__, default="")
+    if not most or shares[most] < _NOT_NOISE:
+        return ""
+    return (
+        f"what output error leaves of {most} is {shares[most]:.0f} times its sensor's noise: surfaces that come late,"
+        " gusts or a missing effect; the standard errors do not count it; use --method map"
+    )
+
+
+def _in_turbulence(
+    problem: Problem,
+    model: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    compatible: CompatibilityResult,
+    bench: Sequence[BenchError],
+    sensors: Sequence[str] | None,
+    progress: Progress,
+) -> MaximumLikelihood:
+    """The estimate by filter error."""
+    solved, result, refused = estimate_in_turbulence(
+        problem, model, coefficients, effects, compatible, sensors, progress
+    )
+    warnings = () if result.converged else ("filter error did not settle; the standard errors may be too small",)
+    result, shares = carry_filtered(bench, solved, model, coefficients, effects, result)
+    return MaximumLikelihood(solved, result, "fe", tuple(refused), warnings, shares)
+
+
+def _with_misfit(
+    problem: Problem,
+    wider: Widened,
+    effects: Sequence[tuple[str, str]],
+    warnings: tuple[str, ...],
+    held: Sequence[BenchError],
+) -> MaximumLikelihood:
+    """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
+    here = Linearised(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    corrected, result = with_input_noise(here)
+    result, _ = carry(misled(held, here), here, result)
+    solved = replace(wider, problem=corrected, result=result)
+    nearest = solved.projected(result)
+    told = replace(corrected, known=problem.known)
+    nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
+    return MaximumLikelihood(told, nearest, "oe", (), warnings, nothing, solved, linearised=here)
+
+
+def systematic(
+    found: MaximumLikelihood, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
+) -> dict[str, dict[str, float]]:
+    """What errors of the vehicle file would do to each estimate: parameter -> perturbation -> change."""
+    if isinstance(found.result, FilterErrorResult):
+        return systematic_in_turbulence(found.problem, model, coefficients, effects, found.result)
+    assert found.linearised is not None  # output error leaves it
+    changes = systematic_errors(found.linearised)
+    return changes if found.wider is None else found.wider.projected_changes(changes)
