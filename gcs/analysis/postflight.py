@@ -10,7 +10,9 @@ from typing import Any
 from gcs.analysis.incomplete import cut_off, naming_cuts
 from gcs.analysis.made import made
 from gcs.analysis.sameflight import repeated, same
+from gcs.errors import SignalMapError
 from gcs.flights.signals import extract
+from gcs.flights.streams import sender_of
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from sim_vehicle.model.model_file import read_model
@@ -32,10 +34,22 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
     flights = []
     for parts in by_recording(paths):
         recording = Recording(parts)
+        sender = sender_of(recording, system)
+        if not sender.has_wings:
+            raise SignalMapError(
+                f"{recording.path.stem}: the log of a {sender.type_name} ({sender.autopilot_name}): there is nothing to"
+                " identify without a wing; give the log of a fixed-wing aircraft"
+            )
         flight = extract(recording, vehicle, system)
         cut = cut_off(recording)
         flights.append(replace(flight, warnings=(cut, *flight.warnings)) if cut else flight)
     return flights
+
+
+def senders_of(paths: Sequence[Path], system: int | None = None) -> dict[str, dict[str, object]]:
+    """Flight -> who sent it: system, type, MAV_TYPE and autopilot."""
+    recordings = [Recording(parts) for parts in by_recording(paths)]
+    return {one.path.stem: sender_of(one, system).to_json() for one in recordings}
 
 
 def identify(
@@ -82,7 +96,7 @@ def identify(
             as_recorded=as_recorded,
             progress=progress,
         )
-    result = result_json(found)
+    result = {**result_json(found), "senders": senders_of(paths, system)}
     result["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *result["warnings"]]))
     if result.get("validation") and any(same(judge, flight) for judge in judges for flight in flights):
         # The verdict stands in green beside its reason.
@@ -119,7 +133,7 @@ def discrepancy(
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
         found = run(flights, craft, baseline, validate_on=judges, ruled_out=ruled_out, progress=progress)
-    clean: dict[str, Any] = finite_json(found)
+    clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(paths, system)}
     models = [model] if model.is_file() else []
     clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made(

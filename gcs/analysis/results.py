@@ -11,6 +11,7 @@ from gcs.errors import SettingsError
 from gcs.text.chance import p_text, probability_text
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
+from gcs.text.quality import flights_words, quality_lines
 from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.cli.writable import unwritable
 
@@ -131,8 +132,8 @@ def _warning_lines(result: dict[str, Any]) -> list[str]:
 def identification_text(result: dict[str, Any]) -> str:
     """A result of schema identification/1 as lines."""
     # First what makes the rest doubtful: a vehicle file in grams refuses dozens of coefficients.
-    lines = _warning_lines(result)
-    lines += [f"flights: {', '.join(map(str, result.get('flights', [])))}"]
+    lines = [*_warning_lines(result), *quality_lines(result.get("quality"))]
+    lines += [f"flights: {flights_words(result)}"]
     lines += [f"thrust: {source}" for source in dict.fromkeys((result.get("thrust") or {}).values())]
     for segment in result.get("segments", []):
         if isinstance(segment, dict):
@@ -183,7 +184,7 @@ def _plain(value: Any) -> str:
 
 def discrepancy_text(result: dict[str, Any]) -> str:
     """A result of schema discrepancy/1 as lines."""
-    lines = _warning_lines(result)
+    lines = [*_warning_lines(result), *quality_lines(result.get("quality"))]
     lines += [result["sentence"], ""] if result.get("sentence") else []
     lines += [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
     if result.get("ruled_out"):

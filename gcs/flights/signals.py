@@ -110,7 +110,11 @@ class _Flight:
         """Every source that holds at least one value, in order of preference; the autopilot's component first."""
         for source in sources:
             streams = self.streams.streams.get(source.message, [])
-            if source.message == "AOA_SSA" and not declared and self.streams.autopilot == MAV_AUTOPILOT_ARDUPILOT:
+            if (
+                source.message == "AOA_SSA"
+                and not declared
+                and self.streams.sender.autopilot == MAV_AUTOPILOT_ARDUPILOT
+            ):
                 if streams:
                     self.warn(
                         "AOA_SSA comes from ArduPilot, whose filter estimates it: it counts as no vanes;"

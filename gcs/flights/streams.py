@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from gcs.clock.stamps import Stamps, VehicleClock, build_clock
 from gcs.clock.timesync import own_replies
 from gcs.errors import SignalMapError
+from gcs.flights.sender import AUTOPILOT_INVALID, GCS, GENERIC, Sender
 from gcs.flights.signalmap import INSTANCE_FIELDS
 
 Array = NDArray[np.float64]
 Records = NDArray[Any]
 
-MAV_TYPE_GCS = 6
 MAV_AUTOPILOT_ARDUPILOT = 3
-MAV_AUTOPILOT_INVALID = 8
 AUTOPILOT_COMPONENT = 1
 STAMP_FIELDS = {"time_usec": 1_000, "time_boot_ms": 1_000_000}
 
@@ -114,8 +113,7 @@ class Stream:
 class VehicleStreams:
     """All needed messages of one system, and the clock they are on."""
 
-    system: int
-    autopilot: int
+    sender: Sender
     streams: dict[str, list[Stream]]
     clock: VehicleClock
     warnings: list[str] = field(default_factory=list)
@@ -127,27 +125,27 @@ class VehicleStreams:
         return float(max((t.max() for t in times if t.size), default=0.0))
 
 
-def vehicle_system(recording: ColumnSource, system: int | None) -> tuple[int, int]:
-    """System number of the vehicle and its HEARTBEAT's autopilot.
+def sender_of(recording: ColumnSource, system: int | None) -> Sender:
+    """The vehicle that sent a recording, as its HEARTBEAT says.
 
     Raises SignalMapError where several vehicles or none are in the recording, or `system` is not.
     """
-    found: dict[int, int] = {}
+    found: dict[int, Sender] = {}
     for columns in recording.columns("HEARTBEAT"):
-        if columns.fields.size == 0 or np.all(columns.fields["type"] == MAV_TYPE_GCS):
+        if columns.fields.size == 0 or np.all(columns.fields["type"] == GCS):
             continue
-        autopilot = int(columns.fields["autopilot"][-1])
+        last = columns.fields[-1]
         # Cameras, gimbals and companion computers say "no autopilot"; the one that flies counts.
-        if autopilot != MAV_AUTOPILOT_INVALID or columns.system not in found:
-            found[columns.system] = autopilot
+        if last["autopilot"] != AUTOPILOT_INVALID or columns.system not in found:
+            found[columns.system] = Sender(columns.system, int(last["type"]), int(last["autopilot"]))
     if system is not None:
         if system not in found and not any(c.system == system for c in recording.columns("HEARTBEAT")):
             raise SignalMapError(f"{recording.path.stem}: no system {system}; vehicles in it: {_list(found)}")
-        return system, found.get(system, MAV_AUTOPILOT_INVALID)
-    flying = {number: autopilot for number, autopilot in found.items() if autopilot != MAV_AUTOPILOT_INVALID}
+        return found.get(system, Sender(system, GENERIC, AUTOPILOT_INVALID))
+    flying = {number: one for number, one in found.items() if one.autopilot != AUTOPILOT_INVALID}
     candidates = flying or found
     if len(candidates) == 1:
-        return next(iter(candidates.items()))
+        return next(iter(candidates.values()))
     if not candidates:
         advice = "where it holds telemetry at all, name the vehicle (--system N)"
         raise SignalMapError(f"{recording.path.stem}: no vehicle's HEARTBEAT in it: {advice}")
@@ -160,7 +158,8 @@ def _list(systems: Iterable[int]) -> str:
 
 def load_streams(recording: ColumnSource, messages: Iterable[str], system: int | None = None) -> VehicleStreams:
     """Every message of `messages` that the vehicle sent during its (longest) flight, and the flight's clock."""
-    number, autopilot = vehicle_system(recording, system)
+    sender = sender_of(recording, system)
+    number = sender.system
     streams: dict[str, list[Stream]] = {}
     for message in dict.fromkeys(messages):
         columns = [entry for entry in recording.columns(message, system=number) if entry.fields.size]
@@ -176,7 +175,7 @@ def load_streams(recording: ColumnSource, messages: Iterable[str], system: int |
     for message, group in streams.items():
         inside = [_instance(stream.only(clock.inside(stream.log_ns))) for stream in group]
         streams[message] = [replace(stream, time_s=clock.seconds(stream.stamps)) for stream in inside]
-    return VehicleStreams(number, autopilot, streams, clock, list(clock.warnings))
+    return VehicleStreams(sender, streams, clock, list(clock.warnings))
 
 
 def _system_time(streams: Sequence[Stream]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from gcs.flights.sender import AUTOPILOT_INVALID, GENERIC
+from gcs.flights.streams import sender_of
 from gcs.formats.conversion import check_file, import_file
 from gcs.inspection.clocks import clock_text, clocks
 from gcs.inspection.links import link_counts, radio_text, radios
@@ -62,6 +64,7 @@ def describe_recording(path: Path, key: bytes | None = None) -> dict[str, Any]:
         "topics": [
             _topic(recording, topic, count, topic_paces[topic], start_ns) for topic, count in sorted(counts.items())
         ],
+        "senders": _senders(recording),
         "components": _components(recording, counts),
         "links": [
             {"link": link, **counts.to_json(), **_link_pace(link_paces[link], counts.bytes, start_ns)}
@@ -107,6 +110,13 @@ def _link_pace(pace: Pace, size: int, start_ns: int) -> dict[str, Any]:
     }
 
 
+def _senders(recording: Recording) -> list[dict[str, object]]:
+    """Every vehicle in the recording that says what it is."""
+    systems = {columns.system for columns in recording.columns("HEARTBEAT")}
+    found = [sender_of(recording, system) for system in sorted(systems)]
+    return [one.to_json() for one in found if (one.kind, one.autopilot) != (GENERIC, AUTOPILOT_INVALID)]
+
+
 def _components(recording: Recording, counts: dict[str, int]) -> list[dict[str, Any]]:
     """Losses per link and component by gaps in the sender's counter."""
     return [
@@ -128,6 +138,7 @@ def info_text(info: dict[str, Any]) -> str:
     lines = [
         f"{info['file']}: {info['size_bytes']} bytes, {info['messages']} messages",
         f"from {info['start']} to {info['end']}, {info['duration_s']:.3f} s",
+        *(f"system {one['system']}: {one['type']}, {one['autopilot']}" for one in info["senders"]),
         "",
         f"{'topic':<44} {'count':>9} {'Hz':>9} {'longest gap, s':>15}",
     ]

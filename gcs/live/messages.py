@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.clock.stamps import Stamps
+from gcs.flights.sender import AUTOPILOT_INVALID, GCS
 from gcs.flights.signalmap import INSTANCE_FIELDS
-from gcs.flights.streams import MAV_AUTOPILOT_INVALID, MAV_TYPE_GCS, Stream
+from gcs.flights.streams import Stream
 from gcs.links.datagrams import Batch
 from gcs.mavlink.columns import FrameColumns, message_columns
 from gcs.mavlink.dialect import Dialect
@@ -107,7 +108,7 @@ class VehicleMessages:
     def restart(self) -> None:
         """Forget the vehicle and its clock; unfinished frames stay."""
         self.system: int | None = None
-        self.autopilot = MAV_AUTOPILOT_INVALID
+        self.autopilot = AUTOPILOT_INVALID
         self._clock = _Clock()
         self._instances: dict[tuple[str, int], int] = {}
         self.newest_s: float | None = None
@@ -156,7 +157,7 @@ class VehicleMessages:
             system = int(frames.sysid[index])
             if self._bound is not None and system != self._bound:
                 continue
-            if beat["type"] != MAV_TYPE_GCS and beat["autopilot"] != MAV_AUTOPILOT_INVALID and system <= LAST_VEHICLE:
+            if beat["type"] != GCS and beat["autopilot"] != AUTOPILOT_INVALID and system <= LAST_VEHICLE:
                 self.system, self.autopilot = system, int(beat["autopilot"])
                 return
 

@@ -26,12 +26,13 @@ class OpenFlights:
     progress: Progress
 
 
-def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
-    """FILE, --vehicle, --validate and --dialect."""
+def add_flight_arguments(parser: argparse.ArgumentParser, validate: bool = True) -> None:
+    """FILE, --vehicle, --validate (if asked for) and --dialect."""
     add = parser.add_argument
     add("files", metavar="FILE", type=Path, nargs="+", help="recordings, or anything that import reads")
     add("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
-    add("--validate", metavar="FILE", type=Path, action="append", default=[], help="judge on this flight")
+    if validate:
+        add("--validate", metavar="FILE", type=Path, action="append", default=[], help="judge on this flight")
     add_dialect_argument(parser)
 
 
@@ -55,6 +56,7 @@ def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
     vehicle = load_vehicle(args.vehicle)
     for warning in vehicle.warnings:  # before the job: it takes minutes, and a wrong unit makes them worthless
         print(f"gcs {args.command}: warning: {warning}", file=sys.stderr, flush=True)
-    with as_recordings([*args.files, *args.validate], args.dialect) as paths, Progress() as progress:
+    judges = getattr(args, "validate", [])
+    with as_recordings([*args.files, *judges], args.dialect) as paths, Progress() as progress:
         count = len(args.files)
         yield OpenFlights(paths[:count], paths[count:], vehicle.path, progress)

@@ -8,8 +8,9 @@ from typing import Any
 
 from gcs.errors import ReportError
 from gcs.report import tables
-from gcs.report.markup import listing, paragraph, section, text
+from gcs.report.markup import listing, paragraph, section, table, text
 from gcs.report.symbols import LEGEND, equations
+from gcs.text.quality import VERDICTS, flights_words, verdict_words
 from gcs.version import VERSION
 
 Result = Mapping[str, Any]
@@ -49,6 +50,7 @@ def _identification(result: Result) -> str:
     return _document(
         f"Flight model of {name} from {flights}",
         _facts(result),
+        _quality(result),
         _warnings(result),
         section("Validation", _validation_words(result), tables.validation(result)),
         section(
@@ -84,6 +86,7 @@ def _discrepancy(result: Result) -> str:
         f"What the flight model lacks: {verdict}",
         _definitions(facts),
         f'<p class="verdict">{text(result["sentence"])}</p>' if result.get("sentence") else "",
+        _quality(result),
         _warnings(result),
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
         section("Where", discrepancy.where(result), *gapfigures.residual_curves(result)),
@@ -94,6 +97,17 @@ def _discrepancy(result: Result) -> str:
                 paragraph(LEGEND), tables.coefficients(result["model"])),
         section("How it was made", _made(result)),
     )  # fmt: skip
+
+
+def _quality(result: Result) -> str:
+    """What the flight is worth, and why."""
+    found = result.get("quality")
+    if not found:
+        return ""
+    bad = "" if found["verdict"] == "good" else " bad"
+    words = f'<p class="verdict{bad}">The flight is {text(verdict_words(found))}</p>'
+    rows = [[text(axis), text(VERDICTS.get(one["verdict"], ""))] for axis, one in found["axes"].items()]
+    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", ["axis", "verdict"], rows)
 
 
 def _warnings(result: Result) -> str:
@@ -124,7 +138,7 @@ def _facts(result: Result) -> str:
     return _definitions(
         {
             "Vehicle": result["model"].get("name", ""),
-            "Flights": ", ".join(map(str, result["flights"])),
+            "Flights": flights_words(result),
             "Validated on": ", ".join(map(str, judges)) or "no other flight",
             "Method": _METHODS.get(result.get("method", ""), str(result.get("method", "not told"))),
             "Turbulence": _turbulence(result),

@@ -58,12 +58,15 @@ from sysid.output_error.fit import fit
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.problem.free_run import Fixed
 from sysid.problem.problem import Estimates, Problem
+from sysid.quality.flight_rules import SeenFlight, flight_quality
+from sysid.quality.verdict import CARE, Reason, joined
 from sysid.signal_check.check import told_mistakes
 from sysid.signals.flight import FlightSignals
-from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.preparation import Prepared, prepare, require_thrust
 
 MAX_EFFECTS = 3
 _AIRSPEED = "airspeed_error"
+_NOTHING_NAMED = "flight and model disagree in a way that nothing in the catalogue names"
 # Chance of coefficients as far from those given, below which those are wrong.
 _CHANCE = 1e-4
 # What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
@@ -100,6 +103,7 @@ def discrepancy(
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, start_s, stop_s) for flight in flights]
     held_out = [prepare(flight, vehicle) for flight in validate_on]
+    require_thrust([*prepared, *held_out])
     progress(0.05, "units, signs and axes")
     told = [line for group in (prepared, held_out) if group for line in told_mistakes(group, vehicle)]
     progress(0.08, "data compatibility")
@@ -126,6 +130,14 @@ def discrepancy(
     stage_before = "given" if verdict == "parameter_error" else "before"
     where = _where(base.problem, prepared, stages, stage_before) if verdict != "none" else []
     progress(1.0, "done")
+    quality = joined(
+        [
+            flight_quality(SeenFlight(one, each, vehicle, used.compatible.gust_sigma))
+            for one, each in zip(flights, prepared, strict=True)
+        ]
+    )
+    if verdict == "unexplained":
+        quality = replace(quality, reasons=(*quality.reasons, Reason(CARE, _NOTHING_NAMED)))
     result = {
         "schema": "discrepancy/1",
         "flights": [flight.data.name for flight in prepared],
@@ -138,6 +150,7 @@ def discrepancy(
         "series": series,
         "model": search.model.to_json(),
         "turbulence": max(air.horizontal, air.vertical),
+        "quality": quality.to_json(),
         "warnings": list(dict.fromkeys([*(w for one in (*prepared, *held_out) for w in one.warnings), *told])),
     }
     return {"schema": result["schema"], "sentence": sentence(result), **result}

@@ -11,7 +11,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
-from sysid.errors import DivergedError, EstimationError
+from sysid.errors import DivergedError, EstimationError, MistakenError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
@@ -30,9 +30,12 @@ from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
+from sysid.quality.estimate_rules import SeenEstimate, with_estimate
+from sysid.quality.flight_rules import SeenFlight, flight_quality
+from sysid.quality.verdict import NOTHING_SEEN, Quality, joined
 from sysid.signal_check.check import SignalCheck, check_signals, in_time
 from sysid.signals.flight import FlightSignals
-from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, unmeasured_thrust
+from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, require_thrust, unmeasured_thrust
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors
@@ -52,7 +55,8 @@ class Identification:
     """Everything an identification found. See `result_json` for the file.
 
     linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
-    it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside.
+    it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside. quality:
+    what all of it is worth.
     """
 
     flights: tuple[Prepared, ...]
@@ -69,6 +73,7 @@ class Identification:
     check: SignalCheck = field(default_factory=SignalCheck)
     compared: ModelComparison | None = None
     posterior: PosteriorEstimate | None = None
+    quality: Quality = NOTHING_SEEN
 
 
 def identify(
@@ -126,7 +131,8 @@ def _by_the_flight(asked: Request) -> Identification:
     from sysid.identification.posterior_method import meant  # slow to import
     from sysid.identification.textbook import is_textbook
 
-    if found.posterior is None or not is_textbook(found.posterior):
+    unknown_thrust = any(flight.thrust_source.missing for flight in found.flights)
+    if unknown_thrust or found.posterior is None or not is_textbook(found.posterior):
         asked.progress(1.0, "done")
         return found
     flights, validate_on = (
@@ -134,9 +140,13 @@ def _by_the_flight(asked: Request) -> Identification:
         for each in (asked.flights, asked.validate_on)
     )
     mended = replace(asked.within(0.5, 1.0), flights=flights, validate_on=validate_on)
-    books = _by_the_books(mended, "oe")
+    try:
+        books = _by_the_books(mended, "oe")
+    except MistakenError:
+        raise
+    except SysidError:
+        return found
     if books.likeliest is not None and books.likeliest.left_over:
-        asked.progress(1.0, "done")
         return found
     mistakes = found.check.mistakes
     return replace(
@@ -151,6 +161,7 @@ def _by_the_books(asked: Request, method: str) -> Identification:
     vehicle, progress, check = asked.vehicle, asked.progress, asked.check
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
+    require_thrust(prepared)
     compatible = None
     if check is None:
         progress(0.05, "units, signs, axes and delays")
@@ -167,12 +178,19 @@ def _by_the_books(asked: Request, method: str) -> Identification:
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
     compatible = posed.compatible
+    likeliest = found.likeliest
+    left_over = "" if likeliest is None else likeliest.left_over
+    misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
+    seen = SeenEstimate(
+        found.model, found.refused, validation, {}, misfit, left_over, [one.sentence for one in check.findings()]
+    )
     return Identification(
         tuple(posed.prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         linear_model(vehicle, found.model, posed.prepared, compatible, found.likeliest),
-        tuple(dict.fromkeys(warnings)), check, compared,
+        tuple(dict.fromkeys(warnings)), check, compared, None,
+        with_estimate(_before(asked.flights, posed.prepared, compatible, vehicle), seen),
     )  # fmt: skip
 
 
@@ -197,13 +215,27 @@ def _by_posterior(asked: Request) -> Identification:
     compared = comparison(judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), False)
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
+    groups = found.estimate.results.items()
+    seen = SeenEstimate(
+        found.model, found.refused, validation, {group: one.feedback for group, one in groups}, "", "",
+        [one.sentence for one in found.mistakes],
+    )  # fmt: skip
     return Identification(
         found.prepared, found.compatible, found.model, errors,
         unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
         tuple(flight.name for flight in asked.validate_on), None, None,
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
         tuple(dict.fromkeys(warnings)), check, compared, found.estimate,
+        with_estimate(_before(found.signals, found.prepared, found.compatible, vehicle), seen),
     )  # fmt: skip
+
+
+def _before(
+    flights: Sequence[FlightSignals], prepared: Sequence[Prepared], compatible: CompatibilityResult, vehicle: Vehicle
+) -> Quality:
+    """What the flights are worth by themselves."""
+    pairs = zip(flights, prepared, strict=True)
+    return joined([flight_quality(SeenFlight(one, each, vehicle, compatible.gust_sigma)) for one, each in pairs])
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,16 @@ from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
+from sysid.equation_error.coefficients import body_of
+from sysid.equation_error.dead_surfaces import frozen_commands, part_of
 from sysid.errors import SignalError, SysidError
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
 from sysid.posterior.declared import unused_timing
 from sysid.posterior.part import NEEDED, FlightPart, make_part
-from sysid.problem.formulation import known_before
+from sysid.problem.coefficient_residuals import moment_noise
+from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
@@ -36,8 +39,9 @@ _JOINED_S = 15.0
 
 @dataclass(frozen=True)
 class PosteriorIdentification:
-    """What an identification by the posterior found."""
+    """What an identification by the posterior found. signals: as the sensors meant them."""
 
+    signals: tuple[FlightSignals, ...]
     prepared: tuple[Prepared, ...]
     compatible: CompatibilityResult
     model: Model
@@ -103,11 +107,28 @@ def _identified(read: Sequence[Meant], asked: Request) -> PosteriorIdentificatio
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
     known = known_before(asked.prior, structure, warnings)
     effects = [(e.name, key) for e in structure.effects for key, entry in e.parameters.items() if entry.std]
-    found = estimate(parts, vehicle, structure, effects, known, asked.systematic, asked.within(0.3, 0.8).progress)
+    dead = _dead_surfaces(prepared, vehicle, compatible, surfaces)
+    found = estimate(parts, vehicle, structure, effects, known, asked.systematic, dead, asked.within(0.3, 0.8).progress)
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))
-    return PosteriorIdentification(tuple(prepared), compatible, model, tuple(refused), found, told, mistakes)
+    return PosteriorIdentification(
+        tuple(flights), tuple(prepared), compatible, model, tuple(refused), found, told, mistakes
+    )
+
+
+def _dead_surfaces(
+    prepared: Sequence[Prepared], vehicle: Vehicle, compatible: CompatibilityResult, recorded: Sequence[str]
+) -> dict[str, str]:
+    """Group of axes -> what to say of a surface that stands still in the recording alone; in calm air, and where the
+    kinematics hold.
+    """
+    if compatible.gust_sigma > 0.0 or not compatible.parameters:
+        return {}
+    noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
+    parts = corrected_parts(prepared, vehicle, compatible)
+    told = frozen_commands(parts, body_of(vehicle), noise, recorded)
+    return {part_of(name): sentence for name, sentence in told.items()}
 
 
 def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> list[Refusal]:
@@ -121,7 +142,9 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
         if name not in structure.coefficients:
             continue
         value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
-        if name in found.not_believed:
+        if name.startswith("CD") and not thrust:
+            reason = "drag needs thrust: measure it, or give [propulsion] for rpm or throttle"
+        elif name in found.not_believed:
             reason = found.not_believed[name]
         elif set(parse_term(name).factors) <= _STATIC and (beyond := not_believed(name, value)) is not None:
             reason = beyond
@@ -129,8 +152,6 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
         elif std > PRIOR_SHARE * found.prior_std[name]:
             reason = "the flight tells no more of it than was known before"
-        elif name.startswith("CD") and not thrust:
-            reason = "drag needs thrust: measure it, or give [propulsion] for rpm or throttle"
         else:
             continue
         refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
@@ -140,23 +161,30 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
 
 
 def bridged(signals: FlightSignals) -> FlightSignals:
-    """The flight with bursts of lost samples up to 2 s filled by straight lines, so that it stays in one part.
+    """The flight with bursts of lost samples up to 2 s, and what comes between those of slower sensors than the gyros,
+    filled by straight lines, so that it stays in one part.
 
     For finding the parts of a flight alone: what is fitted is compared at the stamps of the samples there are.
     """
     filled = {}
+    usual = min((float(np.median(np.diff(one.time_s))) for one in _imu(signals) if one.time_s.size > 10), default=0.0)
     for name, one in signals.signals.items():
         good = np.isfinite(one.time_s) & np.isfinite(one.values)
         time_s, values = one.time_s[good], one.values[good]
         if name in (*NEEDED, "alpha", "beta", *SURFACES, "throttle", "thrust") and time_s.size > 10:
-            time_s, values = _filled(time_s, values)
+            time_s, values = _filled(time_s, values, usual if name in NEEDED else 0.0)
         filled[name] = Signal(time_s, values, one.unit, one.source, one.calibration)
     return replace(signals, signals=filled)
 
 
-def _filled(time_s: Array, values: Array) -> tuple[Array, Array]:
+def _imu(signals: FlightSignals) -> list[Signal]:
+    return [signals.signals[name] for name in ("ax", "ay", "az", "p", "q", "r") if name in signals.signals]
+
+
+def _filled(time_s: Array, values: Array, least_s: float) -> tuple[Array, Array]:
+    """Samples with more of them on straight lines, at the usual interval of the signal or at `least_s`."""
     steps = np.diff(time_s)
-    usual = float(np.median(steps))
+    usual = least_s if least_s > 0.0 else float(np.median(steps))
     more = [
         np.linspace(time_s[i], time_s[i + 1], max(2, round(steps[i] / usual)) + 1)[1:-1]
         for i in np.flatnonzero((steps > 1.5 * usual) & (steps < _BRIDGED_S))

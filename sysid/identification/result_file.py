@@ -53,6 +53,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "model": found.model.to_json(),
         **_linear(found.linear),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
+        "quality": found.quality.to_json(),
         "validation": _validation(found.validation, found.validation_flights),
         **_series(found),
         "refused": [vars(refusal) for refusal in found.refused],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -170,13 +171,14 @@ def estimate(
     effects: Sequence[tuple[str, str]] = (),
     known: Gaussian | None = None,
     systematic: bool = True,
+    lost: Mapping[str, str] = MappingProxyType({}),
     progress: Report = lambda share, text: None,
 ) -> PosteriorEstimate:
     """Estimate every group of axes that the parts excite.
 
     structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
     free. known: what a prior model tells. Priors of the nuisances that the vehicle file states replace the table's.
-    systematic: whether to say what usual errors of that file would do.
+    systematic: whether to say what usual errors of that file would do. lost: group -> why it cannot be estimated.
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
@@ -191,6 +193,9 @@ def estimate(
     for place, group in enumerate(GROUPS):
         own = [name for name in structure.coefficients if is_longitudinal(name) == (group == "longitudinal")]
         if not own:
+            continue
+        if group in lost:
+            left_out[group] = lost[group]
             continue
         if not moved & set(SURFACES_OF[group]):
             unexcited += own

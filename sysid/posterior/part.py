@@ -20,7 +20,7 @@ from sysid.posterior.smoothing import Airspeed, airspeed_through, expected, smoo
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
-from sysid.signals.thrust_source import thrust_in_air
+from sysid.signals.thrust_source import dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
@@ -201,11 +201,12 @@ def _thrust(
     span: tuple[float, float],
 ) -> tuple[Array, str]:
     """Thrust, and the signal that tells it: measured, what accelerates the motor on its cell added, or by rpm; NaN
-    where the simulation takes it from the throttle.
+    where the simulation takes it from the throttle, and none where nothing tells it.
     """
     propulsion = vehicle.propulsion
     time_s, values = finite(signals, "thrust", *span)
-    if time_s.size >= 10:
+    throttle = finite(signals, "throttle", *span)[1]
+    if time_s.size >= 10 and not dead_thrust(values, throttle):
         moving = 0.0 if propulsion is None else propulsion.moving_mass
         return np.asarray(_smooth((time_s, values), grid, _THRUST_HALF_S) + moving * ahead), "thrust"
     if propulsion is None:
@@ -213,7 +214,9 @@ def _thrust(
     time_s, values = finite(signals, "rpm", *span)
     if time_s.size >= 10 and propulsion.by_rpm:
         return thrust_in_air(_smooth((time_s, values), grid, _THRUST_HALF_S), airspeed, rho, vehicle), "rpm"
-    return np.full(grid.size, np.nan), "throttle"
+    if propulsion.by_throttle and throttle.size >= 2:
+        return np.full(grid.size, np.nan), "throttle"
+    return np.zeros(grid.size), ""
 
 
 def _flow(
@@ -314,6 +317,9 @@ def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:
 
 
 def outputs_of(group: str, parts: Sequence[FlightPart]) -> tuple[str, ...]:
-    """Outputs of a group of axes that every part measured."""
-    wanted = ("q", "az", "ax", "alpha") if group == "longitudinal" else ("p", "r", "ay", "beta")
+    """Outputs of a group of axes that every part measured, and that the simulation can give."""
+    wanted: tuple[str, ...] = ("q", "az", "ax", "alpha") if group == "longitudinal" else ("p", "r", "ay", "beta")
+    if not all(part.thrust_from for part in parts):
+        # Without thrust a simulated ax is drag alone, and the difference would pass for the accelerometer's zero.
+        wanted = tuple(name for name in wanted if name != "ax")
     return tuple(name for name in wanted if all(name in part.channels for part in parts))

@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import SignalError
+from sysid.errors import MistakenError
 from sysid.signal_check.fault import Mistake, delay_mistake
 from sysid.signal_check.fault_hypotheses import SPEED
 from sysid.signal_check.fault_search import DELAY_LEAST_S, find_mistakes
@@ -47,7 +47,7 @@ class SignalCheck:
 
 
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
-    """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
+    """Look for mistakes in the signals of flights. Raises MistakenError where the data cannot be used as they are."""
     found = _found(prepared, vehicle)
     stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
@@ -88,10 +88,10 @@ def flights_named(prepared: Sequence[Prepared]) -> str:
 
 
 def stop_at_unusable(found: Sequence[Mistake], name: str) -> None:
-    """Raise SignalError for mistakes that leave nothing to estimate from."""
+    """Raise MistakenError for mistakes that leave nothing to estimate from."""
     wrong = [one for one in found if not one.usable]
     if wrong:
-        raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
+        raise MistakenError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
 
 
 def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle) -> bool:

@@ -58,7 +58,9 @@ class FlightSignals:
         missing = [name for name in names if name not in self.signals]
         if missing:
             there = ", ".join(self.signals)
-            raise SignalError(f"{self.name}: no signal {', '.join(missing)}; the recording has {there}")
+            raise SignalError(
+                f"{self.name}: no signal {', '.join(missing)}: have the vehicle send it; the recording has {there}"
+            )
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,13 @@ from sysid.signals.redundant_vanes import combined_vanes
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
 from sysid.signals.sensor_layout import SensorLayout, sensor_layout
-from sysid.signals.thrust_source import ThrustSource
+from sysid.signals.thrust_source import ThrustSource, dead_thrust
 
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 # Longest stretch taken as one; more than that per flight is cut up, not left out.
 MAX_STRETCH_S = 60.0
 # Travel of a surface, rad, after which the aircraft must have moved.
 _MOVED = 0.02
-# Travel of the throttle after which thrust must have changed.
-_THROTTLE_MOVED = 0.1
 # What each surface moves, directly or through the motion it excites.
 _MOVED_BY = {
     "de": ("q", "az", "theta", "ax", "alpha"),
@@ -141,13 +139,13 @@ def prepare(
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)
     if "thrust" in data and repeats(data["thrust"]):
-        told = "thrust: repeats one value throughout; if that sensor is dead, lift and drag coefficients are wrong"
-        if "throttle" in data and np.ptp(np.nan_to_num(data["throttle"])) > _THROTTLE_MOVED:
-            told = (
-                "thrust: repeats one value while the throttle moves: the sensor is dead, and lift and drag coefficients"
-                " are wrong; leave it out of the recording, and thrust follows from rpm or throttle by [propulsion]"
-            )
-        data = replace(data, warnings=(*data.warnings, told))
+        columns, told = dict(data.columns), "if that sensor is dead, lift and drag coefficients are wrong"
+        if dead_thrust(data["thrust"], data.columns.get("throttle", np.zeros(0))):
+            told = "though the throttle moves: the sensor is dead; it is left out"
+            del columns["thrust"]
+        data = replace(
+            data, columns=columns, warnings=(*data.warnings, f"thrust: repeats one value throughout; {told}")
+        )
     spans: list[tuple[FlightSegment, int, int]] = []
     for segment in segments:
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
@@ -171,7 +169,9 @@ def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None =
 
     known_by_rpm: share to which thrust by the propeller's speed was known, where its error is estimated.
     """
-    sources = dict.fromkeys(flight.thrust_source for flight in prepared if not flight.thrust_source.measured)
+    sources = dict.fromkeys(
+        flight.thrust_source for flight in prepared if flight.thrust_source.signal in ("rpm", "throttle")
+    )
     counted = "the systematic column counts 5 % of thrust (thrust_5pct)"
     estimated = f"one gain for all of it is estimated, known to {known_by_rpm or 0.0:.0%} before"
     return [
@@ -179,6 +179,13 @@ def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None =
         f"{estimated if known_by_rpm and source.signal == 'rpm' else counted}"
         for source in sources
     ]
+
+
+def require_thrust(prepared: Sequence[Prepared]) -> None:
+    """Raise SignalError where a flight does not tell its thrust."""
+    for flight in prepared:
+        if flight.thrust_source.missing:
+            raise SignalError(f"{flight.data.name}: thrust is unknown: {flight.thrust_source.missing}")
 
 
 def airspeed_gain(record: Record, layout: SensorLayout) -> Array:

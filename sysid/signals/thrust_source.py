@@ -14,26 +14,33 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.filters import first_order_lag
-from sysid.signals.flight import FlightData
+from sysid.signals.flight import FlightData, repeats
 from sysid.signals.thrust_denoising import Denoised, denoised_thrust
 
 THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
 # Share of the flight through which a signal must be there to be used as an input.
 _PRESENT = 0.9
+# Travel of the throttle after which thrust must have changed.
+_THROTTLE_MOVED = 0.1
 
 
 @dataclass(frozen=True)
 class ThrustSource:
-    """signal: "thrust" (measured), "rpm" or "throttle". law: how thrust follows from it, "" where it is measured."""
+    """signal: "thrust" (measured), "rpm" or "throttle"; "" where nothing tells it, and `missing` says why. law: how
+    thrust follows from it, "" where it is measured.
+    """
 
     signal: str
     law: str = ""
+    missing: str = ""
 
     @property
     def measured(self) -> bool:
         return self.signal == "thrust"
 
     def __str__(self) -> str:
+        if not self.signal:
+            return "unknown"
         return "measured" if self.measured else f"from {self.signal} by {self.law}"
 
 
@@ -44,8 +51,13 @@ def _present(data: FlightData, name: str) -> bool:
     return name in data and float(np.isfinite(data[name]).mean()) > _PRESENT
 
 
+def dead_thrust(thrust: Array, throttle: Array) -> bool:
+    """Whether measured thrust repeats one value though the throttle (0 to 1) moves: its sensor is dead."""
+    return repeats(thrust) and throttle.size > 1 and float(np.ptp(np.nan_to_num(throttle))) > _THROTTLE_MOVED
+
+
 def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
-    """Where thrust comes from. Raises SignalError in one line where nothing tells it."""
+    """Where thrust comes from."""
     propulsion = vehicle.propulsion
     if _present(data, "thrust"):
         return MEASURED
@@ -56,14 +68,10 @@ def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
     there = [name for name in ("rpm", "throttle") if _present(data, name)]
     if there:
         needs = "CT with diameter (and max_rpm, if there is no rpm), or max_thrust"
-        raise SignalError(
-            f"{data.name}: thrust is unknown: the flight has {' and '.join(there)}, the vehicle file no law for it: "
-            f"give [propulsion] {needs}"
-        )
-    raise SignalError(
-        f"{data.name}: thrust is unknown: the flight has neither a thrust signal nor rpm nor a throttle; "
-        "record one, or give [controls.throttle] its servo"
-    )
+        why = f"the flight has {' and '.join(there)}, the vehicle file no law for it: give [propulsion] {needs}"
+        return ThrustSource("", missing=why)
+    why = "the flight has neither a thrust signal nor rpm nor a throttle"
+    return ThrustSource("", missing=f"{why}; record one, or give [controls.throttle] its servo")
 
 
 def filled(values: Array) -> Array:

@@ -115,7 +115,6 @@ def test_a_log_cut_off_anywhere_gives_what_is_in_it(folder: Path, capsys: pytest
         ("VFR_HUD", "no signal airspeed"),
         ("ATTITUDE", "no signal phi, theta"),
         ("HIGHRES_IMU", "no signal ax, ay, az"),
-        ("NAMED_VALUE_FLOAT", "thrust is unknown"),
         ("SERVO_OUTPUT_RAW", "no control surface is known"),
         ("HEARTBEAT", "no vehicle's HEARTBEAT"),
     ],
@@ -181,3 +180,64 @@ def test_doubtful_units_are_told(folder: Path, capsys: pytest.CaptureFixture[str
     assert code == 0
     (line,) = [text for text in result["warnings"] if "controls.elevator.deflection" in text]
     assert "degrees" in line
+
+
+def test_check_says_what_a_log_is_worth_and_what_to_do_better(
+    folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
+) -> None:
+    vehicle = ["--vehicle", str(folder / "heron.toml")]
+    assert main(["check", str(folder / "HIGHRES_IMU.tlog"), *vehicle, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=no_constant)
+    assert found["schema"] == "check/1"
+    assert found["quality"]["verdict"] in ("good", "care")
+    assert found["quality"]["axes"].keys() == {"CL", "CD", "Cm", "CY", "Cl", "Cn"}
+    assert found["senders"]["HIGHRES_IMU"]["type"] == "fixed wing"
+    assert found["rates"]["HIGHRES_IMU"]["q"] == pytest.approx(50.0, abs=0.1)
+    told = found["expected"]["Cm_alpha"]
+    assert abs(told["value"] - TRUTH["Cm_alpha"]) < 4.0 * told["std"]
+
+    mute = folder / "mute.tlog"
+    write_tlog(mute, rows[:600], "HIGHRES_IMU", 0.0, lambda message: message.get_type() != "VFR_HUD")
+    assert main(["check", str(mute), *vehicle]) == 1
+    said = capsys.readouterr().out
+    assert said.startswith("quality: too poor, because\n  mute: no signal airspeed: have the vehicle send it")
+
+
+def test_the_log_of_something_without_wings_is_one_line_with_its_type(
+    folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = folder / "copter.tlog"
+
+    def as_quadrotor(message: Any) -> bool:
+        if message.get_type() == "HEARTBEAT":
+            message.type = mavutil.mavlink.MAV_TYPE_QUADROTOR
+        return True
+
+    write_tlog(log, rows[:600], "HIGHRES_IMU", 0.0, as_quadrotor)
+    code, result, said = identify(capsys, log, "--vehicle", folder / "heron.toml")
+    assert (code, result) == (1, {})
+    assert "copter: the log of a quadrotor" in said
+    assert said.count("\n") == 1
+    assert main(["info", str(log)]) == 0
+    assert "system 7: quadrotor" in capsys.readouterr().out
+
+
+def test_without_any_thrust_all_but_drag_is_told(
+    folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = folder / "no_thrust.tlog"
+    write_tlog(log, rows, "HIGHRES_IMU", 0.0, lambda message: message.get_type() != "NAMED_VALUE_FLOAT")
+    code, result, _ = identify(capsys, log, "--vehicle", folder / "heron.toml")
+    assert (code, result["method"], result["thrust"]) == (0, "map", {"no_thrust": "unknown"})
+    found = result["model"]["coefficients"]
+    for name in TRUTH:
+        if name.startswith("CD"):
+            assert "drag needs thrust" in found[name]["refused"]
+        else:
+            limit = max(4.0 * found[name]["std"], 0.15 * abs(TRUTH[name]))
+            assert found[name]["value"] == pytest.approx(TRUTH[name], abs=limit), name
+    assert not any(one["name"] == "ax_zero" for one in result["nuisances"])
+    assert any("thrust is unknown" in reason for reason in result["quality"]["reasons"])
+    code, result, said = identify(capsys, log, "--vehicle", folder / "heron.toml", "--method", "oe")
+    assert (code, result) == (1, {})
+    assert "thrust is unknown: the flight has neither" in said

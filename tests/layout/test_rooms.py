@@ -21,6 +21,7 @@ ORDER = {
             "posterior",
             "uncertainty",
             "validation",
+            "quality",
             "identification",
             "discrepancy",
             "design",

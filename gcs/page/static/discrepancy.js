@@ -2,7 +2,7 @@
 
 import { field, h, listing, remark, select, table, there } from './dom.js'
 import { chance, NONE, number, percent, plusMinus, probability, shownUnit, signalName } from './format.js'
-import { modelLink } from './identification.js'
+import { modelLink, quality } from './identification.js'
 import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
 import { band, BLACK, bokeh, COLOURS, legendAbove, level, line, plot, shown, source } from './plots.js'
@@ -38,6 +38,7 @@ export function discrepancy(page, result, summary, signal) {
   const bars = h('div', { class: 'plots' })
   page.append(...there(
     remark(kind, h('p', { class: 'verdict' }, words), h('p', {}, result.sentence)),
+    quality(result),
     result.warnings?.length && remark('note', h('h2', {}, 'Warnings'), listing(result.warnings)),
     h('p', { class: 'row' }, opened(`/api/flights/${id}/report?of=discrepancy`, 'Report to read and print'),
       download(`/api/flights/${id}/discrepancy`, `${summary.id}-discrepancy.json`, 'Result (JSON)'),

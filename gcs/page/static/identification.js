@@ -26,7 +26,7 @@ export function identification(page, result, summary, signal) {
   }
   const found = result.validation
   page.append(
-    verdict(result), ...there(
+    quality(result), verdict(result), ...there(
       result.warnings.length && remark('note', h('h2', {}, 'Warnings'), listing(result.warnings))),
     h('p', { class: 'row' }, opened(`/api/flights/${id}/report?of=identification`, 'Report to read and print'),
       download(`/api/flights/${id}/identification`, `${summary.id}-identification.json`, 'Result (JSON)'),
@@ -50,6 +50,18 @@ export async function modelLink(place, flight, kind, signal) {
   const models = await get('/api/models', signal)
   const mine = models.find(model => model.flight_id === flight && model.kind === kind)
   if (mine) place.append(download(`/api/models/${mine.id}`, `${flight}-model.json`, 'Model (JSON)'))
+}
+
+const QUALITY = { good: ['good', 'The flight is good for identification.'],
+  care: ['note', 'The flight is usable with care, because:'], poor: ['bad', 'The flight is too poor, because:'] }
+
+/** What the flight is worth, and why. Nothing in results that do not say. */
+export function quality({ quality: found, senders }) {
+  if (!found) return ''
+  const [kind, words] = QUALITY[found.verdict] ?? ['note', found.verdict]
+  const flown = Object.entries(senders ?? {}).map(([flight, one]) => `${flight}: ${one.type}, ${one.autopilot}.`)
+  return remark(kind, h('p', { class: 'verdict' }, words), ...there(flown.length ? h('p', {}, flown.join(' ')) : null),
+    ...there(found.reasons.length ? listing(found.reasons) : null))
 }
 
 function verdict({ validation }) {

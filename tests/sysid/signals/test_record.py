@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -93,19 +94,26 @@ def test_without_a_thrust_signal_thrust_follows_from_the_throttle() -> None:
     assert thrust_source(flight(thrust=mostly_missing), vehicle()).signal == "throttle"
 
 
+def test_without_a_surface_there_is_no_record_and_one_line_says_so() -> None:
+    with pytest.raises(SignalError, match="no control surface") as caught:
+        make_record(flight(de=None, da=None, dr=None), vehicle(), 0, N)
+    assert str(caught.value).startswith("f: ")
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("data", "plane", "told"),
     [
-        (flight(thrust=None), vehicle(max_thrust=None), "thrust is unknown"),
-        (flight(thrust=None, throttle=None), vehicle(), "thrust is unknown"),
-        (flight(de=None, da=None, dr=None), vehicle(), "no control surface"),
+        (flight(thrust=None), vehicle(max_thrust=None), r"the vehicle file no law for it: give \[propulsion\]"),
+        (flight(thrust=None, throttle=None), vehicle(), "neither a thrust signal nor rpm nor a throttle"),
     ],
 )
-def test_a_missing_input_is_named_in_one_line(data: FlightData, plane: Vehicle, told: str) -> None:
-    with pytest.raises(SignalError, match=told) as caught:
-        make_record(data, plane, 0, N)
-    assert str(caught.value).startswith("f: ")
-    assert "\n" not in str(caught.value)
+def test_thrust_that_nothing_tells_is_unknown_and_one_line_says_why(
+    data: FlightData, plane: Vehicle, told: str
+) -> None:
+    record = make_record(data, plane, 0, N)
+    assert str(record.thrust_source) == "unknown"
+    assert re.search(told, record.thrust_source.missing)
 
 
 def test_a_gap_in_a_command_keeps_the_last_one() -> None:

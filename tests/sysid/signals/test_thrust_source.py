@@ -83,13 +83,14 @@ def test_measured_thrust_needs_no_such_column(flown: FlightSignals) -> None:
     assert not any("thrust_5pct" in column for column in columns)
 
 
-def test_a_flight_that_tells_nothing_of_thrust_is_refused_in_one_line(flown: FlightSignals) -> None:
+@pytest.mark.parametrize("method", ["ee", "oe", "fe"])
+def test_the_methods_of_the_books_need_thrust_and_say_so_in_one_line(method: str, flown: FlightSignals) -> None:
     with pytest.raises(SignalError, match="neither a thrust signal nor rpm nor a throttle") as caught:
-        identify([without(flown, "thrust", "rpm", "throttle")], aircraft())
+        identify([without(flown, "thrust", "rpm", "throttle")], aircraft(), method=method)
     assert "\n" not in str(caught.value)
     bare = replace(load_vehicle("iitb-mav"), propulsion=None)
     with pytest.raises(SignalError, match="the vehicle file no law for it"):
-        identify([without(flown, "thrust")], bare)
+        identify([without(flown, "thrust")], bare, method=method)
 
 
 def flight(**columns: float) -> FlightData:

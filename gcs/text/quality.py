@@ -1,0 +1,30 @@
+"""Flights in words: who flew, and what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+VERDICTS = {"good": "good", "care": "usable with care", "poor": "too poor"}
+
+
+def verdict_words(quality: Mapping[str, Any]) -> str:
+    """The verdict, with a colon's worth of what follows."""
+    words = VERDICTS.get(str(quality.get("verdict")), str(quality.get("verdict")))
+    return f"{words}, because" if quality.get("reasons") and quality.get("verdict") != "good" else words
+
+
+def quality_lines(quality: Mapping[str, Any] | None) -> list[str]:
+    """The verdict and its reasons, one line each; nothing where there is none."""
+    if not quality:
+        return []
+    return [f"quality: {verdict_words(quality)}", *(f"  {reason}" for reason in quality.get("reasons", [])), ""]
+
+
+def flights_words(result: Mapping[str, Any]) -> str:
+    """Names of a result's flights, each with the type of vehicle and its autopilot where the result says."""
+    senders = result.get("senders") or {}
+    return ", ".join(
+        f"{name} ({senders[name]['type']}, {senders[name]['autopilot']})" if name in senders else str(name)
+        for name in result.get("flights", [])
+    )

@@ -1,0 +1,212 @@
+"""What a recording is worth before anything is estimated: rates, gaps, timing, vibration, excitation, sensors, air."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SignalError
+from sysid.numerics.smoothing import noise_sigma
+from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
+from sysid.quality.verdict import AXES, CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
+from sysid.signals.flight import FlightSignals, repeats
+from sysid.signals.preparation import Prepared
+
+_IMU = ("p", "q", "r", "ax", "ay", "az")
+_SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+_MOVED_BY = {LONGITUDINAL: ("de",), LATERAL: ("da", "dr")}
+
+
+@dataclass(frozen=True)
+class SeenFlight:
+    """A flight as the rules see it.
+
+    signals: as recorded, within the parts that are used. gusts: m/s, as kinematics tell them; 0 for calm air, or not
+    known.
+    """
+
+    signals: FlightSignals
+    prepared: Prepared
+    vehicle: Vehicle
+    gusts: float
+
+    def samples(self, name: str) -> tuple[Array, Array]:
+        """Stamps and values that carry a number, within the parts."""
+        one = self.signals.signals.get(name)
+        if one is None:
+            return np.zeros(0), np.zeros(0)
+        good = np.isfinite(one.time_s) & np.isfinite(one.values)
+        inside = np.zeros(good.size, dtype=bool)
+        for stretch in self.prepared.stretches:
+            inside |= (one.time_s >= stretch.segment.start_s) & (one.time_s <= stretch.segment.end_s)
+        return one.time_s[good & inside], one.values[good & inside]
+
+    def travel(self, surface: str) -> float:
+        """Standard deviation of a surface, rad."""
+        values = self.samples(surface)[1]
+        return float(np.std(values)) if values.size else 0.0
+
+
+def flight_quality(seen: SeenFlight) -> Quality:
+    """The verdict by the rules of this module."""
+    lost = tuple(_not_flown(seen))
+    gone = {axis for one in lost for axis in one.axes}
+    found = once(reason for rule in RULES for reason in rule(seen))
+    return Quality(tuple(one for one in found if not one.axes or set(one.axes) - gone), AXES, lost)
+
+
+def _intervals(seen: SeenFlight, name: str) -> Array:
+    """Times between samples within the parts, s; breaks between parts are none of them."""
+    stamps = seen.samples(name)[0]
+    steps = np.diff(stamps)
+    edges = [stretch.segment.end_s for stretch in seen.prepared.stretches]
+    across = np.zeros(steps.size, dtype=bool)
+    for edge in edges:
+        across |= (stamps[:-1] <= edge) & (stamps[1:] > edge)
+    return np.asarray(steps[~across & (steps > 0.0)])
+
+
+def _rate(seen: SeenFlight, name: str) -> float:
+    steps = _intervals(seen, name)
+    return 1.0 / float(np.median(steps)) if steps.size else 0.0
+
+
+def _rates(seen: SeenFlight) -> Iterator[Reason]:
+    slowest = min((_rate(seen, name) for name in _IMU if name in seen.signals.signals), default=0.0)
+    if slowest < LIMITS.imu_hz - 0.5:
+        verdict = POOR if slowest < LIMITS.imu_least_hz - 0.2 else CARE
+        yield Reason(verdict, f"gyros and accelerometers come at {slowest:.0f} Hz", "have them sent at 50 Hz or more")
+    for names, least, words in (
+        (("alpha", "beta"), LIMITS.vane_hz, "vanes"),
+        (("de", "da", "dr"), LIMITS.command_hz, "commands"),
+        (("airspeed",), LIMITS.air_hz, "airspeed"),
+    ):
+        rates = [rate for name in names if (rate := _rate(seen, name)) > 0.0]
+        if rates and min(rates) < 0.95 * least:
+            yield Reason(CARE, f"{words}: {min(rates):.1f} Hz", f"have them sent at {least:.0f} Hz or more")
+
+
+def _gaps(seen: SeenFlight) -> Iterator[Reason]:
+    steps = _intervals(seen, "q")
+    if steps.size < 2:
+        return
+    usual = float(np.median(steps))
+    long = steps[steps > 1.8 * usual]
+    share = float((long - usual).sum() / steps.sum())
+    if share > LIMITS.lost:
+        yield Reason(
+            POOR if share > LIMITS.lost_most else CARE,
+            f"{share:.0%} of the time is without gyros ({long.size} gaps, the longest {long.max():.2g} s)",
+            "log on board, or at a rate that the link carries",
+        )
+    short = steps[steps <= 1.8 * usual]
+    spread = float(np.subtract(*np.percentile(short, (90.0, 10.0)))) / usual
+    if spread > LIMITS.uneven:
+        yield Reason(CARE, f"stamps of the gyros are uneven by {spread:.0%} of their interval", "log on board")
+
+
+def _vibration(seen: SeenFlight) -> Iterator[Reason]:
+    for name in ("ax", "ay", "az"):
+        stamps, values = seen.samples(name)
+        if values.size < 50:
+            continue
+        try:
+            noise = noise_sigma(values, float(np.median(np.diff(stamps))))
+        except SignalError:
+            continue
+        if noise > LIMITS.vibration:
+            yield Reason(
+                CARE,
+                f"{name} shakes by {noise:.1f} m/s^2 from sample to sample",
+                "balance the propeller, put the autopilot on foam",
+            )
+        top = float(np.max(np.abs(values))) / STANDARD_GRAVITY
+        at_end = int(np.count_nonzero(np.abs(values) > 0.999 * top * STANDARD_GRAVITY))
+        if at_end >= LIMITS.clipped and any(abs(top / one - 1.0) < 0.03 for one in LIMITS.ranges_g):
+            yield Reason(CARE, f"{name} is cut off at {top:.1f} g, {at_end} times", "set a wider range")
+
+
+def _not_flown(seen: SeenFlight) -> Iterator[Reason]:
+    for axes, surfaces in _MOVED_BY.items():
+        if all(seen.travel(name) <= LIMITS.still for name in surfaces):
+            words = " and ".join(_SURFACES[name] for name in surfaces)
+            yield Reason(POOR, f"{words} did not move", f"fly test inputs on {words}", axes)
+
+
+def _excitation(seen: SeenFlight) -> Iterator[Reason]:
+    for axes, surfaces in _MOVED_BY.items():
+        most = max(seen.travel(name) for name in surfaces)
+        if LIMITS.still < most < LIMITS.small:
+            words = " and ".join(_SURFACES[name] for name in surfaces)
+            yield Reason(
+                CARE, f"{words} moved by {np.degrees(most):.1f} deg in the mean", "fly inputs of 2 to 4 deg", axes
+            )
+    seconds = sum(one.segment.end_s - one.segment.start_s for one in seen.prepared.stretches)
+    if seconds < LIMITS.excited_s:
+        yield Reason(
+            CARE, f"{seconds:.0f} s of flight are excited", "fly test inputs for half a minute, or several flights"
+        )
+    if all(seen.travel(name) > LIMITS.still for name in ("da", "dr")):
+        (stamps, aileron), (others, rudder) = seen.samples("da"), seen.samples("dr")
+        there = np.interp(stamps, others, rudder)
+        if abs(float(np.corrcoef(aileron, there)[0, 1])) > LIMITS.alike:
+            yield Reason(
+                CARE, "aileron and rudder move together", "move one at a time, or a multisine on each", LATERAL
+            )
+    elif any(seen.travel(name) > LIMITS.still for name in ("da", "dr")):
+        still = next(name for name in ("da", "dr") if seen.travel(name) <= LIMITS.still)
+        yield Reason(CARE, f"{_SURFACES[still]} did not move", f"fly test inputs on {_SURFACES[still]}", LATERAL)
+
+
+def _sensors(seen: SeenFlight) -> Iterator[Reason]:
+    there = {name for name, one in seen.signals.signals.items() if one.values.size > 1 and not repeats(one.values)}
+    for name, axes, words in (("alpha", ("CL", "Cm"), "attack"), ("beta", LATERAL, "sideslip")):
+        if name not in there:
+            text = f"no vane of the angle of {words}: it is taken from the kinematics"
+            yield Reason(CARE, text, "a vane, or calm air and large inputs", axes)
+    if "thrust" in seen.prepared.data and "thrust" not in there:
+        yield Reason(POOR, "thrust repeats one value", "see whether its sensor is dead", ("CD",))
+    if seen.prepared.thrust_source.missing:
+        yield Reason(POOR, f"thrust is unknown: {seen.prepared.thrust_source.missing}", "", ("CD",))
+    elif not seen.prepared.thrust_source.measured:
+        yield Reason(CARE, f"thrust is taken {seen.prepared.thrust_source}", "measure it", ("CD",))
+
+
+def _air(seen: SeenFlight) -> Iterator[Reason]:
+    if seen.gusts > LIMITS.gusts:
+        yield Reason(CARE, f"gusts of {seen.gusts:.1f} m/s", "fly at dawn, or with larger inputs")
+
+
+def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
+    """Whether this is the aircraft of the vehicle file: weight against lift."""
+    speed = np.concatenate([stretch.data["airspeed"] for stretch in seen.prepared.stretches])
+    force = np.concatenate([np.abs(stretch.data["az"]) for stretch in seen.prepared.stretches])
+    density = np.concatenate([stretch.record.rho for stretch in seen.prepared.stretches])
+    pressure = 0.5 * float(np.median(density)) * float(np.nanmedian(speed)) ** 2
+    if seen.vehicle.sensors.airspeed.kind != "true":
+        pressure = 0.5 * SEA_LEVEL_DENSITY * float(np.nanmedian(speed)) ** 2
+    lift = seen.vehicle.mass.mass * float(np.nanmedian(force)) / max(pressure * seen.vehicle.geometry.S, 1e-12)
+    if LIMITS.lift_usual[0] < lift < LIMITS.lift_usual[1]:
+        return
+    impossible = not LIMITS.lift[0] < lift < LIMITS.lift[1]
+    yield Reason(
+        POOR if impossible else CARE,
+        f"to carry {seen.vehicle.mass.mass:.3g} kg at {np.nanmedian(speed):.3g} m/s the wing of"
+        f" {seen.vehicle.geometry.S:.3g} m^2 needs a lift coefficient of {lift:.2g}",
+        "is it the vehicle file of another aircraft? check mass, wing area and the unit of the airspeed",
+    )
+
+
+RULES: tuple[Callable[[SeenFlight], Iterator[Reason]], ...] = (
+    _aircraft, _rates, _gaps, _vibration, _excitation, _sensors, _air,
+)  # fmt: skip
+
+
+def rates_of(seen: SeenFlight) -> Mapping[str, float]:
+    """Median rate, Hz, of every signal that the flight has."""
+    return {name: round(_rate(seen, name), 2) for name in seen.signals.signals}

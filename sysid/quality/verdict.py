@@ -1,0 +1,99 @@
+"""The verdict of a flight: good, usable with care, or too poor, because of reasons that one can read and mend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+GOOD, CARE, POOR = "good", "care", "poor"
+AXES = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
+LONGITUDINAL, LATERAL = AXES[:3], AXES[3:]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """One thing that speaks against a flight.
+
+    verdict: "care" or "poor". text: what is so. advice: what to do better next time. axes: of AXES that it concerns,
+    empty for all of them.
+    """
+
+    verdict: str
+    text: str
+    advice: str = ""
+    axes: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Text and advice in one line."""
+        where = f"{', '.join(self.axes)}: " if self.axes else ""
+        return f"{where}{self.text}{f'; {self.advice}' if self.advice else ''}"
+
+
+@dataclass(frozen=True)
+class Quality:
+    """All reasons. axes: of AXES that were asked for. not_flown: those of them that no surface excited, and why."""
+
+    reasons: tuple[Reason, ...]
+    axes: tuple[str, ...]
+    not_flown: tuple[Reason, ...] = ()
+
+    def of_axis(self, axis: str) -> str:
+        """Verdict of one axis, by what concerns it."""
+        if any(axis in one.axes for one in self.not_flown):
+            return POOR
+        return _worst(one.verdict for one in self.reasons if not one.axes or axis in one.axes)
+
+    @property
+    def verdict(self) -> str:
+        """Of the flight: poor where something concerns all axes or no axis that was flown is better than poor."""
+        lost = {axis for one in self.not_flown for axis in one.axes}
+        flown = [axis for axis in self.axes if axis not in lost]
+        whole = _worst(one.verdict for one in self.reasons if not one.axes)
+        if whole == POOR or not flown or all(self.of_axis(axis) == POOR for axis in flown):
+            return POOR
+        return CARE if self.reasons else GOOD
+
+    def to_json(self) -> dict[str, Any]:
+        """The block `quality` of a result."""
+        return {
+            "verdict": self.verdict,
+            "reasons": [one.sentence for one in (*self.reasons, *self.not_flown)],
+            "axes": {
+                axis: {
+                    "verdict": self.of_axis(axis),
+                    "reasons": [
+                        Reason(one.verdict, one.text, one.advice).sentence
+                        for one in (*self.reasons, *self.not_flown)
+                        if axis in one.axes
+                    ],
+                }
+                for axis in self.axes
+            },
+        }
+
+
+NOTHING_SEEN = Quality((), ())
+
+
+def once(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
+    """The reasons in order, the poor ones first, each sentence once."""
+    every = {one.sentence: one for one in reasons}.values()
+    return (*(one for one in every if one.verdict == POOR), *(one for one in every if one.verdict != POOR))
+
+
+def joined(each: Sequence[Quality]) -> Quality:
+    """The verdict of several flights estimated together: an axis is flown where one of them flew it."""
+    if len(each) == 1:
+        return each[0]
+    axes = tuple(axis for axis in AXES if any(axis in one.axes for one in each))
+    lost = [{axis for entry in one.not_flown for axis in entry.axes} for one in each]
+    never = set.intersection(*lost)
+    not_flown = {one.sentence: one for quality in each for one in quality.not_flown if set(one.axes) <= never}
+    return Quality(once(one for quality in each for one in quality.reasons), axes, tuple(not_flown.values()))
+
+
+def _worst(verdicts: Iterable[str]) -> str:
+    found = set(verdicts)
+    return POOR if POOR in found else CARE if CARE in found else GOOD

@@ -1,0 +1,86 @@
+"""Channels as ordinary logs have them: slower than the gyros, with samples missing, dead. None of them ends a job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import fly_mav
+
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.identification.result_file import result_json
+from sysid.identify import Identification, identify
+from sysid.signals.flight import FlightSignals, Signal
+
+VEHICLE = load_vehicle("iitb-mav")
+TRUE = read_model("iitb-mav").values()
+
+
+@pytest.fixture(scope="module")
+def flight() -> FlightSignals:
+    return fly_mav("multisine", 5)[0]
+
+
+def changed(flight: FlightSignals, **signals: Signal) -> FlightSignals:
+    return replace(flight, signals={**flight.signals, **signals})
+
+
+def worst(found: Identification) -> float:
+    """Largest error in standard errors of what is reported."""
+    entries = found.model.coefficients.items()
+    return max(abs(e.value - TRUE[n]) / e.std for n, e in entries if e.value is not None and e.std and n in TRUE)
+
+
+@pytest.mark.parametrize("name", ["theta", "airspeed", "az", "q"])
+def test_ten_hertz_on_the_stamps_of_the_gyros(name: str, flight: FlightSignals) -> None:
+    one = flight.signals[name]
+    slow = replace(one, time_s=one.time_s[::5], values=one.values[::5])
+    found = identify([changed(flight, **{name: slow})], VEHICLE, systematic=False)
+    assert not [one.name for one in found.refused if one.name in TRUE]
+    assert worst(found) < 4.0
+
+
+@pytest.mark.parametrize("gone", ["not there", "not a number"])
+def test_two_samples_of_an_attitude_missing(gone: str, flight: FlightSignals) -> None:
+    one = flight.signals["theta"]
+    if gone == "not there":
+        keep = np.ones(one.time_s.size, dtype=bool)
+        keep[400:402] = False
+        theta = replace(one, time_s=one.time_s[keep], values=one.values[keep])
+    else:
+        values = one.values.copy()
+        values[400:402] = np.nan
+        theta = replace(one, values=values)
+    found = identify([changed(flight, theta=theta)], VEHICLE, systematic=False)
+    assert worst(found) < 4.0
+
+
+def test_a_dead_accelerometer_to_the_side_is_done_without(flight: FlightSignals) -> None:
+    dead = replace(flight.signals["ay"], values=np.zeros_like(flight.signals["ay"].values))
+    found = identify([changed(flight, ay=dead)], VEHICLE, systematic=False)
+    assert result_json(found)["method"] == "map"
+    assert worst(found) < 4.0
+    assert any("ay repeats one value" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(("surface", "axes"), [("da", ("CY", "Cl", "Cn")), ("de", ("CL", "CD", "Cm"))])
+def test_a_surface_whose_channel_is_dead_is_named_and_spoils_its_own_axes_alone(
+    surface: str, axes: tuple[str, ...], flight: FlightSignals
+) -> None:
+    dead = replace(flight.signals[surface], values=np.zeros_like(flight.signals[surface].values))
+    found = identify([changed(flight, **{surface: dead})], VEHICLE, method="map", systematic=False)
+    entries = found.model.coefficients.items()
+    assert all((entry.value is None) == name.startswith(axes) for name, entry in entries)
+    assert worst(found) < 4.0
+    assert any(f"{surface}: repeats one value" in warning for warning in found.warnings)
+
+
+def test_a_thrust_sensor_that_is_dead_while_the_throttle_moves_is_left_out(flight: FlightSignals) -> None:
+    moving = fly_mav("multisine,throttle-step", 5)[0]
+    thrust = moving.signals["thrust"]
+    dead = changed(moving, thrust=replace(thrust, values=np.full_like(thrust.values, 1.5)))
+    found = result_json(identify([dead], VEHICLE, systematic=False))
+    assert list(found["thrust"].values()) == ["from rpm by max_thrust (rpm / max_rpm)^2"]
+    assert any("the sensor is dead; it is left out" in warning for warning in found["warnings"])
