@@ -239,13 +239,13 @@ def simulate_variants(
 
 @jit_arrays
 def evaluate_path(
-    states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: bool, P: Array,
+    states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: float, P: Array,
     E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, coefficients: Array,
 ) -> None:  # fmt: skip
     """Coefficients and accelerations that a model gives along a known motion, no integration.
 
-    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4 or 6: see `simulate`), thrust
-    (M,), rho (M,) on.
+    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4 or 6: see `simulate`, with
+    `command_first`), thrust (M,), rho (M,) on.
     Elements with memory of the motion itself (a lift that lags) start settled. coefficients: (N, 12) result: the six of
     AXES, ax ay az [m/s2], p' q' r' [rad/s2], at the centre of gravity.
     """
@@ -264,8 +264,10 @@ def evaluate_path(
                 x[13] = math.atan2(x[5], x[3])
             for i in range(4):
                 now[i] = end[i]
-            if command_first:
+            if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, now)
+                for i in range(4):
+                    now[i] = end[i] + command_first * (now[i] - end[i])
             if commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[k, HEIGHT_COLUMN]):
                 x[2] = -commands[k, HEIGHT_COLUMN]
             W[_TIME] = E[START_TIME] + row * dt

@@ -110,7 +110,9 @@ def _timed(
     problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]], before: FilterErrorResult
 ) -> tuple[Problem, FilterErrorResult]:
     """The likelier timing of the commands, if it explains the flight: else a delay may be what is missing."""
-    other = replace(problem, command_first=not problem.command_first)
+    if 0.0 < problem.command_first < 1.0:
+        return problem, before
+    other = replace(problem, command_first=1.0 - problem.command_first)
     try:
         again = build_filter(other, model, names, effects).solve(before.values(), before.turbulence, known=before)
         if again.cost > before.cost - _TIMING:

@@ -58,7 +58,9 @@ def estimate_in_turbulence(
         return given, found
 
     problem, result = believed(problem, solved(problem, start_values(problem, model, coefficients, effects), None))
-    other = replace(problem, command_first=not problem.command_first)
+    if 0.0 < problem.command_first < 1.0:
+        return problem, result, refused
+    other = replace(problem, command_first=1.0 - problem.command_first)
     again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence, known=result)
     if again.cost < result.cost - _TIMING:
         again = build_filter(other, model, coefficients, effects).solve(result.values(), result.turbulence)

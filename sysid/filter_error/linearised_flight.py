@@ -253,7 +253,7 @@ class FilteredFlight:
         over, seen = np.empty((record.length, sub_steps, 3, 4)), np.empty((record.length, 4))
         commands = held_by_dead_band(record.commands, record, flat.E)
         run_actuators(commands, record.start, record.length, record.interval_s, sub_steps,
-                      bool(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip
+                      float(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip
         return over, seen
 
     def _predicted(

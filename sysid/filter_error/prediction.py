@@ -30,7 +30,7 @@ _MOTOR, _MOTOR_TAU, _OWN_TAU = slot("motor_lag"), slot("motor_lag", "tau"), int(
 
 @jit_arrays
 def run_actuators(
-    commands: Array, start: int, length: int, dt: float, sub_steps: int, command_first: bool, P: Array, E: Array,
+    commands: Array, start: int, length: int, dt: float, sub_steps: int, command_first: float, P: Array, E: Array,
     over: Array, seen: Array,
 ) -> None:  # fmt: skip
     """Surfaces and throttle along a record, which no state acts on.
@@ -48,8 +48,10 @@ def run_actuators(
     for k in range(start + length):
         if k >= start:
             seen[k - start] = end
-            if command_first:
+            if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, seen[k - start])
+                for c in range(4):
+                    seen[k - start, c] = end[c] + command_first * (seen[k - start, c] - end[c])
         for i in range(sub_steps):
             before[:] = end
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)

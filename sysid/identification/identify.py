@@ -27,7 +27,7 @@ from sysid.identification.result_model import (
 )
 from sysid.numerics.parallel import begun
 from sysid.problem.coefficient_residuals import moment_noise
-from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model
+from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
@@ -212,7 +212,9 @@ def _by_posterior(asked: Request) -> Identification:
     for one in others:
         warnings += [*one.prepared.warnings, *(mistake.sentence for mistake in one.mistakes)]
     # What the kinematics say of sensors is not what this estimate takes them for.
-    compared = comparison(judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), False)
+    compared = comparison(
+        judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), timing_of(found.prepared, False)
+    )
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
     groups = found.estimate.results.items()
@@ -304,7 +306,7 @@ def _pose(
 def _by_equations(posed: _Posed) -> _Found:
     problem, compatible = posed.problem, posed.compatible
     equations = estimate_by_equations(
-        posed.prepared, posed.asked.vehicle, compatible, posed.names, problem.command_first, problem.known,
+        posed.prepared, posed.asked.vehicle, compatible, posed.names, problem.command_first > 0.0, problem.known,
         corrected_parts, posed.asked.systematic,
     )  # fmt: skip
     refused = [*posed.refused, *equations.refused]

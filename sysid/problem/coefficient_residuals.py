@@ -62,7 +62,7 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
     commands = with_other_inputs(held_by_dead_band(record.commands, record, effects), record, effects)
     evaluate_path(
         np.ascontiguousarray(path), commands, record.start, thrust, record.rho, record.interval_s,
-        model.command_first, flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,
+        float(model.command_first), flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,
     )  # fmt: skip
     return predicted
 
@@ -73,8 +73,8 @@ def _predicted(record: Record, path: Array, model: Fixed) -> dict[str, Array]:
     Measured moments follow from angular accelerations below CUTOFF_HZ, which about a command that is held see as much
     of what came before it as of what comes after.
     """
-    before, after = (along_path(record, path, replace(model, command_first=first)) for first in (False, True))
-    forces = after if model.command_first else before
+    before, after = (along_path(record, path, replace(model, command_first=first)) for first in (0.0, 1.0))
+    forces = before + model.command_first * (after - before)
     found = {axis: forces[:, AXES.index(axis)] for axis in FORCES}
     for axis in MOMENTS:
         j = AXES.index(axis)

@@ -76,8 +76,17 @@ def make_problem(
     priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in told}
     start = {name: known[name].value if name in known else 0.0 for name in names}
     at_once = command_shows_at_once(corrected_parts(prepared, vehicle, compatible), body_of(vehicle))
+    first = timing_of(prepared, at_once)
     guesses = tuple(path[0].copy() for path in paths)
-    return Problem(vehicle, tuple(runs), guesses, motion, start, priors, at_once, paths=tuple(paths))
+    return Problem(vehicle, tuple(runs), guesses, motion, start, priors, first, paths=tuple(paths))
+
+
+def timing_of(prepared: Sequence[Prepared], at_once: bool) -> float:
+    """Share of the command of a sample, beside that of the one before, in what is read at it (`command_first` of
+    sim_vehicle.physics.simulation.simulate). at_once: where commands are held.
+    """
+    joined = any(stretch.record.joined for flight in prepared for stretch in flight.stretches)
+    return 0.5 if joined else float(at_once)
 
 
 def corrected_parts(
@@ -95,7 +104,10 @@ def corrected_parts(
             here = slice(record.start, record.start + record.length)
             thrust, torque = known_propulsion(record, Fixed(flat, errors), data["V"])
             columns = {**data.columns, "thrust": thrust, "torque": torque, "air_density": record.rho[here]}
-            columns |= {name: record.commands[here, j] for j, name in enumerate((*SURFACES, "throttle"))}
+            columns |= {
+                name: data[name] if record.joined and name in SURFACES and name in data else record.commands[here, j]
+                for j, name in enumerate((*SURFACES, "throttle"))
+            }
             columns.setdefault("beta", np.zeros(record.length))
             parts.append(replace(data, columns=columns))
             index += 1

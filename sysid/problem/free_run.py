@@ -32,7 +32,7 @@ class Fixed:
 
     flat: FlatModel
     errors: Mapping[str, float]
-    command_first: bool = False
+    command_first: float = 0.0
 
 
 def windows(record: Record) -> list[Record]:

@@ -171,7 +171,7 @@ class Predictor:
         *,
         sub_steps: int = 2,
         tangent_steps: int | None = None,
-        command_first: float = False,
+        command_first: float = 0.0,
     ) -> None:
         self.flat = flat
         self.parameters = tuple(parameters)

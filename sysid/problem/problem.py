@@ -90,7 +90,7 @@ class Problem:
     motion: Motion
     sensors: Mapping[str, float]
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    command_first: bool = False
+    command_first: float = 0.0
     sub_steps: int = 2
     known: Gaussian | None = None
     paths: tuple[Array, ...] = ()

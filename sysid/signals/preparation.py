@@ -15,7 +15,7 @@ from sysid.arrays import Array
 from sysid.errors import SegmentError, SignalError
 from sysid.signals.calibration import Calibration
 from sysid.signals.flight import FlightData, FlightSignals, repeats
-from sysid.signals.record import Record, make_records
+from sysid.signals.record import SURFACES, Record, has_positions, make_records
 from sysid.signals.redundant_vanes import combined_vanes
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
@@ -134,7 +134,7 @@ def prepare(
     """
     signals = _with_values(signals)
     signals.require(*NEEDED)
-    data = resample(signals)
+    data = resample(signals, moving=SURFACES if has_positions(vehicle) else ())
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)

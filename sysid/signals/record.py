@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
@@ -79,6 +80,7 @@ class Record:
     where nothing tells it. hysteresis_direction: (M,) the way in which the thrust sensor's reading moves
     (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
     above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
+    joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next.
     """
 
     flight: str
@@ -103,6 +105,7 @@ class Record:
     hysteresis_direction: Array = field(default_factory=lambda: np.zeros(0))
     command_history: Array = field(default_factory=lambda: np.zeros((0, 3)))
     thrust_noise: Passed = NO_NOISE
+    joined: bool = False
 
     @property
     def length(self) -> int:
@@ -224,9 +227,19 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
     return [_make_record(data, vehicle, start, stop, commands, heights) for start, stop in spans]
 
 
+def has_positions(vehicle: Vehicle) -> bool:
+    """Whether the log holds positions of the surfaces, between which they move, instead of commands that are held."""
+    return any(one.signal == "position" for name, one in vehicle.controls.items() if name != "throttle")
+
+
 def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> Array:
-    """(n,) what a command does, later by what the vehicle file says of its servo: delay and lag together."""
+    """(n,) what a command does from each sample to the next, later by what the vehicle file says of its servo: delay
+    and lag together. A measured position is on a monotone curve through its samples, which counts by its mean.
+    """
     control = vehicle.controls.get(_CONTROL_OF[name])
+    if name in SURFACES and has_positions(vehicle) and values.size > 1:
+        along = PchipInterpolator(np.arange(values.size), values).antiderivative()(np.arange(values.size))
+        return np.append(np.diff(along), values[-1])
     late = 0.0 if control is None else (control.delay.value or 0.0) + (control.lag.value or 0.0)
     return held_back(values, late, interval_s) if late > 0.0 else values
 
@@ -276,4 +289,5 @@ def _make_record(
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
+        joined=has_positions(vehicle),
     )  # fmt: skip

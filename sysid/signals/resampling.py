@@ -7,7 +7,7 @@ all others are interpolated on their own stamps, and a held command is held, not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -37,7 +37,12 @@ def is_held(name: str) -> bool:
     return name in HELD or name.startswith("servo")
 
 
-def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[str] | None = None) -> FlightData:
+def resample(
+    signals: FlightSignals,
+    interval_s: float = 0.02,
+    names: Sequence[str] | None = None,
+    moving: Collection[str] = (),
+) -> FlightData:
     """Put the signals of a flight on one uniform time base.
 
     The base is the fastest IMU signal's: its own stamps where these are uniform within 10 % of the interval
@@ -46,7 +51,7 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
 
     signals: signals on their own stamps, s.
     interval_s: step asked for, s.
-    names: signals to take; None takes all.
+    names: signals to take; None takes all. moving: those of the commands that are measured positions, not held.
     Returns columns of (N,) values, NaN in gaps longer than 0.1 s (or 2.5 intervals of a slower source). Angles are
     unwrapped, commands held, sources at least twice as fast low-pass filtered without phase, GPS left at its
     own samples with NaN between.
@@ -66,7 +71,7 @@ def resample(signals: FlightSignals, interval_s: float = 0.02, names: Sequence[s
     if base is None:
         base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
     grid, interval = _grid(signals.name, base_name, base, interval_s, warnings)
-    columns = {name: _on_grid(name, clean[name], grid, interval) for name in wanted}
+    columns = {name: _on_grid(name, clean[name], grid, interval, name in moving) for name in wanted}
     missing: dict[int, list[str]] = {}
     for name, values in columns.items():
         lost = int(np.count_nonzero(np.isnan(values)))
@@ -154,8 +159,8 @@ def _own_interval(time: Array, typical: float) -> float:
     return float(np.polyfit(index, time, 1)[0]) if time.size > 2 else typical
 
 
-def _on_grid(name: str, source: Signal, grid: Array, interval: float) -> Array:
-    if is_held(name):
+def _on_grid(name: str, source: Signal, grid: Array, interval: float, moving: bool) -> Array:
+    if is_held(name) and not moving:
         return _hold(source, grid, interval)
     typical = float(np.median(np.diff(source.time_s)))
     if name in SPARSE and typical > 1.5 * interval:

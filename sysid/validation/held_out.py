@@ -33,7 +33,7 @@ def comparison(
     vehicle: Vehicle,
     model: Model,
     errors: Mapping[str, tuple[float, float, str]],
-    command_first: bool,
+    command_first: float,
 ) -> ModelComparison:
     """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
     told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}

@@ -193,7 +193,6 @@ def nothing(values: Array) -> Array:
         ({"q": None}, "q"),
         ({"airspeed": None}, "airspeed"),
         ({"de": None, "da": None, "dr": None}, "no control surface"),
-        ({"thrust": None, "throttle": None, "rpm": None}, "thrust"),
     ],
 )
 def test_a_missing_signal_is_named_in_one_line(
