@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
@@ -238,6 +237,8 @@ def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> 
     """
     control = vehicle.controls.get(_CONTROL_OF[name])
     if name in SURFACES and has_positions(vehicle) and values.size > 1:
+        from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted
+
         along = PchipInterpolator(np.arange(values.size), values).antiderivative()(np.arange(values.size))
         return np.append(np.diff(along), values[-1])
     late = 0.0 if control is None else (control.delay.value or 0.0) + (control.lag.value or 0.0)

@@ -130,10 +130,14 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     visitor.check("flight")
     visitor.page.click("summary:text-is('More settings')")
     visitor.page.select_option("select >> nth=0", "ee")
+    visitor.page.get_by_label("Signals that are right as recorded").fill("q, az")
     visitor.page.click("button:text-is('Identify')")
     visitor.page.click("a:text-is('See the result')")
     visitor.wait_for_plots(4)
     newest = ground.get("/api/models")[0]
+    result = ground.get(f"/api/flights/{newest['flight_id']}/identification")
+    assert result["made"]["settings"]["as_recorded"] == ["q", "az"]
+    assert "for identification" in visitor.text("main") or "because" in visitor.text("main")
     entry = ground.get(f"/api/models/{newest['id']}")["coefficients"]["CL_alpha"]
     told = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")[1].split("\xa0±\xa0")
     assert [float(number) for number in told] == [

@@ -89,15 +89,18 @@ function identifyForm(validate, models, start) {
     ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
   const prior = select([['', 'none'], ...named(models)], '')
   const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
+  const right = h('input', { type: 'text', autocomplete: 'off', spellcheck: false })
   return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [
     validate.element,
     h('details', {}, h('summary', {}, 'More settings'), field('Method', method),
-      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to)),
+      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to),
+      field('Signals that are right as recorded', right, 'As q, az: whatever seems wrong with them, they are not changed')),
   ], async () => {
     if (to.value && Number(to.value) <= Number(from.value)) throw new Error('“To” must be later than “From”')
     return start({
       kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
       ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
+      as_recorded: right.value.split(/[\s,]+/).filter(Boolean),
     })
   })
 }
