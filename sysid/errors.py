@@ -3,7 +3,6 @@
 SysidError                     every error that data or settings can cause; its text is one line that says what to do
 ├── CalibrationError           bench points that cannot give the curve asked for
 ├── SignalError                a signal that is missing, constant, not finite, or in the wrong unit
-│   └── MistakenError           one that is read wrongly: by a unit, a sign, an axis
 ├── SegmentError               no airborne, excited part was found, or the part asked for holds no data
 └── EstimationError            an estimation that cannot start or did not converge
     └── DivergedError          the simulated motion of the aircraft runs away, from whatever start
@@ -20,10 +19,6 @@ class CalibrationError(SysidError):
 
 class SignalError(SysidError):
     """A signal is missing, constant, not finite, or in the wrong unit."""
-
-
-class MistakenError(SignalError):
-    """A signal is read wrongly: by a unit, a sign, an axis."""
 
 
 class SegmentError(SysidError):

@@ -65,6 +65,8 @@ LIMITS = {
 }
 
 
+# Of its limit: a standard error below which one that kinematics refused is told by the whole motion after all.
+CLEAR_SHARE = 0.2
 # An error so many times its limit, or a reading so many times the true value (or its inverse), is no sensor's: the
 # readings disagree for another reason.
 _BEYOND, _LEAST_GAIN, _LARGEST_GAIN = 15.0, 0.25, 4.0

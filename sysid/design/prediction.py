@@ -30,8 +30,7 @@ from sysid.design.simulated_flight import RATE_HZ, channel_noise, rehearse, true
 from sysid.numerics.normal_equations import inverse
 from sysid.output_error.estimator import OutputError
 from sysid.output_error.fit import build
-from sysid.output_error.sensor_selection import with_clear_sensors
-from sysid.problem.formulation import make_problem
+from sysid.problem.formulation import make_problem, with_unclear_sensors
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.problem.predictor import Predictor
 from sysid.problem.problem import Problem, free_coefficients, refusals
@@ -154,9 +153,7 @@ def predict(
     problem, compatible, flown = flights[rehearsals // 2]
     free = free_coefficients(names, problem.motion)
     if gusts == 0.0:
-        at = {**whole.values(), **problem.sensors}
-        unclear = [refusal.name for refusal in compatible.refused]
-        problem = with_clear_sensors(problem, whole, free, (), at, _sigma(vehicle), unclear)
+        problem = with_unclear_sensors(problem, [refusal.name for refusal in compatible.refused])
     oe = build(problem, whole, free, sigma=_sigma(vehicle))
     motion = gusty_path(Plant(vehicle, whole), flown, gusts) if gusts > 0.0 else None
     values = {**whole.values(), **problem.sensors}

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
+from sysid.compatibility.selection import CLEAR_SHARE, LIMITS
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
-from sysid.errors import DivergedError, EstimationError, MistakenError, SysidError
+from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
@@ -33,7 +34,8 @@ from sysid.problem.problem import Problem, Progress, free_coefficients, model_of
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_rules import SeenFlight, flight_quality
 from sysid.quality.verdict import NOTHING_SEEN, Quality, joined
-from sysid.signal_check.check import SignalCheck, check_signals, in_time
+from sysid.signal_check.check import SignalCheck, check_signals, in_time, suspected
+from sysid.signals.delay import Delay, delay_sentence
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, require_thrust, unmeasured_thrust
 from sysid.signals.record import SURFACES
@@ -45,6 +47,7 @@ from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
 if TYPE_CHECKING:
+    from sysid.identification.posterior_method import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
 METHODS = ("auto", "map", "ee", "oe", "fe")
@@ -98,9 +101,9 @@ def identify(
     coefficients (values ignored) and effects (kept) are the structure; None takes the linear one. prior: what is known
     before the flight, with its correlations (sysid.numerics.gaussian); start values alone where it has none.
     method: "map" output error with an estimated noise spectrum and priors, "ee" equation error, "oe" output error, "fe"
-    filter error. "auto" is "map"; where that finds a flight as of the textbooks (sysid.identification.textbook) "oe",
-    whose bars are narrower there, and "fe" where the aircraft's free motion diverges. Where sensors or check are given
-    "auto" is "oe": the other knows none of them.
+    filter error. "auto" is "oe" where that leaves nothing but white noise, as in flights of the textbooks, for its bars
+    are narrower there; "map" everywhere else, and "fe" where the free motion of the aircraft diverges. Where sensors or
+    check are given "auto" is "oe": the other knows none of them.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight tells.
     check: what is known of mistakes in the signals already; None looks for them.
@@ -123,32 +126,56 @@ def identify(
 
 def _by_the_flight(asked: Request) -> Identification:
     """`identify` with the method that the flight asks for."""
-    try:
-        found = _by_posterior(asked.within(0.0, 0.5))
-    except DivergedError as error:
-        books = _by_the_books(asked.within(0.5, 1.0), "fe")
-        return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
-    from sysid.identification.posterior_method import meant  # slow to import
+    from sysid.identification.posterior_method import read_as_meant, reconstructed  # slow to import
     from sysid.identification.textbook import is_textbook
 
-    unknown_thrust = any(flight.thrust_source.missing for flight in found.flights)
-    if unknown_thrust or found.posterior is None or not is_textbook(found.posterior):
-        asked.progress(1.0, "done")
-        return found
-    flights, validate_on = (
-        tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in each)
-        for each in (asked.flights, asked.validate_on)
-    )
-    mended = replace(asked.within(0.5, 1.0), flights=flights, validate_on=validate_on)
+    read = read_as_meant(asked)
+    compatible = reconstructed(read)
+    # Where kinematics see calm air and one motion, the flight may be as the textbooks have them.
+    calm = compatible is not None and compatible.compatible and compatible.gust_sigma == 0.0
+    if calm and (books := _as_of_textbooks(asked.within(0.1, 1.0), read, compatible)) is not None:
+        return books
     try:
-        books = _by_the_books(mended, "oe")
-    except MistakenError:
-        raise
+        found = _by_posterior(asked.within(0.1, 1.0), read, compatible)
+    except DivergedError as error:
+        books = _by_the_books(asked, "fe")
+        return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
+    if not calm and found.posterior is not None and is_textbook(found.posterior):
+        # A sensor that is misread or comes late looks like gusts or another motion.
+        return _as_of_textbooks(asked.within(0.5, 1.0), read, compatible) or _with_findings(found, asked.vehicle)
+    return found
+
+
+def _with_findings(found: Identification, vehicle: Vehicle) -> Identification:
+    """The same with what may be wrong with its signals, in words: nothing that is sure enough to be acted on."""
+    mistakes = [
+        replace(one, sentence=delay_sentence(Delay(one.signals, one.found, one.std), False))
+        if one.kind == "delay"
+        else one
+        for one in suspected(found.flights, vehicle)
+    ]
+    words = [f"perhaps {one.sentence}" for one in mistakes]
+    check = replace(found.check, mistakes=(*found.check.mistakes, *mistakes))
+    return replace(found, check=check, warnings=(*words, *found.warnings))
+
+
+def _as_of_textbooks(
+    asked: Request, read: Sequence[Meant], compatible: CompatibilityResult | None
+) -> Identification | None:
+    """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
+    from sysid.identification.posterior_method import dead_channels, meant
+
+    if any(one.doubt or one.prepared.thrust_source.missing or dead_channels(one.signals) for one in read):
+        return None
+    judges = tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in asked.validate_on)
+    mended = replace(asked, flights=[one.signals for one in read], validate_on=judges)
+    try:
+        books = _by_the_books(mended, "oe", compatible)
     except SysidError:
-        return found
-    if books.likeliest is not None and books.likeliest.left_over:
-        return found
-    mistakes = found.check.mistakes
+        return None
+    if books.likeliest is None or books.likeliest.left_over:
+        return None
+    mistakes = [mistake for one in read for mistake in one.mistakes]
     return replace(
         books,
         check=replace(books.check, mistakes=(*mistakes, *books.check.mistakes)),
@@ -156,8 +183,8 @@ def _by_the_flight(asked: Request) -> Identification:
     )
 
 
-def _by_the_books(asked: Request, method: str) -> Identification:
-    """`identify` with equation error, output error or filter error."""
+def _by_the_books(asked: Request, method: str, known: CompatibilityResult | None = None) -> Identification:
+    """`identify` with equation error, output error or filter error. known: data compatibility of signals in time."""
     vehicle, progress, check = asked.vehicle, asked.progress, asked.check
     progress(0.02, "signals on one time base")
     prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
@@ -166,7 +193,7 @@ def _by_the_books(asked: Request, method: str) -> Identification:
     if check is None:
         progress(0.05, "units, signs, axes and delays")
         # Of signals that come in time, as they mostly do, it is the one that is wanted.
-        with begun(lambda: check_compatibility(prepared)) as ahead:
+        with begun(lambda: known if _is_of(known, prepared) else check_compatibility(prepared)) as ahead:
             check = check_signals(prepared, vehicle)
             compatible = None if check.delays else ahead.result()
     posed = _pose(asked, prepared, check, compatible)
@@ -194,13 +221,21 @@ def _by_the_books(asked: Request, method: str) -> Identification:
     )  # fmt: skip
 
 
-def _by_posterior(asked: Request) -> Identification:
-    """`identify` with the method "map"."""
-    from sysid.identification.posterior_method import identify_by_posterior, meant  # slow to import
+def _is_of(known: CompatibilityResult | None, prepared: Sequence[Prepared]) -> bool:
+    """Whether a compatibility is that of these flights, and not of others with their gaps bridged."""
+    stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    return known is not None and [one["V"].size for one in known.states] == [s.record.length for s in stretches]
+
+
+def _by_posterior(
+    asked: Request, read: Sequence[Meant] = (), known: CompatibilityResult | None = None
+) -> Identification:
+    """`identify` with the method "map". read, known: the flights as meant and their compatibility, if at hand."""
+    from sysid.identification.posterior_method import identify_by_posterior, meant, read_as_meant  # slow to import
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
-    found = identify_by_posterior(asked)
+    found = identify_by_posterior(read or read_as_meant(asked), asked, known)
     check, errors = SignalCheck(mistakes=found.mistakes), _kinematic_errors(found.compatible)
     warnings = [one.sentence for one in found.mistakes]
     warnings += [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
@@ -350,9 +385,11 @@ def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood) -> _Found:
         asked.progress(0.85, "systematic errors")
         model = with_extra(model, "systematic", systematic_effects(likeliest, start, names, free_effects))
     likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
-    unclear = {refusal.name for refusal in likeliest.refused}
+    unclear = {refusal.name for refusal in (*likeliest.refused, *compatible.refused)}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}
     for name in problem.sensors:
+        if name in unclear and result.std(name) > CLEAR_SHARE * LIMITS[name].std:
+            continue
         errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
     return _Found(model, errors, refused, likeliest.warnings, likeliest)
 

@@ -13,22 +13,21 @@ from sysid.compatibility.selection import Refusal
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import estimate_in_turbulence
 from sysid.filter_error.estimator import FilterErrorResult
-from sysid.numerics.smoothing import sample_noise
+from sysid.numerics.statistics import spectral_span
 from sysid.output_error.estimator import OutputErrorResult
+from sysid.output_error.fit import fit, warmed
 from sysid.output_error.linearisation import Linearised
-from sysid.output_error.sensor_selection import with_told_sensors
 from sysid.output_error.structure_error import Widened, widened
+from sysid.problem.formulation import with_unclear_sensors
 from sysid.problem.problem import Likeliest, Problem, Progress
-from sysid.signals.record import OUTPUTS
+from sysid.signals.record import GROUND, OUTPUTS
 from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, misled
 from sysid.uncertainty.systematic import systematic_errors, systematic_in_turbulence
 from sysid.uncertainty.thrust_noise import with_input_noise, with_thrust_by_airspeed
 
-# Gyros have the least noise beside what they feel: what a model lacks shows there first. It is 0.5 to 1.1 times the
-# noise where the model is right, 20 and more with commands 20 ms late or gusts of 0.3 m/s.
-_RATES = ("p", "q", "r")
-_NOT_NOISE = 4.0
-_FEWEST = 50
+# Logarithm of the largest over the smallest density of what is left of an output, that white noise stays below: 0.5 to
+# 1.1 in flights of the textbooks of 10 s and more, 3.5 and more on any other.
+_COLOURED = 1.8
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,11 @@ def maximum_likelihood(
             " are; use --method map, or fe"
         )
     elif sensors is None:
-        unclear = [refusal.name for refusal in compatible.refused]
-        problem, result = with_told_sensors(problem, model, coefficients, effects, result, unclear)
+        richer = with_unclear_sensors(warmed(problem, result), [refusal.name for refusal in compatible.refused])
+        if set(richer.sensors) != set(problem.sensors):
+            values = {parameter.name: float(v) for parameter, v in zip(result.parameters, result.theta, strict=False)}
+            fuller = fit(richer, model, coefficients, effects, values)
+            problem, result = (richer, fuller) if fuller.converged else (problem, result)
     if result is not here.result:
         here = replace(here, problem=problem, result=result)
     found = _in_calm_air(here, bench, held, warnings)
@@ -119,20 +121,20 @@ def _in_calm_air(
 
 
 def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) -> str:
-    """What is left of the rates beyond their sensors' own noise, in words; empty where it is that noise alone."""
+    """What is left of the outputs that is no noise of a sensor, in words; empty where all of it is white."""
     interval_s = problem.records[0].interval_s
-    shares = {}
-    for name in _RATES:
-        column = OUTPUTS.index(name)
-        read = np.concatenate([record.z[:, column] for record in problem.records])
-        if name in problem.motion.outputs and np.count_nonzero(np.isfinite(read)) >= _FEWEST:
-            shares[name] = float(result.sigma[column]) / max(sample_noise(read, interval_s), 1e-12)
-    most = max(shares, key=shares.__getitem__, default="")
-    if not most or shares[most] < _NOT_NOISE:
+    spans = {
+        name: spectral_span([one[:, OUTPUTS.index(name)] for one in result.residuals], interval_s)
+        for name in problem.motion.outputs
+        if name not in GROUND
+    }
+    most = max(spans, key=spans.__getitem__)
+    if spans[most] < _COLOURED:
         return ""
     return (
-        f"what output error leaves of {most} is {shares[most]:.0f} times its sensor's noise: surfaces that come late,"
-        " gusts or a missing effect; the standard errors do not count it; use --method map"
+        f"what output error leaves of {most} is no noise of a sensor, its spectrum spans a factor of"
+        f" {np.exp(spans[most]):.0f}: surfaces that come late, gusts, vibration or a missing effect; the standard"
+        " errors do not count it; use --method map"
     )
 
 

@@ -82,22 +82,45 @@ def meant(
     return Meant(signals, prepared, tuple(mistakes), doubt)
 
 
-def identify_by_posterior(asked: Request) -> PosteriorIdentification:
-    """Estimate a model from one or more flights. Raises SysidError where no flight has what is needed."""
+def read_as_meant(asked: Request) -> list[Meant]:
+    """The flights asked for. Raises SysidError where one lacks what is needed."""
     asked.progress(0.05, "units, signs and axes")
-    read = [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
+    return [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
+
+
+def reconstructed(read: Sequence[Meant]) -> CompatibilityResult | None:
+    """What kinematics say of the flights; None where they cannot be asked."""
+    if any(dead_channels(one.signals) for one in read):
+        return None
     try:
-        return _identified(read, asked)
+        return check_compatibility([one.prepared for one in read])
+    except SysidError:
+        return None
+
+
+def identify_by_posterior(
+    read: Sequence[Meant], asked: Request, known: CompatibilityResult | None = None
+) -> PosteriorIdentification:
+    """Estimate a model from one or more flights.
+
+    read: `read_as_meant` of what is asked. known: `reconstructed` of that, if at hand. Raises SysidError where no
+    flight has what is needed.
+    """
+    try:
+        return _identified(read, asked, known)
     except SysidError as error:
         raise next((one.doubt for one in read if one.doubt is not None), error) from error
 
 
-def _identified(read: Sequence[Meant], asked: Request) -> PosteriorIdentification:
+def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResult | None) -> PosteriorIdentification:
     vehicle, structure, progress = asked.vehicle, asked.structure, asked.progress
     flights, prepared = [one.signals for one in read], [one.prepared for one in read]
     mistakes = tuple({one.sentence: one for each in read for one in each.mistakes}.values())
     progress(0.15, "data compatibility")
-    compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
+    warnings: list[str] = []
+    compatible = known
+    if compatible is None:
+        compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
     warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
     parts = _parts(flights, prepared, vehicle, compatible, warnings)
     _require_plausible(parts, vehicle)
@@ -105,10 +128,12 @@ def _identified(read: Sequence[Meant], asked: Request) -> PosteriorIdentificatio
     surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
-    known = known_before(asked.prior, structure, warnings)
+    before = known_before(asked.prior, structure, warnings)
     effects = [(e.name, key) for e in structure.effects for key, entry in e.parameters.items() if entry.std]
     dead = _dead_surfaces(prepared, vehicle, compatible, surfaces)
-    found = estimate(parts, vehicle, structure, effects, known, asked.systematic, dead, asked.within(0.3, 0.8).progress)
+    found = estimate(
+        parts, vehicle, structure, effects, before, asked.systematic, dead, asked.within(0.3, 0.8).progress
+    )
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))

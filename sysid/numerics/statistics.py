@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import fft, linalg
 
 from sysid.arrays import Array
+
+_WINDOW_S, _SHORTEST_WINDOW = 8.0, 32
+
+
+def spectral_span(runs: Sequence[Array], interval_s: float) -> float:
+    """Logarithm of the largest over the smallest density (95 and 5 % of the frequencies) of runs of one residual.
+
+    runs: (N,) each, NaN where nothing was read; those with less than 32 samples do not count. Welch's method, windows
+    of a sixth of the longest run, 8 s at most, smoothed over three frequencies. 0 where no run is long enough.
+    """
+    clean = [run[np.isfinite(run)] for run in runs]
+    longest = max((run.size for run in clean), default=0)
+    length = max(min(longest // 6, round(_WINDOW_S / interval_s)), _SHORTEST_WINDOW)
+    window = np.hanning(length + 1)[:length]
+    density, count = np.zeros(length // 2 + 1), 0
+    for run in clean:
+        for begin in range(0, run.size - length + 1, max(1, length // 2)):
+            part = run[begin : begin + length]
+            density += np.abs(np.fft.rfft((part - part.mean()) * window)) ** 2
+            count += 1
+    if not count:
+        return 0.0
+    inner = density[1:-1]
+    wide = np.concatenate((inner[:1], inner, inner[-1:]))
+    low, high = np.percentile(0.25 * wide[:-2] + 0.5 * wide[1:-1] + 0.25 * wide[2:], (5.0, 95.0))
+    return float(np.log(high / max(low, 1e-300)))
 
 
 def sample_autocorrelation(values: Array, lags: int) -> Array:

@@ -186,10 +186,11 @@ class Posterior:
         """Half the sum of squares, prior included, with the noise held as it was estimated last."""
         off = at.theta - self.prior.mean
         total = 0.5 * float(off @ self.prior.information @ off)
-        for i, residual in enumerate(at.residuals):
-            e = self.whitened(i, residual[:, :, None])[:, 0]
-            total += 0.5 * float(e @ e)
-        return total
+        with np.errstate(over="ignore", invalid="ignore"):  # a motion that runs away has no finite cost
+            for i, residual in enumerate(at.residuals):
+                e = self.whitened(i, residual[:, :, None])[:, 0]
+                total += 0.5 * float(e @ e)
+        return total if np.isfinite(total) else np.inf
 
     def normal(self, at: _Point, fresh: bool = True) -> tuple[Array, Array]:
         """Information (P, P) and gradient downhill (P,), prior included; fresh: whether all slopes are worked out."""

@@ -12,6 +12,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, correct
+from sysid.compatibility.selection import LIMITS
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.command_order import command_shows_at_once
 from sysid.equation_error.dead_surfaces import part_of
@@ -87,6 +88,21 @@ def timing_of(prepared: Sequence[Prepared], at_once: bool) -> float:
     """
     joined = any(stretch.record.joined for flight in prepared for stretch in flight.stretches)
     return 0.5 if joined else float(at_once)
+
+
+def with_unclear_sensors(problem: Problem, refused: Sequence[str]) -> Problem:
+    """The problem with those sensor errors as unknowns that kinematics could not tell (`refused`), each as far as it is
+    known of such sensors.
+
+    A pitch offset and an accelerometer's bias look alike to kinematics; the aircraft's own motion tells them apart, and
+    one that is held at zero though it could be told would go into the coefficients.
+    """
+    more = [
+        name for name in relevant_sensors(refused, problem.motion) if name in LIMITS and name not in problem.sensors
+    ]
+    priors = {name: (0.0, LIMITS[name].std) for name in more}
+    sensors = {**problem.sensors, **dict.fromkeys(more, 0.0)}
+    return replace(problem, sensors=sensors, priors={**problem.priors, **priors}) if more else problem
 
 
 def corrected_parts(

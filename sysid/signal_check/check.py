@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import MistakenError
+from sysid.errors import SignalError
 from sysid.signal_check.fault import Mistake, delay_mistake
 from sysid.signal_check.fault_hypotheses import SPEED
 from sysid.signal_check.fault_search import DELAY_LEAST_S, find_mistakes
@@ -47,8 +47,8 @@ class SignalCheck:
 
 
 def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
-    """Look for mistakes in the signals of flights. Raises MistakenError where the data cannot be used as they are."""
-    found = _found(prepared, vehicle)
+    """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
+    found = suspected(prepared, vehicle)
     stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
@@ -61,7 +61,7 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     attitude that lags the scale of the rates: that is told and does not stop. Raises SignalError where the data cannot
     be used.
     """
-    found = _found(prepared, vehicle)
+    found = suspected(prepared, vehicle)
     doubtful = [one for one in found if one.kind in ("sign", "scale") and len(one.signals) == 1]
     stop_at_unusable([one for one in found if one not in doubtful], flights_named(prepared))
     late = [Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay"]
@@ -70,7 +70,8 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     return [*told, *(delay_sentence(one, False) for one in late)]
 
 
-def _found(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+def suspected(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+    """Whatever seems wrong with the signals of flights."""
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*impossible_values(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
     found += _impossible_winds(parts, {name for one in found if one.kind != "delay" for name in one.signals})
@@ -88,10 +89,10 @@ def flights_named(prepared: Sequence[Prepared]) -> str:
 
 
 def stop_at_unusable(found: Sequence[Mistake], name: str) -> None:
-    """Raise MistakenError for mistakes that leave nothing to estimate from."""
+    """Raise SignalError for mistakes that leave nothing to estimate from."""
     wrong = [one for one in found if not one.usable]
     if wrong:
-        raise MistakenError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
+        raise SignalError(f"{name}: {'; '.join(one.sentence for one in wrong)}")
 
 
 def _unflyable(mistake: Mistake, prepared: Sequence[Prepared], vehicle: Vehicle) -> bool:

@@ -168,7 +168,8 @@ def test_a_model_stands_there_with_its_error_bars(visitor: Visitor, ground: Grou
     assert visitor.page.locator("table:has-text('Coefficients.') tbody tr").count() == len(
         [entry for entry in result["model"]["coefficients"].values() if "value" in entry]
     )
-    assert result["validation"]["reason"] in visitor.text(".remark")
+    assert "for identification" in visitor.text(".remark >> nth=0")
+    assert result["validation"]["reason"] in visitor.text(".remark >> nth=1")
     with visitor.page.expect_download() as download:
         visitor.page.click("text=Model (JSON)")
     assert '"model/1"' in Path(download.value.path()).read_text(encoding="utf-8").replace(" ", "")

@@ -1,5 +1,6 @@
 """The method that a flight gets: the estimator for real flights, unless the flight is one of the textbooks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from field_flight import field_flight
 from signal_mistakes import injections
 from simulated import fly_mav
 
-from sim_vehicle.model.model_file import read_model
+from sim_vehicle.model.model_file import Coefficient, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import DivergedError
 from sysid.identification import posterior_method
@@ -66,7 +67,18 @@ def test_an_aircraft_whose_free_motion_runs_away_gets_filter_error(monkeypatch: 
         raise DivergedError("the simulated motion diverges from every start: the aircraft may be unstable")
 
     monkeypatch.setattr(posterior_method, "identify_by_posterior", diverges)
-    found = identify([fly_mav("multisine", 3, duration=12.0)[0]], VEHICLE, systematic=False)
+    gusts = ("turbulence:sigma=0.3,length=30",)
+    found = identify([fly_mav("multisine", 3, duration=12.0, effects=gusts)[0]], VEHICLE, systematic=False)
     assert result_json(found)["method"] == "fe"
     assert found.warnings[0].endswith("estimated by filter error")
     assert np.isfinite(largest(found))
+
+
+def test_an_aircraft_that_is_slightly_unstable_is_told_so() -> None:
+    model = read_model("iitb-mav")
+    model = replace(model, coefficients={**model.coefficients, "Cm_alpha": Coefficient(0.05)})
+    found = identify([fly_mav("elevator-3211", 3, model=model)[0]], VEHICLE, systematic=False)
+    entry = found.model.coefficients["Cm_alpha"]
+    assert entry.value is not None
+    assert entry.std is not None
+    assert abs(entry.value - 0.05) < 3.0 * entry.std < 0.1
