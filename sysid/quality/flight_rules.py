@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -205,8 +205,3 @@ def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
 RULES: tuple[Callable[[SeenFlight], Iterator[Reason]], ...] = (
     _aircraft, _rates, _gaps, _vibration, _excitation, _sensors, _air,
 )  # fmt: skip
-
-
-def rates_of(seen: SeenFlight) -> Mapping[str, float]:
-    """Median rate, Hz, of every signal that the flight has."""
-    return {name: round(_rate(seen, name), 2) for name in seen.signals.signals}
