@@ -27,15 +27,17 @@ def check(
     """
     from sysid.identification.result_file import result_json
     from sysid.identify import identify
+    from sysid.signal_check.decisive import require_searched
 
     craft = load_vehicle(str(vehicle))
+    require_searched([*as_recorded, *craft.as_recorded])
     progress(0.0, "reading the recordings")
     flights = read_flights(paths, craft, system)
     found: dict[str, Any] = {
         "schema": "check/1",
         "flights": [flight.name for flight in flights],
         "vehicle": craft.name,
-        "senders": senders_of(paths, system),
+        "senders": senders_of(flights),
         "rates": {
             flight.name: {name: round(one.rate_hz, 2) for name, one in flight.signals.items()} for flight in flights
         },

@@ -40,16 +40,15 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
                 f"{recording.path.stem}: the log of a {sender.type_name} ({sender.autopilot_name}): there is nothing to"
                 " identify without a wing; give the log of a fixed-wing aircraft"
             )
-        flight = extract(recording, vehicle, system)
+        flight = replace(extract(recording, vehicle, system), sender=sender.to_json())
         cut = cut_off(recording)
         flights.append(replace(flight, warnings=(cut, *flight.warnings)) if cut else flight)
     return flights
 
 
-def senders_of(paths: Sequence[Path], system: int | None = None) -> dict[str, dict[str, object]]:
+def senders_of(flights: Sequence[FlightSignals]) -> dict[str, dict[str, object]]:
     """Flight -> who sent it: system, type, MAV_TYPE and autopilot."""
-    recordings = [Recording(parts) for parts in by_recording(paths)]
-    return {one.path.stem: sender_of(one, system).to_json() for one in recordings}
+    return {flight.name: dict(flight.sender) for flight in flights}
 
 
 def identify(
@@ -96,7 +95,7 @@ def identify(
             as_recorded=as_recorded,
             progress=progress,
         )
-    result = {**result_json(found), "senders": senders_of(paths, system)}
+    result = {**result_json(found), "senders": senders_of(flights)}
     result["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *result["warnings"]]))
     if result.get("validation") and any(same(judge, flight) for judge in judges for flight in flights):
         # The verdict stands in green beside its reason.
@@ -133,7 +132,7 @@ def discrepancy(
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
         found = run(flights, craft, baseline, validate_on=judges, ruled_out=ruled_out, progress=progress)
-    clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(paths, system)}
+    clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(flights)}
     models = [model] if model.is_file() else []
     clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made(

@@ -15,6 +15,7 @@ import numpy as np
 from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue, Flight
 from gcs.errors import RecordingError, in_words
+from gcs.flights.sender import GCS
 from gcs.recording.joined import by_recording
 from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
@@ -22,7 +23,6 @@ from gcs.recording.repair import UNFINISHED, complete
 from gcs.settings import Settings
 
 _log = logging.getLogger(__name__)
-MAV_TYPE_GCS = 6
 
 
 def flight_stamp(ns: int) -> str:
@@ -53,7 +53,7 @@ def vehicle_of(recording: Recording) -> int | None:
     """The system whose HEARTBEAT is not a ground station's, the one most often heard if there are several."""
     beats: dict[int, int] = {}
     for columns in recording.columns("HEARTBEAT"):
-        count = int(np.count_nonzero(columns["type"] != MAV_TYPE_GCS))
+        count = int(np.count_nonzero(columns["type"] != GCS))
         beats[columns.system] = beats.get(columns.system, 0) + count
     heard = [system for system, count in beats.items() if count]
     return max(heard, key=lambda system: beats[system]) if heard else None

@@ -8,13 +8,10 @@ HELP = "say whether recordings are good for identification, why not, and what to
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.options.flights import add_flight_arguments
+    from gcs.options.flights import add_flight_arguments, add_signal_arguments
 
     add_flight_arguments(parser, validate=False)
-    parser.add_argument(
-        "--as-recorded", metavar="SIGNAL", action="append", default=[], help="take this signal as it was recorded"
-    )
-    parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
+    add_signal_arguments(parser)
     parser.add_argument("--json", action="store_true")
 
 

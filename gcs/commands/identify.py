@@ -9,7 +9,7 @@ HELP = "identify the flight model and the sensors' errors from recordings"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.options.flights import add_flight_arguments, add_result_arguments
+    from gcs.options.flights import add_flight_arguments, add_result_arguments, add_signal_arguments
 
     add_flight_arguments(parser)
     add_result_arguments(parser)
@@ -18,10 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     parser.add_argument("--from", metavar="S", dest="start", type=float, help="seconds from the flight's first stamp")
     parser.add_argument("--to", metavar="S", dest="stop", type=float)
-    parser.add_argument(
-        "--as-recorded", metavar="SIGNAL", action="append", default=[], help="take this signal as it was recorded"
-    )
-    parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
+    add_signal_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -36,6 +36,14 @@ def add_flight_arguments(parser: argparse.ArgumentParser, validate: bool = True)
     add_dialect_argument(parser)
 
 
+def add_signal_arguments(parser: argparse.ArgumentParser) -> None:
+    """--as-recorded and --system: how a flight's signals are read."""
+    parser.add_argument(
+        "--as-recorded", metavar="SIGNAL", action="append", default=[], help="take this signal as it was recorded"
+    )
+    parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
+
+
 def add_result_arguments(parser: argparse.ArgumentParser) -> None:
     """-o, --write-model and --json."""
     parser.add_argument("-o", "--output", metavar="RESULT.json", type=Path)

@@ -104,10 +104,10 @@ def _quality(result: Result) -> str:
     found = result.get("quality")
     if not found:
         return ""
-    bad = "" if found["verdict"] == "good" else " bad"
+    bad = " bad" if found["verdict"] == "poor" else ""
     words = f'<p class="verdict{bad}">The flight is {text(verdict_words(found))}</p>'
-    rows = [[text(axis), text(VERDICTS.get(one["verdict"], ""))] for axis, one in found["axes"].items()]
-    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", ["axis", "verdict"], rows)
+    verdicts = [text(VERDICTS.get(one["verdict"], "")) for one in found["axes"].values()]
+    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", list(found["axes"]), [verdicts])
 
 
 def _warnings(result: Result) -> str:

@@ -9,9 +9,11 @@ VERDICTS = {"good": "good", "care": "usable with care", "poor": "too poor"}
 
 
 def verdict_words(quality: Mapping[str, Any]) -> str:
-    """The verdict, with a colon's worth of what follows."""
+    """The verdict in words, ready for the reasons that follow."""
     words = VERDICTS.get(str(quality.get("verdict")), str(quality.get("verdict")))
-    return f"{words}, because" if quality.get("reasons") and quality.get("verdict") != "good" else words
+    if quality.get("verdict") == "good":
+        return f"{words} for identification"
+    return f"{words}, because"
 
 
 def quality_lines(quality: Mapping[str, Any] | None) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 _WORDS = {
     "servo_delay": ("servos, delay", "ms", 1e3), "servo_lag": ("servos, lag", "ms", 1e3),
+    "command_clock": ("commands, stamps late by", "ms", 1e3),
     "servo_backlash": ("servos, half backlash", "deg", 180.0 / math.pi),
     "airspeed_error": ("airspeed reads too much by", "%", 100.0),
     "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),

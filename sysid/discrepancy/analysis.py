@@ -58,8 +58,8 @@ from sysid.output_error.fit import fit
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.problem.free_run import Fixed
 from sysid.problem.problem import Estimates, Problem
-from sysid.quality.flight_rules import SeenFlight, flight_quality
-from sysid.quality.verdict import CARE, Reason, joined
+from sysid.quality.flight_rules import flights_quality
+from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.check import told_mistakes
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, prepare, require_thrust
@@ -130,12 +130,7 @@ def discrepancy(
     stage_before = "given" if verdict == "parameter_error" else "before"
     where = _where(base.problem, prepared, stages, stage_before) if verdict != "none" else []
     progress(1.0, "done")
-    quality = joined(
-        [
-            flight_quality(SeenFlight(one, each, vehicle, used.compatible.gust_sigma))
-            for one, each in zip(flights, prepared, strict=True)
-        ]
-    )
+    quality = flights_quality(flights, prepared, vehicle, used.compatible.gust_sigma)
     if verdict == "unexplained":
         quality = replace(quality, reasons=(*quality.reasons, Reason(CARE, _NOTHING_NAMED)))
     result = {

@@ -32,8 +32,8 @@ from sysid.problem.formulation import corrected_parts, known_before, make_proble
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
-from sysid.quality.flight_rules import SeenFlight, flight_quality
-from sysid.quality.verdict import NOTHING_SEEN, Quality, joined
+from sysid.quality.flight_rules import flights_quality
+from sysid.quality.verdict import CARE, NOTHING_SEEN, Quality, Reason, once
 from sysid.signal_check.check import SignalCheck, check_signals, in_time, suspected
 from sysid.signals.delay import Delay, delay_sentence
 from sysid.signals.flight import FlightSignals
@@ -107,7 +107,7 @@ def identify(
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight tells.
     check: what is known of mistakes in the signals already; None looks for them.
-    as_recorded: signals that "map" takes as they are, whatever seems ("ax", ...).
+    as_recorded: signals that are taken as they are, whatever seems ("ax", ...).
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
     """
@@ -133,30 +133,34 @@ def _by_the_flight(asked: Request) -> Identification:
     compatible = reconstructed(read)
     # Where kinematics see calm air and one motion, the flight may be as the textbooks have them.
     calm = compatible is not None and compatible.compatible and compatible.gust_sigma == 0.0
-    if calm and (books := _as_of_textbooks(asked.within(0.1, 1.0), read, compatible)) is not None:
-        return books
-    try:
-        found = _by_posterior(asked.within(0.1, 1.0), read, compatible)
-    except DivergedError as error:
-        books = _by_the_books(asked, "fe")
-        return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
-    if not calm and found.posterior is not None and is_textbook(found.posterior):
-        # A sensor that is misread or comes late looks like gusts or another motion.
-        return _as_of_textbooks(asked.within(0.5, 1.0), read, compatible) or _with_findings(found, asked.vehicle)
+    found = _as_of_textbooks(asked.within(0.1, 0.4), read, compatible) if calm else None
+    if found is None:
+        try:
+            found = _by_posterior(asked.within(0.4 if calm else 0.1, 0.8), read, compatible)
+        except DivergedError as error:
+            mended = replace(asked, flights=[one.signals for one in read])
+            books = _by_the_books(mended.within(0.8, 1.0), "fe")
+            return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
+        if found.posterior is not None and is_textbook(found.posterior):
+            # A sensor that is misread or comes late looks like gusts, another motion, or what no model explains.
+            explained = None if calm else _as_of_textbooks(asked.within(0.8, 1.0), read, compatible)
+            found = explained or _with_findings(found, asked)
+    asked.progress(1.0, "done")
     return found
 
 
-def _with_findings(found: Identification, vehicle: Vehicle) -> Identification:
+def _with_findings(found: Identification, asked: Request) -> Identification:
     """The same with what may be wrong with its signals, in words: nothing that is sure enough to be acted on."""
     mistakes = [
         replace(one, sentence=delay_sentence(Delay(one.signals, one.found, one.std), False))
         if one.kind == "delay"
         else one
-        for one in suspected(found.flights, vehicle)
+        for one in suspected(found.flights, asked.vehicle, asked.as_recorded)
     ]
     words = [f"perhaps {one.sentence}" for one in mistakes]
     check = replace(found.check, mistakes=(*found.check.mistakes, *mistakes))
-    return replace(found, check=check, warnings=(*words, *found.warnings))
+    quality = replace(found.quality, reasons=once((*found.quality.reasons, *(Reason(CARE, text) for text in words))))
+    return replace(found, check=check, quality=quality, warnings=(*words, *found.warnings))
 
 
 def _as_of_textbooks(
@@ -194,13 +198,13 @@ def _by_the_books(asked: Request, method: str, known: CompatibilityResult | None
         progress(0.05, "units, signs, axes and delays")
         # Of signals that come in time, as they mostly do, it is the one that is wanted.
         with begun(lambda: known if _is_of(known, prepared) else check_compatibility(prepared)) as ahead:
-            check = check_signals(prepared, vehicle)
+            check = check_signals(prepared, vehicle, asked.as_recorded)
             compatible = None if check.delays else ahead.result()
     posed = _pose(asked, prepared, check, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     warnings = [*posed.warnings, *found.warnings, *(one.sentence for one in check.findings())]
     progress(0.88, "validation")
-    judges = [judge(flight, vehicle, check, warnings) for flight in asked.validate_on]
+    judges = [judge(flight, vehicle, check, warnings, asked.as_recorded) for flight in asked.validate_on]
     compared = comparison(judges or posed.prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
@@ -217,7 +221,7 @@ def _by_the_books(asked: Request, method: str, known: CompatibilityResult | None
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         linear_model(vehicle, found.model, posed.prepared, compatible, found.likeliest),
         tuple(dict.fromkeys(warnings)), check, compared, None,
-        with_estimate(_before(asked.flights, posed.prepared, compatible, vehicle), seen),
+        with_estimate(flights_quality(asked.flights, posed.prepared, vehicle, compatible.gust_sigma), seen),
     )  # fmt: skip
 
 
@@ -232,6 +236,7 @@ def _by_posterior(
 ) -> Identification:
     """`identify` with the method "map". read, known: the flights as meant and their compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior, meant, read_as_meant  # slow to import
+    from sysid.posterior.replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
@@ -247,9 +252,10 @@ def _by_posterior(
     for one in others:
         warnings += [*one.prepared.warnings, *(mistake.sentence for mistake in one.mistakes)]
     # What the kinematics say of sensors is not what this estimate takes them for.
-    compared = comparison(
-        judges or found.prepared, vehicle, found.model, found.estimate.sensor_errors(), timing_of(found.prepared, False)
+    flights = as_moved(
+        judges or found.prepared, [one.signals for one in others] or found.signals, vehicle, found.estimate
     )
+    compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
     progress(1.0, "done")
     groups = found.estimate.results.items()
@@ -263,16 +269,8 @@ def _by_posterior(
         tuple(flight.name for flight in asked.validate_on), None, None,
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
         tuple(dict.fromkeys(warnings)), check, compared, found.estimate,
-        with_estimate(_before(found.signals, found.prepared, found.compatible, vehicle), seen),
+        with_estimate(flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma), seen),
     )  # fmt: skip
-
-
-def _before(
-    flights: Sequence[FlightSignals], prepared: Sequence[Prepared], compatible: CompatibilityResult, vehicle: Vehicle
-) -> Quality:
-    """What the flights are worth by themselves."""
-    pairs = zip(flights, prepared, strict=True)
-    return joined([flight_quality(SeenFlight(one, each, vehicle, compatible.gust_sigma)) for one, each in pairs])
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Stated, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
 from sysid.posterior.estimator import ALL, MAX_PASSES, Posterior, PosteriorResult, Prior
-from sysid.posterior.group import GroupModel
+from sysid.posterior.group import SERVO, GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
 from sysid.posterior.start import equation_error_starts, usual_starts
@@ -95,6 +95,20 @@ class PosteriorEstimate:
     left_out: Mapping[str, str]
     not_believed: Mapping[str, str]
     warnings: tuple[str, ...]
+
+    def servos(self, group: str, flight: str) -> tuple[float, ...] | None:
+        """Delay [s], lag [s] and backlash [rad] of a group's servos, those of a flight that was not among the estimated
+        the mean of all; None where the group was not estimated.
+        """
+        if group not in self.results:
+            return None
+        model, theta = self.models[group], self.results[group].theta
+        flown = list(dict.fromkeys(part.flight for part in model.parts))
+        every = [
+            model.unknowns.values(theta[len(model.parameters) :], one)
+            for one in ([flight] if flight in flown else flown)
+        ]
+        return tuple(float(np.mean([one[key] for one in every])) for key in SERVO)
 
     def sensor_errors(self) -> dict[str, tuple[float, float, str]]:
         """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on."""
@@ -449,7 +463,11 @@ def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, .
     for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
             value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
-            estimates.append(NuisanceEstimate(one.name, group, value, std, one.std, one.unit, one.flight))
+            name = one.name
+            if name == "servo_delay" and value < 0.0:
+                # Nothing follows before its cause: it is the stamp that is late.
+                name, value = "command_clock", -value
+            estimates.append(NuisanceEstimate(name, group, value, std, one.std, one.unit, one.flight))
         for output, (value, std) in result.zeros.items():
             prior, unit = found[group].posterior.zeros[output], _UNIT_OF[output]
             estimates.append(NuisanceEstimate(f"{output}_zero", group, value, std, prior, unit, ""))

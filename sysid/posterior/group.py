@@ -23,7 +23,7 @@ from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.posterior.inputs import interval_means, servo, swing
+from sysid.posterior.inputs import surface_means, swing
 from sysid.posterior.observations import joined_at, read_at
 from sysid.posterior.part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.unknowns import FLOW_OF, SURFACES_OF, Unknowns
@@ -35,13 +35,11 @@ _FLOW_STATES = ("v", "w")
 # What initial states are known to before they are estimated: m/s and rad/s.
 _START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
 _VANES = ("alpha", "beta")
-# A servo is let run so long before a part begins, s.
-_SERVO_LEAD_S = 0.5
-_SERVO = ("servo_delay", "servo_lag", "servo_backlash")
+SERVO = ("servo_delay", "servo_lag", "servo_backlash")
 # Nuisances that change what drives the simulation; the others act on what it reads.
 _DRIVING = frozenset(
     (
-        *(*_SERVO, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
+        *(*SERVO, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
         *("theta_offset", "phi_offset", "alpha_offset", "thrust_error"),
     )
 )
@@ -105,7 +103,7 @@ class GroupModel:
         self._driving = _DRIVING | _OF_VANE if flow_imposed else _DRIVING
         self.free_states = [STATES.index(name) for name in self._free]
         self.held_columns = [
-            i for i, one in enumerate(unknowns, len(self.parameters)) if one.name in self._driving - set(_SERVO)
+            i for i, one in enumerate(unknowns, len(self.parameters)) if one.name in self._driving - set(SERVO)
         ]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._take(parts)
@@ -190,7 +188,7 @@ class GroupModel:
         for _, nuisance in driven:
             step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
             other = {**values, nuisance.name: values[nuisance.name] + step}
-            record = self._driven(one, other, predictor.records[0], nuisance.name in _SERVO)
+            record = self._driven(one, other, predictor.records[0], nuisance.name in SERVO)
             moved.append((self._ideal(one, other, theta, states, record)[0] - y) / step)
         stack = np.concatenate((S, y[:, :, None], *(m[:, :, None] for m in moved)), axis=2)
         read = self._read(one, values, stack)
@@ -298,14 +296,13 @@ class GroupModel:
         """(N, 4) means of what the surfaces did over each step, and the throttle."""
         part = one.part
         n, step = part.grid.size, one.record.interval_s
-        lead = round(_SERVO_LEAD_S / step)
-        half = part.grid[0] - lead * step + 0.5 * step * (np.arange(2 * (n + lead) + 2) - 0.5)
         commands = np.zeros((n, 4))
         for j, name in enumerate(SURFACES):
             if name in part.inputs and name in self._surfaces:
-                behind = servo(part.inputs[name], half, *(values[key] for key in _SERVO))
+                servos = [values[key] for key in SERVO]
+                moved = surface_means(part.inputs[name], part.grid[0], step, n, servos)
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
-                commands[:, j] = gain * interval_means(behind, part.inputs[name].kind == "held")[lead:] + bias
+                commands[:, j] = gain * moved + bias
         if "throttle" in part.inputs:
             commands[:, 3] = part.inputs["throttle"].at(part.grid)
         return commands
@@ -357,5 +354,5 @@ class GroupModel:
 
 
 def _stepping(part: FlightPart, unknowns: Unknowns) -> bool:
-    at_once = all(unknowns.fixed.get(name) == 0.0 for name in _SERVO)
+    at_once = all(unknowns.fixed.get(name) == 0.0 for name in SERVO)
     return at_once and any(part.inputs[name].kind == "held" for name in SURFACES if name in part.inputs)

@@ -7,6 +7,7 @@ for each sample of the log is a smooth function seen at points, and a straight l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -25,6 +26,8 @@ _SHORTEST_LAG_S = 5e-4
 _LOOP_INTERVAL_S = 0.024
 # Share of samples that repeat the one before, from which on a command is taken as one that steps.
 _STEPPING = 0.5
+# From so long before a grid on a servo runs, s.
+_SERVO_LEAD_S = 0.5
 # Step at which a vane's swinging is integrated, s.
 _SWING_STEP_S = 2.5e-3
 
@@ -118,6 +121,17 @@ def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: fl
         A[2, 3] = 1.0
         behind = _second_order(behind, np.ascontiguousarray(expm(A)[:2]))
     return _play(behind, backlash) if backlash > 0.0 else behind
+
+
+def surface_means(told: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]) -> Array:
+    """(count,) means of what a surface did from each point of an even grid to the next.
+
+    begin: of the grid, s. step: s. servos: delay [s], lag [s] and backlash of its servo.
+    """
+    # The servo has settled where the grid begins.
+    lead = round(_SERVO_LEAD_S / step)
+    half: Array = begin - lead * step + 0.5 * step * (np.arange(2 * (count + lead) + 2, dtype=np.float64) - 0.5)
+    return interval_means(servo(told, half, *servos), told.kind == "held")[lead:]
 
 
 def interval_means(values: Array, averaged: bool) -> Array:

@@ -93,6 +93,21 @@ def finite(signals: FlightSignals, name: str, begin: float, end: float) -> tuple
     return time_s[later], values[later]
 
 
+def inputs_of(
+    signals: FlightSignals, vehicle: Vehicle, begin: float, end: float
+) -> tuple[dict[str, InputSignal], bool]:
+    """de, da, dr and throttle as functions of time from begin to end [s], and whether surfaces are positions."""
+    commands = {name: finite(signals, name, begin, end) for name in (*SURFACES, "throttle")}
+    commands = {name: one for name, one in commands.items() if one[0].size >= 2}
+    # [signals] may bring what [controls] does not describe. A delay that is known counts from commands that stay.
+    controls = {name: vehicle.controls.get(control) for name, control in _CONTROLS.items() if name in commands}
+    described = {name: one for name, one in controls.items() if one is not None}
+    position = any(one.signal == "position" for name, one in described.items() if name in SURFACES)
+    held = [name for name, one in described.items() if one.delay.value is not None]
+    inputs = {name: input_signal(*one, position and name in SURFACES, name in held) for name, one in commands.items()}
+    return inputs, position
+
+
 def make_part(
     signals: FlightSignals,
     vehicle: Vehicle,
@@ -111,8 +126,7 @@ def make_part(
             f"{signals.name}: no {', '.join(missing)} from {begin:.1f} to {end:.1f} s: coefficients need the"
             " accelerometers, the gyros, roll and pitch, and the airspeed"
         )
-    commands = {name: finite(signals, name, begin - 1.0, end) for name in ("de", "da", "dr", "throttle")}
-    commands = {name: one for name, one in commands.items() if one[0].size >= 2}
+    earliest = begin - 1.0
     begin = max(begin, *(read[name][0][0] for name in NEEDED))
     end = min(end, *(read[name][0][-1] for name in NEEDED))
     if end - begin < 3.0:
@@ -120,12 +134,7 @@ def make_part(
             f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than 3 s in which all is read"
         )
     grid: Array = begin + STEP_S * np.arange(int((end - begin) / STEP_S), dtype=np.float64)
-    # [signals] may bring what [controls] does not describe. A delay that is known counts from commands that stay.
-    controls = {name: vehicle.controls.get(control) for name, control in _CONTROLS.items() if name in commands}
-    described = {name: one for name, one in controls.items() if one is not None}
-    position = any(one.signal == "position" for name, one in described.items() if name in SURFACES)
-    held = [name for name, one in described.items() if one.delay.value is not None]
-    inputs = {name: input_signal(*one, position and name in SURFACES, name in held) for name, one in commands.items()}
+    inputs, position = inputs_of(signals, vehicle, earliest, end)
     motion = {
         **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in ("ax", "ay", "az", "p", "q", "r")},
         **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
@@ -150,10 +159,10 @@ def make_part(
     imu = float(np.median(np.diff(read["q"][0])))
     rates = [
         1.0 / imu,
-        *(1.0 / float(np.median(np.diff(t))) for t, _ in (commands[n] for n in SURFACES if n in commands)),
+        *(1.0 / float(np.median(np.diff(inputs[n].time_s))) for n in SURFACES if n in inputs),
     ]
     rates += [1.0 / float(np.median(np.diff(channels[n].time_s))) for n in ("alpha", "beta") if n in channels]
-    lost = bursts(read["q"][0]) + [one for n in SURFACES if n in commands for one in bursts(commands[n][0])]
+    lost = bursts(read["q"][0]) + [one for n in SURFACES if n in inputs for one in bursts(inputs[n].time_s)]
     for name in ("alpha", "beta"):
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)

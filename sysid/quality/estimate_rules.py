@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.model.terms import parse_term
+from sim_vehicle.model.terms import AXES, parse_term
 from sysid.compatibility.selection import Refusal
 from sysid.problem.model_structure import usual_size
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
-from sysid.quality.verdict import AXES, CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
+from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.validation.statistics import Validation
 
 # The derivatives that an axis is flown for.

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
+from sim_vehicle.model.terms import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.smoothing import noise_sigma
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
-from sysid.quality.verdict import AXES, CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
+from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
 from sysid.signals.flight import FlightSignals, repeats
 from sysid.signals.preparation import Prepared
 
@@ -50,6 +51,14 @@ class SeenFlight:
         """Standard deviation of a surface, rad."""
         values = self.samples(surface)[1]
         return float(np.std(values)) if values.size else 0.0
+
+
+def flights_quality(
+    signals: Sequence[FlightSignals], prepared: Sequence[Prepared], vehicle: Vehicle, gusts: float
+) -> Quality:
+    """The verdict of flights that are used together. signals: of each, as recorded. gusts: m/s."""
+    pairs = zip(signals, prepared, strict=True)
+    return joined([flight_quality(SeenFlight(one, each, vehicle, gusts)) for one, each in pairs])
 
 
 def flight_quality(seen: SeenFlight) -> Quality:
@@ -99,9 +108,10 @@ def _gaps(seen: SeenFlight) -> Iterator[Reason]:
     long = steps[steps > 1.8 * usual]
     share = float((long - usual).sum() / steps.sum())
     if share > LIMITS.lost:
+        gaps = "1 gap" if long.size == 1 else f"{long.size} gaps"
         yield Reason(
             POOR if share > LIMITS.lost_most else CARE,
-            f"{share:.0%} of the time is without gyros ({long.size} gaps, the longest {long.max():.2g} s)",
+            f"{share:.0%} of the time is without gyros ({gaps}, the longest {long.max():.2g} s)",
             "log on board, or at a rate that the link carries",
         )
     short = steps[steps <= 1.8 * usual]
@@ -143,9 +153,7 @@ def _excitation(seen: SeenFlight) -> Iterator[Reason]:
         most = max(seen.travel(name) for name in surfaces)
         if LIMITS.still < most < LIMITS.small:
             words = " and ".join(_SURFACES[name] for name in surfaces)
-            yield Reason(
-                CARE, f"{words} moved by {np.degrees(most):.1f} deg in the mean", "fly inputs of 2 to 4 deg", axes
-            )
+            yield Reason(CARE, f"{words} moved by {np.degrees(most):.1f} deg rms", "fly inputs of 2 to 4 deg", axes)
     seconds = sum(one.segment.end_s - one.segment.start_s for one in seen.prepared.stretches)
     if seconds < LIMITS.excited_s:
         yield Reason(

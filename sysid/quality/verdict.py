@@ -6,16 +6,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sim_vehicle.model.terms import AXES
+from sysid.problem.model_structure import LONGITUDINAL_AXES
+
 GOOD, CARE, POOR = "good", "care", "poor"
-AXES = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
-LONGITUDINAL, LATERAL = AXES[:3], AXES[3:]
+LONGITUDINAL, LATERAL = LONGITUDINAL_AXES, tuple(axis for axis in AXES if axis not in LONGITUDINAL_AXES)
 
 
 @dataclass(frozen=True)
 class Reason:
     """One thing that speaks against a flight.
 
-    verdict: "care" or "poor". text: what is so. advice: what to do better next time. axes: of AXES that it concerns,
+    verdict: "care" or "poor". text: what is so. advice: what to do better next time. axes: those that it concerns,
     empty for all of them.
     """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
@@ -46,9 +46,12 @@ class SignalCheck:
         return [*self.mistakes, *map(delay_mistake, late)]
 
 
-def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle) -> SignalCheck:
-    """Look for mistakes in the signals of flights. Raises SignalError where the data cannot be used as they are."""
-    found = suspected(prepared, vehicle)
+def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle, as_recorded: Collection[str] = ()) -> SignalCheck:
+    """Look for mistakes in the signals of flights, but for those taken as recorded.
+
+    Raises SignalError where the data cannot be used as they are.
+    """
+    found = suspected(prepared, vehicle, as_recorded)
     stop_at_unusable(found, flights_named(prepared))
     delays = tuple(Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay")
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
@@ -70,12 +73,14 @@ def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
     return [*told, *(delay_sentence(one, False) for one in late)]
 
 
-def suspected(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
-    """Whatever seems wrong with the signals of flights."""
+def suspected(prepared: Sequence[Prepared], vehicle: Vehicle, as_recorded: Collection[str] = ()) -> list[Mistake]:
+    """Whatever seems wrong with signals of flights, but for those taken as recorded, here or by the vehicle file."""
+    kept = {*as_recorded, *vehicle.as_recorded}
     parts = [stretch.data for flight in prepared for stretch in flight.stretches]
     found = [*impossible_values(prepared, vehicle), *find_mistakes(parts, prepared[0].layout)]
     found += _impossible_winds(parts, {name for one in found if one.kind != "delay" for name in one.signals})
-    return named_cures([one for one in found if not _unflyable(one, prepared, vehicle)], prepared, vehicle)
+    found = [one for one in found if not kept.intersection(one.signals) and not _unflyable(one, prepared, vehicle)]
+    return named_cures(found, prepared, vehicle)
 
 
 def in_time(prepared: Sequence[Prepared], vehicle: Vehicle, check: SignalCheck) -> list[Prepared]:

@@ -63,6 +63,15 @@ class Correction:
         return replace(flight, signals=every)
 
 
+def require_searched(names: Collection[str]) -> None:
+    """Raise SignalError for a name of no signal that is searched for mistakes."""
+    if strange := sorted({*names} - {*SI, "thrust"}):
+        known_names = ", ".join((*SI, "thrust"))
+        raise SignalError(
+            f"as recorded: {', '.join(strange)} is no signal searched for mistakes; those are {known_names}"
+        )
+
+
 def as_meant(
     signals: FlightSignals, flight: Prepared, vehicle: Vehicle, as_recorded: Collection[str] = ()
 ) -> tuple[FlightSignals, list[Mistake]]:
@@ -72,11 +81,7 @@ def as_meant(
     Raises SignalError where the density of the air is one that no air has, and for a name of no signal.
     """
     kept = {*as_recorded, *vehicle.as_recorded}
-    if strange := sorted(kept - {*SI, "thrust"}):
-        known_names = ", ".join((*SI, "thrust"))
-        raise SignalError(
-            f"as recorded: {', '.join(strange)} is no signal searched for mistakes; those are {known_names}"
-        )
+    require_searched(kept)
     stop_at_unusable([one for one in impossible_values([flight], vehicle) if one.signal == "air_density"], signals.name)
     found = decisive_corrections([stretch.data for stretch in flight.stretches], flight.layout, kept)
     strong = [one for one in impossible_values([flight], vehicle) if one.signal == "thrust" and "thrust" not in kept]

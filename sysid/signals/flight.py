@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -47,11 +48,15 @@ class Signal:
 
 @dataclass(frozen=True)
 class FlightSignals:
-    """Every signal of one flight, by the names of the signal table (ax, alpha, servo2, de, ...), before resampling."""
+    """Every signal of one flight, by the names of the signal table (ax, alpha, servo2, de, ...), before resampling.
+
+    sender: what the recording says of who flew (system, type, mav_type, autopilot); empty where it says nothing.
+    """
 
     name: str
     signals: dict[str, Signal]
     warnings: tuple[str, ...] = ()
+    sender: Mapping[str, object] = field(default_factory=dict)
 
     def require(self, *names: str) -> None:
         """Raise SignalError naming every signal of `names` that the flight does not have."""

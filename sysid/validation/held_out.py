@@ -21,10 +21,12 @@ from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation, validate
 
 
-def judge(signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str]) -> Prepared:
-    """A flight to judge the model by, in time, its mistakes told."""
+def judge(
+    signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str], as_recorded: Sequence[str] = ()
+) -> Prepared:
+    """A flight to judge the model by, in time, its mistakes told but for those in signals taken as recorded."""
     flight = prepare(signals, vehicle)
-    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle).mistakes)]
+    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle, as_recorded).mistakes)]
     return in_time([flight], vehicle, check)[0]
 
 

@@ -202,6 +202,11 @@ def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     said = capsys.readouterr().out
     assert said.startswith("quality: too poor, because\n  mute: no signal airspeed: have the vehicle send it")
 
+    assert main(["check", str(mute), *vehicle, "--as-recorded", "qq"]) == 1
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert "as recorded: qq is no signal" in error
+
 
 def test_the_log_of_something_without_wings_is_one_line_with_its_type(
     folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]

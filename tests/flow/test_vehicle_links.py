@@ -74,6 +74,8 @@ def test_a_tcp_server() -> None:
         wait_until(lambda: listens(port))
         with closing(mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=255)) as station:
             connect_armed(station)
+            assert station.motors_armed()
+            assert station.mav.total_receive_errors == 0
 
 
 def test_a_serial_line() -> None:

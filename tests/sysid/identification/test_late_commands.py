@@ -67,3 +67,23 @@ def test_a_delay_that_the_vehicle_file_states_is_known_to_the_methods_of_the_boo
     found = identify([late], stating(LATE_S), method=method, systematic=False)
     assert worst(found) < {"ee": 0.05, "oe": 0.005}[method]
     assert not any("no noise of a sensor" in warning for warning in found.warnings)
+
+
+def test_a_right_model_predicts_another_flight_though_its_commands_come_late(late: FlightSignals) -> None:
+    other = fly_mav("multisine", 4)[0]
+    commands = {n: replace(other.signals[n], time_s=other.signals[n].time_s - LATE_S) for n in ("de", "da", "dr")}
+    judge = replace(other, signals={**other.signals, **commands})
+    found = result_json(identify([late], VEHICLE, validate_on=[judge], systematic=False))
+    assert (found["method"], found["validation"]["acceptable"]) == ("map", True)
+    for axis in ("Cl", "Cm", "Cn"):
+        assert found["validation"]["outputs"][axis]["tic"] < 0.1, axis
+    assert not any("held out" in reason for reason in found["quality"]["reasons"])
+
+
+def test_what_follows_before_its_stamp_is_a_late_stamp_and_no_delay() -> None:
+    flight = fly_mav("multisine", 3)[0]
+    commands = {n: replace(flight.signals[n], time_s=flight.signals[n].time_s + LATE_S) for n in ("de", "da", "dr")}
+    early = replace(flight, signals={**flight.signals, **commands})
+    found = result_json(identify([early], VEHICLE, method="map", systematic=False))
+    assert all(one["value"] >= 0.0 for one in found["nuisances"] if one["name"] in ("servo_delay", "servo_lag"))
+    assert any(one["name"] == "command_clock" and one["value"] > 0.01 for one in found["nuisances"])

@@ -10,6 +10,7 @@ from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.errors import SysidError
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightSignals, Signal
@@ -84,3 +85,12 @@ def test_a_thrust_sensor_that_is_dead_while_the_throttle_moves_is_left_out(fligh
     found = result_json(identify([dead], VEHICLE, systematic=False))
     assert list(found["thrust"].values()) == ["from rpm by max_thrust (rpm / max_rpm)^2"]
     assert any("the sensor is dead; it is left out" in warning for warning in found["warnings"])
+
+
+def test_a_signal_that_is_right_as_recorded_stops_no_method(flight: FlightSignals) -> None:
+    ay = flight.signals["ay"]
+    reversed_ay = changed(flight, ay=replace(ay, values=-ay.values))
+    with pytest.raises(SysidError, match="ay has the wrong sign"):
+        identify([reversed_ay], VEHICLE, method="ee", systematic=False)
+    found = identify([reversed_ay], VEHICLE, method="ee", systematic=False, as_recorded=("ay",))
+    assert not [one for one in found.check.mistakes if "ay" in one.signals]

@@ -9,11 +9,12 @@ import pytest
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.model.terms import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_rules import SeenFlight, flight_quality
-from sysid.quality.verdict import AXES, CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined
+from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.validation.statistics import validate
@@ -64,7 +65,7 @@ def test_lost_samples_are_a_share_of_the_time(flight: FlightSignals) -> None:
     (reason,) = found.reasons
     assert reason.verdict == CARE
     # A second of the twenty that the flight lasts, and one gap.
-    assert "5% of the time is without gyros (1 gaps, the longest 1" in reason.text
+    assert "5% of the time is without gyros (1 gap, the longest 1" in reason.text
 
 
 def test_another_aircrafts_file_is_seen_by_weight_against_lift(flight: FlightSignals) -> None:

@@ -1,0 +1,50 @@
+"""Flights to judge a model by, with their surfaces moved as the estimate found that servos move them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.posterior.analysis import PosteriorEstimate
+from sysid.posterior.inputs import InputSignal, surface_means
+from sysid.posterior.part import inputs_of
+from sysid.posterior.unknowns import GROUPS, SURFACES_OF
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared
+from sysid.signals.record import PRE_ROLL_S, SURFACES, Record
+
+_MARGIN_S = 1.0
+
+
+def as_moved(
+    prepared: Sequence[Prepared], signals: Sequence[FlightSignals], vehicle: Vehicle, found: PosteriorEstimate
+) -> list[Prepared]:
+    """The flights with what their surfaces did from sample to sample in place of what they were told.
+
+    signals: of each flight, on their own stamps. A group that was not estimated stays as it was recorded.
+    """
+    moved = []
+    for flight, own in zip(prepared, signals, strict=True):
+        first, last = flight.stretches[0].record.time_s[0], flight.stretches[-1].record.time_s[-1]
+        inputs, _ = inputs_of(own, vehicle, float(first) - PRE_ROLL_S - _MARGIN_S, float(last) + _MARGIN_S)
+        servos = {
+            surface: values
+            for group in GROUPS
+            if (values := found.servos(group, flight.data.name)) is not None
+            for surface in SURFACES_OF[group]
+        }
+        stretches = [replace(one, record=_moved(one.record, inputs, servos)) for one in flight.stretches]
+        moved.append(replace(flight, stretches=tuple(stretches)))
+    return moved
+
+
+def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tuple[float, ...]]) -> Record:
+    commands = record.commands.copy()
+    begin = float(record.time_s[0]) - record.start * record.interval_s
+    for j, name in enumerate(SURFACES):
+        if name in inputs and name in servos:
+            commands[:, j] = surface_means(inputs[name], begin, record.interval_s, commands.shape[0], servos[name])
+    return replace(record, commands=np.ascontiguousarray(commands), joined=True)
