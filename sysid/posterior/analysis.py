@@ -18,7 +18,7 @@ from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.declared import Stated, declared, zero_stds
 from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
-from sysid.posterior.estimator import ALL, MAX_PASSES, Posterior, PosteriorResult, Prior
+from sysid.posterior.estimator import MAX_PASSES, Posterior, PosteriorResult, Prior
 from sysid.posterior.group import SERVO, GroupModel
 from sysid.posterior.noise_spectrum import NoiseSpectrum, noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
@@ -28,8 +28,7 @@ from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
-# The output that feels an axis most, and the rate that a surface commands.
-_FELT = {"CL": "az", "CD": "ax", "Cm": "q", "CY": "ay", "Cl": "p", "Cn": "r"}
+# The rate that a surface commands.
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
 # What stands for an output's scale factor, and its null.
@@ -48,6 +47,8 @@ _BELIEVED = 4.0
 _SPOILED = {"thrust_error": ("CD",)}
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
 _NO_WORSE = 0.1
+# What a law moves can be told from damping by how late it comes alone: at the 1 Hz of a Dutch roll 20 deg of phase, s.
+_TOLD_APART_S = 0.05
 # Steps from each of two starts before one is chosen.
 _FIRST_PASSES = 3
 # By how much servos of one aircraft differ, s, one standard deviation.
@@ -250,7 +251,7 @@ def estimate(
     for group, result in ((group, one.result) for group, one in found.items()):
         warnings += [
             f"{_SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
-            " what it does cannot be told from damping; fly test inputs on it"
+            " what it does is told from damping by its lateness alone; fly test inputs on it"
             for name in result.laws
         ]
         if result.feedback > 0.0:
@@ -405,7 +406,7 @@ def _joint(found: Mapping[str, _GroupEstimate]) -> tuple[Gaussian, dict[str, flo
         theta = result.theta[:count]
         names += list(result.names[:count])
         values.append(theta)
-        blocks.append(result.covariance[:count, :count] + np.diag(_loop(result, theta, count) ** 2))
+        blocks.append(result.covariance[:count, :count])
         prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
     covariance = np.zeros((len(names), len(names)))
     begin = 0
@@ -414,25 +415,6 @@ def _joint(found: Mapping[str, _GroupEstimate]) -> tuple[Gaussian, dict[str, flo
         covariance[here, here] = block
         begin += block.shape[0]
     return Gaussian(tuple(names), np.concatenate(values), covariance), prior
-
-
-def _loop(result: PosteriorResult, theta: Array, count: int) -> Array:
-    """(count,) standard deviations of what a closed loop does to an estimate.
-
-    It mixes the aircraft with the inverse of what flies it, in the ratio of the commands' shares that do and do not
-    answer noise: of its own size then, or of the usual one, since the mixture need not be small where the coefficient
-    is. An axis suffers by what its own residual is answered with; terms of a surface, and of the rate that it commands,
-    by all that the surface answers.
-    """
-    stds = np.zeros(count)
-    for i, (name, value) in enumerate(zip(result.names[:count], theta, strict=True)):
-        term = None if "." in name else parse_term(name)
-        share = 0.0
-        for surface, shares in result.feedback_of.items():
-            hit = term is None or {surface, _COMMANDED[surface]} & set(term.factors)
-            share = max(share, shares[ALL] if hit else shares.get(_FELT[term.axis], 0.0) if term else 0.0)
-        stds[i] = share / max(1.0 - share, 0.1) * max(abs(value), _usual(name))
-    return stds
 
 
 def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
@@ -450,12 +432,16 @@ def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
                 )
                 spoiled = _SPOILED.get(nuisance.name, ("",))
                 reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
+        servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
+        if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _TOLD_APART_S:
+            for surface in one.result.laws:
+                hidden = {surface, _COMMANDED[surface]}
+                reasons |= {
+                    name: f"the {_SURFACE_WORDS[surface]} did nothing but follow a law of the motion, at once"
+                    for name in one.result.names[:count]
+                    if "." not in name and hidden & set(parse_term(name).factors)
+                }
     return reasons
-
-
-def _usual(name: str) -> float:
-    """Usual size of a coefficient; 0 of an effect's parameter."""
-    return 0.0 if "." in name else usual_size(name)
 
 
 def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, ...]:

@@ -1,7 +1,8 @@
 """How far the commands follow what a model leaves: an autopilot, or a pilot, who answers gusts with the surfaces.
 
 Direct estimates from a closed loop mix the aircraft with the inverse of what flies it, by the share of the commands
-that answers noise (Soderstrom, Gustavsson & Ljung, Int. J. Control 21, 1975): the share is what bars must hold.
+that answers noise (Soderstrom, Gustavsson & Ljung, Int. J. Control 21, 1975). Where noise may have any spectrum, only
+the part of the commands that answers none of it informs (Forssell & Ljung, Automatica 35, 1999): bars come from that.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ _MOST_GAIN = 5.0
 _SURROGATES, _BEYOND_CHANCE = 12, 3.0
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
+# The same of slopes: a loop about a small aircraft has settled by 2 s; samples for each of its weights, at least.
+_SLOPES_MEMORY_S, _SLOPES_RIDGE, _SAMPLES = 2.0, 1e-3, 10
 
 
 def most_answered(residual: Array, measured: Array, common: CommonGrid) -> float:
@@ -47,16 +50,11 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, mo
     Adjusted for chance, by which many lags explain a part of anything, the more the smoother it is: as much as the same
     residuals explain at other times. most: what it can be at most.
     """
-    every = max(1, round(_STEP_S / common.interval_s))
-    lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
     if most < _LEAST_SHARE:
         return 0.0
-    inner = residual[:, common.taper > 0.5]
-    scale = np.maximum(inner.std(axis=1, keepdims=True), 1e-12)
-    # Means over the samples up to each moment: causal, and no frequency folds down.
-    normal = (residual - inner.mean(axis=1, keepdims=True)) / scale * common.taper
-    kernel = np.ones(every) / every
-    means = np.stack([np.convolve(row, kernel)[: row.size] for row in normal])[:, ::every]
+    means, every = _normal_means(residual, common)
+    lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
+    means = means[:, ::every]
     count = means.shape[1]
     u = command.at(common.points[::every])
     off = u - u.mean()
@@ -81,6 +79,37 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, mo
         return 0.0
     adjusted = min((share - middle) / (1.0 - middle), most)
     return adjusted if adjusted > _LEAST_SHARE else 0.0
+
+
+def external(slopes: Array, residual: Array, common: CommonGrid) -> Array:
+    """(m, K, P) slopes of simulated outputs less what a causal filter of the residuals (m, K) explains of them: what
+    set points and test inputs did, and nothing that a loop made of noise.
+    """
+    means, every = _normal_means(residual, common)
+    m, K = means.shape
+    lags = min(round(_SLOPES_MEMORY_S / (every * common.interval_s)), K // (every * m * _SAMPLES))
+    if lags < 1:
+        return slopes
+    past = np.zeros((K, m * lags))
+    for lag in range(lags):
+        past[lag * every :, lag * m : (lag + 1) * m] = means[:, : K - lag * every].T
+    A, series = past[::every], slopes.transpose(1, 0, 2).reshape(K, -1)
+    off = series[::every] - series[::every].mean(axis=0)
+    weights = np.linalg.solve(A.T @ A + _SLOPES_RIDGE * A.shape[0] * np.eye(A.shape[1]), A.T @ off)
+    answered = (past @ weights).reshape(K, m, -1).transpose(1, 0, 2)
+    return np.asarray(slopes - answered)
+
+
+def _normal_means(residual: Array, common: CommonGrid) -> tuple[Array, int]:
+    """(m, K) residuals of unit size, each the mean over the samples of a step up to it: causal, and no frequency folds
+    down. Second: samples of a step.
+    """
+    every = max(1, round(_STEP_S / common.interval_s))
+    inner = residual[:, common.taper > 0.5]
+    scale = np.maximum(inner.std(axis=1, keepdims=True), 1e-12)
+    normal = (residual - inner.mean(axis=1, keepdims=True)) / scale * common.taper
+    kernel = np.ones(every) / every
+    return np.stack([np.convolve(row, kernel)[: row.size] for row in normal]), every
 
 
 def is_law(command: InputSignal, grid: Array, motion: Sequence[Array]) -> bool:

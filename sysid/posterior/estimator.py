@@ -15,7 +15,7 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, feedback_share, is_law, most_answered
+from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, external, feedback_share, is_law, most_answered
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import GroupModel
 from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, ResidualSpectrum, residual_spectrum
@@ -23,10 +23,6 @@ from sysid.posterior.unknowns import SURFACES_OF
 from sysid.signals.record import STATES
 
 MAX_PASSES = 12
-# Share that a surface answers which nothing moves but a law of the motion.
-_LAW = 0.95
-# Key of what all residuals together explain of a command.
-ALL = "all"
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
 # Slopes by what is imposed are worked out anew every so many steps, and before the search may end.
@@ -63,8 +59,9 @@ class PosteriorResult:
     names: of the unknowns without the initial states, (P,). theta: (P,). states: initial ones. covariance: (P, P),
     the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
     the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
-    passes: steps made. feedback_of: surface -> output, or ALL of them -> share of the command's variance that
-    follows its residual: a closed loop. zeros: output -> what its sensor reads at zero, and its standard deviation, SI.
+    passes: steps made. feedback_of: surface -> share of its command's variance that follows the residuals: a closed
+    loop. laws: surfaces that nothing moves but a law of the motion. zeros: output -> what its sensor reads at zero, and
+    its standard deviation, SI.
     systematic: (P,) by which an error of what was taken as known moves the
     estimate; the covariance holds those that were stated.
     """
@@ -82,28 +79,15 @@ class PosteriorResult:
     passes: int
     converged: bool
     cost: float
-    feedback_of: Mapping[str, Mapping[str, float]]
+    feedback_of: Mapping[str, float]
+    laws: tuple[str, ...]
     systematic: Mapping[str, Array]
     zeros: Mapping[str, tuple[float, float]]
 
     @property
     def feedback(self) -> float:
         """Largest share of a command that follows the residuals, of those that are more than a law of the motion."""
-        return _largest(self.feedback_of)
-
-    @property
-    def laws(self) -> tuple[str, ...]:
-        """Surfaces that nothing moves but a law of the motion."""
-        return _laws(self.feedback_of)
-
-
-def _laws(feedback_of: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-    return tuple(name for name, shares in feedback_of.items() if len(shares) == 1)
-
-
-def _largest(feedback_of: Mapping[str, Mapping[str, float]]) -> float:
-    laws = _laws(feedback_of)
-    return max((shares[ALL] for name, shares in feedback_of.items() if name not in laws), default=0.0)
+        return max(self.feedback_of.values(), default=0.0)
 
 
 class Posterior:
@@ -266,39 +250,45 @@ class Posterior:
 
     def feedback(self, theta: Array) -> float:
         """Largest share of a command that follows what is left at a point, as in PosteriorResult."""
-        return _largest(self._feedback(self.point(theta)))
+        return max(self._feedback(self.point(theta)).values(), default=0.0)
 
-    def _feedback(self, at: _Point) -> dict[str, dict[str, float]]:
-        """Share of each surface's command that follows each residual, and all of them; surfaces that follow none are
-        left out.
-        """
-        found = {}
+    def _laws(self) -> tuple[str, ...]:
+        """Surfaces that nothing moves but a law of the motion."""
+        found = []
         for name in SURFACES_OF[self.model.group]:
-            places = [
-                i for i, part in enumerate(self.parts)
-                if name in part.inputs and part.duration_s >= SHORTEST_LOOP_S and not part.position
-            ]  # fmt: skip
             held = [
                 is_law(part.inputs[name], part.grid, [part.motion[one] for one in LAW_OF[name]])
                 for part in self.parts
                 if name in part.inputs
             ]
             if held and all(held):
-                found[name] = {ALL: _LAW}
-            elif places and (whole := self._followed(at, name, places, slice(None))) > 0.0:
-                each = {o: self._followed(at, name, places, slice(j, j + 1)) for j, o in enumerate(self.model.outputs)}
-                found[name] = {**each, ALL: whole}
+                found.append(name)
+        return tuple(found)
+
+    def _feedback(self, at: _Point) -> dict[str, float]:
+        """Share of each surface's command that follows the residuals; surfaces that follow none, or are moved by a law
+        alone, are left out.
+        """
+        found = {}
+        laws = self._laws()
+        for name in SURFACES_OF[self.model.group]:
+            places = [
+                i for i, part in enumerate(self.parts)
+                if name in part.inputs and part.duration_s >= SHORTEST_LOOP_S and not part.position
+            ]  # fmt: skip
+            if name not in laws and places and (share := self._followed(at, name, places)) > 0.0:
+                found[name] = share
         return found
 
-    def _followed(self, at: _Point, surface: str, places: Sequence[int], rows: slice) -> float:
-        """Share of a surface's command that follows some residuals, the mean over parts by their length."""
+    def _followed(self, at: _Point, surface: str, places: Sequence[int]) -> float:
+        """Share of a surface's command that follows the residuals, the mean over parts by their length."""
         length = [self.parts[i].duration_s for i in places]
         felt = [j for j, name in enumerate(self.model.outputs) if name in STATES]
         shares = []
         for i in places:
             common, residual = self.parts[i].common, at.residuals[i]
             most = most_answered(residual[felt], self.model.measured(i)[felt], common)
-            shares.append(feedback_share(self.parts[i].inputs[surface], residual[rows], common, most))
+            shares.append(feedback_share(self.parts[i].inputs[surface], residual, common, most))
         return float(np.average(shares, weights=length))
 
     def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:
@@ -323,15 +313,23 @@ class Posterior:
 
     def _result(self, at: _Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
+        feedback_of, laws = self._feedback(at), self._laws()
+        # What answers noise tells nothing where the noise has any spectrum: in a loop the rest alone informs.
+        told, pull_of_rest = H.copy(), -H @ (at.theta - self.prior.mean)
         scores = []
         altered = [self.model.altered(doubt.changed(self.model.vehicle)) for doubt in doubts]
         pulls = np.zeros((len(doubts), H.shape[0]))
         gains = np.zeros((2 * _STRUCTURE_BANDS_HZ.size * len(self.model.outputs), H.shape[0]))
         means = []
         for i, residual in enumerate(at.residuals):
-            J = self.whitened(i, self.model.slopes(i, at.theta))
+            slopes = self.model.slopes(i, at.theta)
+            J = self.whitened(i, slopes)
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
+            if feedback_of or laws:
+                rest = self.whitened(i, external(slopes, residual, self.parts[i].common))
+                told += rest.T @ rest
+                pull_of_rest += rest.T @ e
             means.append(np.column_stack((e, J))[-len(self.model.outputs) :] / self._zero[i][:, None])
             scores.append(self._block_scores(i, J, e))
             gains += self._gain_errors(i, J, at.simulated[i])
@@ -345,7 +343,13 @@ class Posterior:
         sandwich = fisher @ middle @ fisher
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
+        if feedback_of or laws:
+            fisher = inverse(told)
         covariance = fisher * np.outer(growth, growth)
+        if feedback_of or laws:
+            # Where the rest alone would have led: the two agree but for what the loop does to the estimate.
+            apart = fisher @ pull_of_rest
+            covariance += np.outer(apart, apart)
         # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
         structure = self.misfit * gains @ fisher
         covariance += structure.T @ structure
@@ -358,7 +362,7 @@ class Posterior:
         return PosteriorResult(
             self.model.names, at.theta[:P], at.theta[P:], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
-            self.cost(at) + self._logdet, self._feedback(at),
+            self.cost(at) + self._logdet, feedback_of, laws,
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
             self._zeros(means, covariance),
         )  # fmt: skip
