@@ -23,6 +23,8 @@ from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
 _OBJECTS_BETWEEN_LOOKS = 50_000
+# Warnings that are shown in the line of an error.
+_NOTICED = 4
 _WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
 
 
@@ -74,7 +76,10 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         return int(args.run(args))
     except (GcsError, SysidError, SimVehicleError) as error:
-        print(f"gcs {args.command}: {error}", file=sys.stderr)
+        noticed = list(getattr(error, "__notes__", ()))
+        told = [*noticed[:_NOTICED], *([f"and {len(noticed) - _NOTICED} more"] if len(noticed) > _NOTICED else [])]
+        before = f" (noticed before: {'; '.join(told)})" if told else ""
+        print(f"gcs {args.command}: {error}{before}", file=sys.stderr)
         return 2 if isinstance(error, _WRONG_USE) else 1
     except OSError as error:
         if isinstance(error, BrokenPipeError):

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis.postflight import read_flights, senders_of
+from gcs.analysis.postflight import load_flown, read_flights, senders_of
 from gcs.text.quality import quality_lines
-from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
 
 
@@ -29,7 +28,7 @@ def check(
     from sysid.identify import identify
     from sysid.signal_check.decisive import require_searched
 
-    craft = load_vehicle(str(vehicle))
+    craft = load_flown(vehicle, paths, system)
     require_searched([*as_recorded, *craft.as_recorded])
     progress(0.0, "reading the recordings")
     flights = read_flights(paths, craft, system)

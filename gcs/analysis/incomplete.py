@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from gcs.errors import RecordingError
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
-from sysid.errors import SegmentError, SignalError
+from sysid.errors import SegmentError, SignalError, SysidError
 
 _CURE = "wait for its end, copy the whole file again, or record the flight anew"
 
@@ -23,6 +23,17 @@ def cut_off(recording: Recording) -> str:
     if not recording.truncated:
         return ""
     return f"{recording.path} is incomplete: still being written, or cut off {where}"
+
+
+@contextmanager
+def with_warnings(gathered: Iterable[str]) -> Iterator[None]:
+    """Errors of an analysis carry what was noticed before them as notes (`Exception.add_note`), each line once."""
+    try:
+        yield
+    except SysidError as error:
+        for line in dict.fromkeys(gathered):
+            error.add_note(line)
+        raise
 
 
 @contextmanager
@@ -40,4 +51,7 @@ def naming_cuts(paths: Sequence[Path]) -> Iterator[None]:
             text = f"{'; '.join(cuts)}, and what is left does not do ({reason}); {_CURE}"
         else:
             text = f"{error}; {'; '.join(cuts)}; if that is why, {_CURE}"
-        raise RecordingError(text) from None
+        named = RecordingError(text)
+        for line in getattr(error, "__notes__", ()):
+            named.add_note(line)
+        raise named from None

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis.incomplete import cut_off, naming_cuts
+from gcs.analysis.incomplete import cut_off, naming_cuts, with_warnings
 from gcs.analysis.made import made
 from gcs.analysis.sameflight import repeated, same
 from gcs.errors import SignalMapError
+from gcs.flights.autopilot_settings import filled, parameters_of
 from gcs.flights.signals import extract
 from gcs.flights.streams import sender_of
 from gcs.recording.joined import by_recording
@@ -46,6 +47,18 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
     return flights
 
 
+def load_flown(vehicle: Path, paths: Sequence[Path], system: int | None = None) -> Vehicle:
+    """The vehicle of a file, what it leaves out by the parameters of the autopilot that flew the recordings.
+
+    Raises SimVehicleError for the file, GcsError for a recording that cannot be read.
+    """
+    craft = load_vehicle(str(vehicle))
+    for parts in by_recording(paths):
+        if found := parameters_of(Recording(parts), system):
+            return filled(craft, found)
+    return craft
+
+
 def senders_of(flights: Sequence[FlightSignals]) -> dict[str, dict[str, object]]:
     """Flight -> who sent it: system, type, MAV_TYPE and autopilot."""
     return {flight.name: dict(flight.sender) for flight in flights}
@@ -75,14 +88,15 @@ def identify(
     from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
 
-    craft = load_vehicle(str(vehicle))
+    craft = load_flown(vehicle, paths, system)
     progress(0.0, "reading the recordings")
     with CompileAhead() as compiling:
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
         if compiling:
             progress(0.01, "compiling, which the first identification alone takes time for")
         compiling.wait()
-    with naming_cuts([*paths, *validate]):
+    gathered = [line for flight in flights for line in flight.warnings]
+    with naming_cuts([*paths, *validate]), with_warnings(gathered):
         found = run(
             flights,
             craft,
@@ -126,7 +140,7 @@ def discrepancy(
     from sysid.discrepancy import discrepancy as run
     from sysid.identification.result_file import finite_json
 
-    craft = load_vehicle(str(vehicle))
+    craft = load_flown(vehicle, paths, system)
     baseline = read_model(model)
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):

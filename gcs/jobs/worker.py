@@ -76,6 +76,8 @@ def main() -> int:
         result = run(order)
     except (GcsError, SysidError, SimVehicleError) as error:
         ground = isinstance(error, SegmentError) and order["automatic"]
+        for line in getattr(error, "__notes__", ()):
+            report(log=f"warning: {line}")
         report(**{"nothing" if ground else "error": str(error)})
         return 1
     Path(order["output"]).write_text(dumps(result), encoding="utf-8")

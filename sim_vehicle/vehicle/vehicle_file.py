@@ -21,6 +21,10 @@ from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 # Of the moments of inertia: by how much the sum of two may fall short of the third, without and with a warning.
 _SWING_TEST_ERROR, _LARGEST_SWING_ERROR = 0.02, 0.10
 _MASS_KEYS = ("mass", "Ixx", "Iyy", "Izz", "Ixz")
+# Moments of inertia over mass and span squared, the geometric mean of three small aircraft that were swung (Ultra Stick
+# 25e; Aerosonde and Zagi in Beard & McLain, Small Unmanned Aircraft, app. E), and how far one of them may be off.
+_USUAL_INERTIA = {"Ixx": 0.019, "Iyy": 0.020, "Izz": 0.035}
+_USUAL_INERTIA_STD = 0.7
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
 VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
@@ -30,7 +34,8 @@ VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
 class MassProperties:
     """Mass, kg, and moments of inertia about the centre of gravity, kg m^2; Ixz is + integral of x z dm.
 
-    *_std: how well each is known, 1 sigma; None where nothing is said.
+    *_std: how well each is known, 1 sigma; None where nothing is said. estimated: whether the moments of inertia are
+    those usual for mass and span.
     """
 
     mass: float
@@ -43,6 +48,12 @@ class MassProperties:
     Iyy_std: float | None = None
     Izz_std: float | None = None
     Ixz_std: float | None = None
+    estimated: bool = False
+
+    @property
+    def doubted(self) -> bool:
+        """Whether anything is said of how well the mass or a moment of inertia is known."""
+        return any(getattr(self, f"{key}_std") for key in _MASS_KEYS)
 
 
 @dataclass(frozen=True)
@@ -228,8 +239,9 @@ def _find(name_or_path: str | Path) -> Path:
 def _read(top: Table, path: Path) -> Vehicle:
     warnings: list[str] = []
     name = top.text("name", path.stem)
-    mass = _read_mass(top.table("mass", demanded=True), warnings)
+    mass_table = top.table("mass", demanded=True)
     geometry = _read_geometry(top.table("geometry", demanded=True))
+    mass = _read_mass(mass_table, geometry, warnings)
     controls = read_controls(top.table("controls"), warnings)
     propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
     sensors = _read_sensors(top.table("sensors"))
@@ -243,7 +255,9 @@ def _read(top: Table, path: Path) -> Vehicle:
     )
     table.close()
     timing = _read_timing(top.table("timing"))
-    sizes = {key: value for key, value in {**vars(mass), **vars(geometry)}.items() if not key.endswith("_std")}
+    sizes = {
+        key: value for key, value in {**vars(mass), **vars(geometry)}.items() if key in (*_MASS_KEYS, "S", "b", "c")
+    }
     sizes["gravity"] = environment.gravity
     if problem := impossible(sizes, _WING_LOADING, _SMALL_SPAN):
         raise top.error(*problem)
@@ -256,11 +270,22 @@ def _read(top: Table, path: Path) -> Vehicle:
     return Vehicle(**{**vehicle.__dict__, "warnings": (*warnings, *doubts(vehicle))})
 
 
-def _read_mass(table: Table, warnings: list[str]) -> MassProperties:
+def _read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassProperties:
     mass = table.number("mass", above=0.0)
+    if not any(table.optional(key) for key in _MASS_KEYS if key.startswith("I")):
+        mass_std = table.optional_number("mass_std", low=0.0)
+        table.close()
+        usual = {key: share * mass * geometry.b**2 for key, share in _USUAL_INERTIA.items()}
+        doubt = {f"{key}_std": _USUAL_INERTIA_STD * value for key, value in usual.items()}
+        warnings.append(
+            f"{table.path('Ixx')}, Iyy, Izz: not given; what is usual for mass and span is taken"
+            f" ({', '.join(f'{value:.2g}' for value in usual.values())} kg m^2, to {_USUAL_INERTIA_STD:.0%}), so that"
+            " moment coefficients are known no better; swing the aircraft as a pendulum"
+        )
+        return MassProperties(mass, **usual, mass_std=mass_std, **doubt, estimated=True)
     Ixx, Iyy, Izz = (table.number(key, above=0.0) for key in ("Ixx", "Iyy", "Izz"))
     Ixz = table.number("Ixz", 0.0)
-    doubts = {f"{key}_std": table.optional_number(f"{key}_std", low=0.0) for key in _MASS_KEYS}
+    doubts = [table.optional_number(f"{key}_std", low=0.0) for key in _MASS_KEYS]
     table.close()
     if Ixz * Ixz >= Ixx * Izz:
         raise table.error("Ixz", f"is {Ixz:g}; its square must be below Ixx Izz = {Ixx * Izz:g}")
@@ -272,7 +297,7 @@ def _read_mass(table: Table, warnings: list[str]) -> MassProperties:
         if beyond > _LARGEST_SWING_ERROR:
             raise table.error(key, problem)
         warnings.append(f"{table.path(key)}: {problem} by {beyond:.0%}, which no body does: a swing test repeated?")
-    return MassProperties(mass, Ixx, Iyy, Izz, Ixz, **doubts)
+    return MassProperties(mass, Ixx, Iyy, Izz, Ixz, doubts[0], doubts[1], doubts[2], doubts[3], doubts[4])
 
 
 def _read_geometry(table: Table) -> Geometry:

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from sysid.identification.posterior_method import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
+# Outputs whose errors kinematics alone tell: attitude, and the velocity of the air.
+_ALONE = ("phi", "theta", "vn", "ve", "vd")
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
 
@@ -169,6 +171,9 @@ def _as_of_textbooks(
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
     from sysid.identification.posterior_method import dead_channels, meant
 
+    # Only the other method's bars hold what the vehicle file says of its own errors.
+    if asked.vehicle.mass.doubted:
+        return None
     if any(one.doubt or one.prepared.thrust_source.missing or dead_channels(one.signals) for one in read):
         return None
     judges = tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in asked.validate_on)
@@ -236,12 +241,18 @@ def _by_posterior(
 ) -> Identification:
     """`identify` with the method "map". read, known: the flights as meant and their compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior, meant, read_as_meant  # slow to import
+    from sysid.posterior.analysis import PRIOR_SHARE
     from sysid.posterior.replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read or read_as_meant(asked), asked, known)
-    check, errors = SignalCheck(mistakes=found.mistakes), _kinematic_errors(found.compatible)
+    check = SignalCheck(mistakes=found.mistakes)
+    # Kinematics tell zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
+    errors = {
+        **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
+        **found.estimate.sensor_errors(PRIOR_SHARE),
+    }
     warnings = [one.sentence for one in found.mistakes]
     warnings += [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
     progress(0.88, "validation")

@@ -134,7 +134,7 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     found = estimate(
         parts, vehicle, structure, effects, before, asked.systematic, dead, asked.within(0.3, 0.8).progress
     )
-    refused = refusals_of(found, structure, _thrust_known(parts, vehicle))
+    refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated)
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))
     return PosteriorIdentification(
@@ -156,7 +156,9 @@ def _dead_surfaces(
     return {part_of(name): sentence for name, sentence in told.items()}
 
 
-def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> list[Refusal]:
+def refusals_of(
+    found: PosteriorEstimate, structure: Model, thrust: bool, estimated_inertia: bool = False
+) -> list[Refusal]:
     """Coefficients that the flights cannot tell, each with the reason."""
     refused = [
         Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
@@ -175,6 +177,8 @@ def refusals_of(found: PosteriorEstimate, structure: Model, thrust: bool) -> lis
             reason = beyond
         elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
+            if estimated_inertia and name.startswith(("Cl_", "Cm_", "Cn_")):
+                reason += "; measure the moments of inertia"
         elif std > PRIOR_SHARE * found.prior_std[name]:
             reason = "the flight tells no more of it than was known before"
         else:

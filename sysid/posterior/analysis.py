@@ -43,6 +43,8 @@ PRIOR_SHARE = 0.7
 
 # A nuisance beyond so many of its prior standard deviations is none.
 _BELIEVED = 4.0
+# Of what is told by the flight itself, for its prior is narrower than what a pitot's hoses may do, s.
+_REALISTIC = {"airspeed_lag": 0.03}
 # Beginnings of the names of what such a one spoils, where it is not the whole group.
 _SPOILED = {"thrust_error": ("CD",)}
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
@@ -111,10 +113,13 @@ class PosteriorEstimate:
         ]
         return tuple(float(np.mean([one[key] for one in every])) for key in SERVO)
 
-    def sensor_errors(self) -> dict[str, tuple[float, float, str]]:
-        """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on."""
+    def sensor_errors(self, share: float = np.inf) -> dict[str, tuple[float, float, str]]:
+        """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that
+        it told better than `share` of what was known before.
+        """
         # Of two groups that tell the same one, the surer counts.
-        told = {one.name: one for one in sorted(self.nuisances, key=lambda one: -one.std)}
+        every = sorted(self.nuisances, key=lambda one: -one.std)
+        told = {one.name: one for one in every if one.std < share * one.prior_std}
         found = {}
         for error, (output, form, unit, _) in SENSOR_ERRORS.items():
             name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
@@ -424,7 +429,7 @@ def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
         model, theta = one.posterior.model, one.result.theta
         count = len(model.parameters)
         for nuisance, value in zip(model.unknowns, theta[count:], strict=True):
-            sizes = abs(float(value) - nuisance.mean) / nuisance.std
+            sizes = abs(float(value) - nuisance.mean) / max(nuisance.std, _REALISTIC.get(nuisance.name, 0.0))
             if sizes > _BELIEVED:
                 reason = (
                     f"the fit asks for {nuisance.name} = {value:.2g} {nuisance.unit}, {sizes:.0f} times its"

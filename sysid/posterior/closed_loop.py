@@ -21,7 +21,7 @@ _LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 # A shorter part cannot tell an answer from chance, s.
 SHORTEST_LOOP_S = 15.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
-_LEAST_SHARE = 0.05
+LEAST_SHARE = 0.05
 # By so much more than it is of the motion a residual may be of a command: a loop that follows set points well has
 # commands that are small beside what it would do to the whole motion.
 _MOST_GAIN = 5.0
@@ -50,7 +50,7 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, mo
     Adjusted for chance, by which many lags explain a part of anything, the more the smoother it is: as much as the same
     residuals explain at other times. most: what it can be at most.
     """
-    if most < _LEAST_SHARE:
+    if most < LEAST_SHARE:
         return 0.0
     means, every = _normal_means(residual, common)
     lags = max(2, round(_MEMORY_S / (every * common.interval_s)))
@@ -78,7 +78,7 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, mo
     if share < middle + _BEYOND_CHANCE * float(chance.std()):
         return 0.0
     adjusted = min((share - middle) / (1.0 - middle), most)
-    return adjusted if adjusted > _LEAST_SHARE else 0.0
+    return adjusted if adjusted > LEAST_SHARE else 0.0
 
 
 def external(slopes: Array, residual: Array, common: CommonGrid) -> Array:

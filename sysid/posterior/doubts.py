@@ -15,6 +15,8 @@ from sysid.posterior.group import Altered
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
+# Half as much inertia again is another aircraft: a twentieth of the error, twenty times.
+_PARTS = 20.0
 _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 
 
@@ -22,12 +24,14 @@ _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 class Doubt:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
-    model of the vehicle is told with that error.
+    model of the vehicle is told with that error, or with so small a part of it (one of `times`) that outputs move in
+    proportion.
     """
 
     name: str
     stated: bool
     changed: Callable[[Vehicle], Altered]
+    times: float = 1.0
 
 
 def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
@@ -53,9 +57,10 @@ def flow_doubt(scale: str, std: float) -> Doubt:
 
 def _mass(key: str, std: float) -> Doubt:
     def changed(vehicle: Vehicle) -> Altered:
-        return Altered(replace(vehicle, mass=replace(vehicle.mass, **{key: getattr(vehicle.mass, key) + std})))
+        more = getattr(vehicle.mass, key) + std / _PARTS
+        return Altered(replace(vehicle, mass=replace(vehicle.mass, **{key: more})))
 
-    return Doubt(f"{key}_std", True, changed)
+    return Doubt(f"{key}_std", True, changed, _PARTS)
 
 
 def _shares(name: str, keys: tuple[str, ...], share: float) -> Doubt:

@@ -15,7 +15,15 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.closed_loop import LAW_OF, SHORTEST_LOOP_S, external, feedback_share, is_law, most_answered
+from sysid.posterior.closed_loop import (
+    LAW_OF,
+    LEAST_SHARE,
+    SHORTEST_LOOP_S,
+    external,
+    feedback_share,
+    is_law,
+    most_answered,
+)
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import GroupModel
 from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, ResidualSpectrum, residual_spectrum
@@ -276,7 +284,7 @@ class Posterior:
                 i for i, part in enumerate(self.parts)
                 if name in part.inputs and part.duration_s >= SHORTEST_LOOP_S and not part.position
             ]  # fmt: skip
-            if name not in laws and places and (share := self._followed(at, name, places)) > 0.0:
+            if name not in laws and places and (share := self._followed(at, name, places)) > LEAST_SHARE:
                 found[name] = share
         return found
 
@@ -353,7 +361,7 @@ class Posterior:
         # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
         structure = self.misfit * gains @ fisher
         covariance += structure.T @ structure
-        shifts = pulls @ fisher
+        shifts = pulls @ fisher * np.array([doubt.times for doubt in doubts])[:, None]
         for doubt, shift in zip(doubts, shifts, strict=True):
             covariance += doubt.stated * np.outer(shift, shift)
         P = len(self.model.names)

@@ -25,6 +25,9 @@ from sysid.signals.thrust_source import ThrustSource, dead_thrust
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 # Longest stretch taken as one; more than that per flight is cut up, not left out.
 MAX_STRETCH_S = 60.0
+# Of a longer flight those stretches are taken in which the surfaces move most, s: what a structure does not hold, which
+# no time averages, is the larger part of every standard error by then.
+MOST_S = 600.0
 # Travel of a surface, rad, after which the aircraft must have moved.
 _MOVED = 0.02
 # What each surface moves, directly or through the motion it excites.
@@ -151,6 +154,13 @@ def prepare(
         count = max(1, math.ceil((segment.stop - segment.start) * data.interval_s / MAX_STRETCH_S))
         edges = np.linspace(segment.start, segment.stop, count + 1).astype(int).tolist()
         spans += [(segment, a, b) for a, b in pairwise(edges)]
+    if not given:
+        every = spans
+        spans = _most_moved(data, spans)
+        if len(spans) < len(every):
+            found, used = (sum(b - a for _, a, b in those) * data.interval_s / 60.0 for those in (every, spans))
+            told = f"of {found:.0f} min of excited flight the {used:.0f} min are used in which the surfaces move most"
+            data = replace(data, warnings=(*data.warnings, f"{told}; --from and --to take others"))
     windows = [data.window(a, b) for _, a, b in spans]
     for window in windows:
         _check_alive(window)
@@ -162,6 +172,23 @@ def prepare(
     rho = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
     curves = {name: one.calibration for name, one in signals.signals.items() if one.calibration is not None}
     return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho), curves, shares)
+
+
+def _most_moved(data: FlightData, spans: list[tuple[FlightSegment, int, int]]) -> list[tuple[FlightSegment, int, int]]:
+    """Spans of samples, MOST_S of them at most: those in which each surface in turn moves most, in order of time."""
+    order = [
+        sorted(spans, key=lambda span: float(np.nanstd(data[name][span[1] : span[2]])), reverse=True)
+        for name in SURFACES
+        if name in data
+    ]
+    kept: list[tuple[FlightSegment, int, int]] = []
+    length = 0.0
+    for span in (one for turn in zip(*order, strict=True) for one in turn):
+        more = (span[2] - span[1]) * data.interval_s
+        if span not in kept and length + more <= MOST_S:
+            kept.append(span)
+            length += more
+    return sorted(kept, key=lambda span: span[1]) if order else spans
 
 
 def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None = None) -> list[str]:

@@ -182,6 +182,18 @@ def test_doubtful_units_are_told(folder: Path, capsys: pytest.CaptureFixture[str
     assert "degrees" in line
 
 
+def test_what_was_noticed_before_a_failure_is_shown_with_it(
+    folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mute = folder / "silent.tlog"
+    write_tlog(mute, rows[:600], "HIGHRES_IMU", 0.0, lambda message: message.get_type() != "SERVO_OUTPUT_RAW")
+    code, result, said = identify(capsys, mute, "--vehicle", folder / "heron.toml")
+    assert (code, result) == (1, {})
+    assert said.startswith("gcs identify: silent: no control surface is known")
+    assert "(noticed before: de: the recording has no servo3" in said
+    assert said.count("\n") == 1
+
+
 def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -201,6 +213,11 @@ def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     assert main(["check", str(mute), *vehicle]) == 1
     said = capsys.readouterr().out
     assert said.startswith("quality: too poor, because\n  mute: no signal airspeed: have the vehicle send it")
+
+    assert main(["info", str(mute), *vehicle]) == 0
+    assert capsys.readouterr().out.startswith("quality: too poor, because\n  mute: no signal airspeed")
+    assert main(["info", str(folder / "HIGHRES_IMU.tlog"), *vehicle, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["quality"] == found["quality"]
 
     assert main(["check", str(mute), *vehicle, "--as-recorded", "qq"]) == 1
     out, error = capsys.readouterr()

@@ -63,6 +63,20 @@ def test_a_vehicle_may_be_given_by_path_with_only_mass_and_geometry(tmp_path: Pa
     assert vehicle.flight.airspeed == pytest.approx((2 * 9.80665 / (1.225 * 0.2 * 0.5)) ** 0.5)
 
 
+def test_inertia_that_nobody_measured_is_what_is_usual_and_said_so(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text("[mass]\nmass = 1.943\n[geometry]\nS = 0.308\nb = 1.27\nc = 0.25\n", encoding="utf-8")
+    vehicle = load_vehicle(str(path))
+    assert vehicle.mass.estimated
+    assert any("swing the aircraft" in warning for warning in vehicle.warnings)
+    # The Ultra Stick 25e, as it was swung.
+    for key, swung in (("Ixx", 0.0894), ("Iyy", 0.1444), ("Izz", 0.1620)):
+        assert abs(getattr(vehicle.mass, key) - swung) < 2.0 * getattr(vehicle.mass, f"{key}_std")
+    path.write_text(path.read_text().replace("mass = 1.943", "mass = 1.943\nIxx = 0.09"), encoding="utf-8")
+    with pytest.raises(VehicleFileError, match=r"mass\.Iyy"):
+        load_vehicle(str(path))
+
+
 def test_deflection_is_linear_between_points_and_held_beyond_them(tmp_path: Path) -> None:
     elevator = load(tmp_path, BASE + ELEVATOR).controls["elevator"]
     pwm = np.array([900.0, 1000.0, 1250.0, 1750.0, 2100.0, np.nan])

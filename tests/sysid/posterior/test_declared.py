@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from simulated import fly_mav
 
 from sim_vehicle.errors import VehicleFileError
+from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
+from sysid.identification.identify import identify
 from sysid.posterior.declared import airspeed_lag, declared, unused_timing, zero_stds
 from sysid.posterior.unknowns import PRIORS, unknowns_of
 
@@ -97,3 +103,25 @@ def test_stamps_of_a_message_that_brings_nothing_are_said(tmp_path: Path) -> Non
     (line,) = unused_timing(plane, MESSAGES)
     assert line.startswith("timing.SERVO_OUTPUT: no signal of this flight comes in that message")
     assert "SERVO_OUTPUT_RAW" in line
+
+
+@pytest.mark.whole_flight
+def test_without_moments_of_inertia_forces_are_told_and_moments_within_wide_bars(tmp_path: Path) -> None:
+    text = re.sub(r"^I(xx|yy|zz|xz)\s*=.*\n", "", (VEHICLES / "iitb-mav.toml").read_text("utf-8"), flags=re.MULTILINE)
+    for points in VEHICLES.glob("*.csv"):
+        shutil.copy(points, tmp_path)
+    path = tmp_path / "unswung.toml"
+    path.write_text(text, encoding="utf-8")
+    flight = fly_mav("elevator-3211,aileron-doublet,rudder-doublet", 3)[0]
+    vehicle = load_vehicle(str(path))
+    found, truth = identify([flight], vehicle, systematic=False), read_model("iitb-mav").values()
+    for name in ("CL_alpha", "CL_de", "CD_0", "CD_k", "CY_beta", "CY_dr"):
+        assert found.model.coefficients[name].value == pytest.approx(truth[name], rel=0.15), name
+    joint = found.posterior.joint  # type: ignore[union-attr]
+    share = vehicle.mass.Iyy_std / vehicle.mass.Iyy  # type: ignore[operator]
+    for name in ("Cm_alpha", "Cm_de"):
+        place = joint.names.index(name)
+        value, std = joint.mean[place], np.sqrt(joint.covariance[place, place])
+        assert std == pytest.approx(share * abs(value), rel=0.25), name
+        assert abs(value - truth[name]) < 1.96 * std
+    assert any("moments of inertia" in one.reason for one in found.refused)

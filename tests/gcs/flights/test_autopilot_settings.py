@@ -1,0 +1,111 @@
+"""What an autopilot's parameters say of its aircraft fills what the vehicle file leaves out, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_flight import Plan, fly_plan, textbook
+from field_plant import Air, Hold, Servo
+from field_wire import BOOT, START, write_flight
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.cli import main
+from gcs.flights.autopilot_settings import USUAL_TRAVEL, filled
+from sim_vehicle.vehicle.controls import servo_pwm
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+
+PLANE = {
+    f"SERVO{n}_{key}": value
+    for n, function, turned in ((1, 4, 1), (2, 19, 1), (3, 70, 0), (4, 21, 1))
+    for key, value in (("FUNCTION", function), ("MIN", 1000), ("TRIM", 1500), ("MAX", 2000), ("REVERSED", turned))
+}
+
+
+def bare() -> Vehicle:
+    """A vehicle whose file says nothing of its controls."""
+    return replace(load_vehicle("ultrastick25e"), controls={}, warnings=())
+
+
+def test_servos_of_arduplane_become_controls_with_an_assumed_travel_that_is_said() -> None:
+    craft = filled(bare(), PLANE)
+    assert set(craft.controls) == {"elevator", "aileron", "rudder", "throttle"}
+    elevator = craft.controls["elevator"]
+    assert elevator.servos == (2,)
+    assert elevator.deflection_from_pwm(2000.0) == pytest.approx(USUAL_TRAVEL)
+    assert elevator.gain_std == 0.3
+    assert craft.controls["throttle"].deflection_from_pwm(1250.0) == pytest.approx(0.25)
+    assert any("[controls.elevator] is not given: servo 2 (1000 to 2000 us)" in line for line in craft.warnings)
+
+
+def test_what_the_file_gives_stays() -> None:
+    plane = load_vehicle("ultrastick25e")
+    assert filled(plane, PLANE).controls == plane.controls
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"SERVO1_FUNCTION": 77, "SERVO2_FUNCTION": 78},
+        {"PWM_MAIN_FUNC1": 201, "PWM_MAIN_FUNC2": 202, "CA_SV_CS0_TYPE": 5, "CA_SV_CS1_TYPE": 6},
+    ],
+)
+def test_elevons_pitch_together_and_roll_apart(parameters: dict[str, float]) -> None:
+    controls = filled(bare(), parameters).controls
+    assert set(controls) == {"elevator", "aileron"}
+    # A demand to pitch up is a negative elevator: both servos go the same way.
+    up = servo_pwm(controls, {"elevator": -0.2})
+    assert up[1] == pytest.approx(up[2])
+    assert up[1] > 1500.0
+    right = servo_pwm(controls, {"aileron": -0.2})
+    assert right[1] < 1500.0 < right[2]
+
+
+def test_px4_reverses_by_a_mask_and_places_its_sensors() -> None:
+    parameters = {
+        "PWM_MAIN_FUNC2": 201, "CA_SV_CS0_TYPE": 3, "PWM_MAIN_MIN2": 1100, "PWM_MAIN_MAX2": 1900, "PWM_MAIN_REV": 2,
+        "EKF2_IMU_POS_X": 0.05, "EKF2_IMU_POS_Z": -0.01,
+    }  # fmt: skip
+    plain = replace(bare(), sensors=replace(bare().sensors, accelerometer=Vehicle.unknown().sensors.accelerometer))
+    craft = filled(plain, parameters)
+    assert craft.controls["elevator"].deflection_from_pwm(1900.0) == pytest.approx(USUAL_TRAVEL)
+    assert craft.sensors.accelerometer.position == (0.05, 0.0, -0.01)
+    assert any("position is not given" in line for line in craft.warnings)
+
+
+def test_a_log_with_parameters_needs_no_controls_in_the_vehicle_file(tmp_path: Path) -> None:
+    plan = Plan("multisine", 25.0, Servo(), Air(), Hold(hz=50.0), textbook(), 0.0)
+    write_flight(fly_plan(plan, 2, tmp_path, "wired"), tmp_path / "wired")
+    log = bytearray()
+    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    for place, (name, value) in enumerate(PLANE.items()):
+        message = mavlink.MAVLink_param_value_message(name.encode(), float(value), 9, len(PLANE), place)
+        log += struct.pack(">Q", round((START + BOOT) * 1e6)) + message.pack(link)
+    with (tmp_path / "wired.tlog").open("ab") as file:
+        file.write(log)
+    text = (tmp_path / "wired.toml").read_text(encoding="utf-8")
+    short = re.sub(r"\[controls\.\w+\]\n(?:(?!\[).*\n)*", "", text)
+    assert "controls" not in short
+    (tmp_path / "short.toml").write_text(short, encoding="utf-8")
+    found = {}
+    for name in ("wired", "short"):
+        command = ["identify", str(tmp_path / "wired.tlog"), "--vehicle", str(tmp_path / f"{name}.toml")]
+        assert main([*command, "--method", "map", "-o", str(tmp_path / f"{name}.json")]) == 0
+        found[name] = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
+    for name in ("Cm_alpha", "Cl_p", "Cn_beta"):
+        given, assumed = (one["model"]["coefficients"][name]["value"] for one in found.values())
+        assert assumed == pytest.approx(given, rel=0.02), name
+    # What hangs on the travel is known no better than that is.
+    refused = {one["name"] for one in found["short"]["refused"]}
+    assert {"Cm_de", "Cl_da"} <= refused or all(
+        found["short"]["model"]["coefficients"][name]["std"]
+        > 0.25 * abs(found["short"]["model"]["coefficients"][name]["value"])
+        for name in ("Cm_de", "Cl_da")
+    )
+    assert any("[controls.aileron] is not given" in line for line in found["short"]["warnings"])
+    assert np.isfinite(found["wired"]["model"]["coefficients"]["Cm_de"]["value"])
