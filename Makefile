@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-field clean
+.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -80,6 +80,9 @@ bench-discrepancy-peers: $(VENV)/.bench
 
 bench-discrepancy-cost: setup
 	$(BIN)/python benchmarks/discrepancy_cost.py
+
+bench-posterior: setup
+	$(BIN)/python benchmarks/posterior.py
 
 bench-simulation: setup
 	$(BIN)/python benchmarks/simulation.py

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from sysid.identification.posterior_method import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
+# Standard errors of the kinematics beyond which a sensor error of output error is another one.
+_PULLED = 8.0
 # Outputs whose errors kinematics alone tell: attitude, and the velocity of the air.
 _ALONE = ("phi", "theta", "vn", "ve", "vd")
 METHODS = ("auto", "map", "ee", "oe", "fe")
@@ -182,13 +184,25 @@ def _as_of_textbooks(
         books = _by_the_books(mended, "oe", compatible)
     except SysidError:
         return None
-    if books.likeliest is None or books.likeliest.left_over:
+    if books.likeliest is None or books.likeliest.left_over or _pulled(books):
         return None
     mistakes = [mistake for one in read for mistake in one.mistakes]
     return replace(
         books,
         check=replace(books.check, mistakes=(*mistakes, *books.check.mistakes)),
         warnings=tuple(dict.fromkeys((*(one.sentence for one in mistakes), *books.warnings))),
+    )
+
+
+def _pulled(books: Identification) -> bool:
+    """Whether a sensor error is not what kinematics alone tell: the motion's model then makes up for aerodynamics that
+    its structure does not hold.
+    """
+    known = books.compatibility.parameters
+    return any(
+        abs(value - known[name].value) > _PULLED * known[name].std
+        for name, (value, _, _) in books.sensor_errors.items()
+        if name in known
     )
 
 

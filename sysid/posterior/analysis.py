@@ -435,7 +435,8 @@ def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
                     f"the fit asks for {nuisance.name} = {value:.2g} {nuisance.unit}, {sizes:.0f} times its"
                     " realistic size: something that is not in the model stands behind it"
                 )
-                spoiled = _SPOILED.get(nuisance.name, ("",))
+                # Who flies by what is wrong answers with every surface: in a loop nothing stays on its own axis.
+                spoiled = ("",) if one.result.feedback > 0.0 else _SPOILED.get(nuisance.name, ("",))
                 reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
         servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
         if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _TOLD_APART_S:

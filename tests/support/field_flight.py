@@ -68,13 +68,14 @@ def plan_of(family: str, seed: int) -> Plan:
     g = np.random.default_rng([seed, 21, FAMILIES.index(family)])
     strength = {"mild": 0.4, "rough": 1.7}.get(family, 1.0)
     kind = str(g.choice(["multisine", "doublet", "3211"]))
-    seconds = {"short": g.uniform(8.0, 12.0), "closed-loop": g.uniform(60.0, 180.0)}.get(family, g.uniform(25.0, 60.0))
+    seconds = {"short": g.uniform(8.0, 12.0), "closed-loop": g.uniform(60.0, 300.0)}.get(family, g.uniform(25.0, 60.0))
     rough = min(strength, 1.2)
     servo = Servo(
         delay=g.uniform(0.02, 0.06) if strength >= 1.0 else 0.02,
         lag=g.uniform(0.02, 0.05) * rough,
         backlash=float(np.radians(g.uniform(0.05, 0.15))) * strength,
         rate_limit=6.0 if strength > 1.0 else 0.0,
+        droop=float(np.random.default_rng([seed, 24, FAMILIES.index(family)]).uniform(0.0, 0.04)) * rough,
     )
     air = Air(
         gust=g.uniform(0.3, 0.8) * strength,

@@ -42,13 +42,15 @@ READ = {
 class Servo:
     """A servo of the second order.
 
-    delay: s, pure. lag: s, of a slow ramp. backlash: rad, half of the play. rate_limit: rad/s, 0 for none.
+    delay: s, pure. lag: s, of a slow ramp. backlash: rad, half of the play. rate_limit: rad/s, 0 for none. droop: share
+    of a deflection by which the air bends servo and linkage back at the airspeed of trim.
     """
 
     delay: float = 0.0
     lag: float = 0.0
     backlash: float = 0.0
     rate_limit: float = 0.0
+    droop: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,10 @@ def fly_field(
                 sent = {name: round(value / resolution) * resolution for name, value in sent.items()}
             throttle = min(max(thrust / FULL_THRUST * (1.0 + float(inputs.throttle[i])), 0.0), 1.0)
         moved = np.array([servos[name].move(sent[name]) for name in SURFACES])
+        if servo.droop:
+            u, v, w = (now[index[f"{x}_air"]] for x in "uvw")
+            neutral = np.array([de, 0.0, 0.0])
+            moved = neutral + (moved - neutral) * (1.0 - servo.droop * (u * u + v * v + w * w) / AIRSPEED**2)
         pull = FULL_THRUST * throttle + (pull - FULL_THRUST * throttle) * left
         set_inputs(twin, moved, pull)
         blow(twin, wind.body[i], wind.down[i], (phi, theta, psi))

@@ -82,3 +82,15 @@ def test_an_aircraft_that_is_slightly_unstable_is_told_so() -> None:
     assert entry.value is not None
     assert entry.std is not None
     assert abs(entry.value - 0.05) < 3.0 * entry.std < 0.1
+
+
+@pytest.mark.whole_flight
+def test_sensors_that_make_up_for_what_a_structure_lacks_are_no_textbook(tmp_path: Path) -> None:
+    # A light twin whose drag this structure does not hold: output error bends its airspeed and its wind for it.
+    flown = field_flight("stock", 4, tmp_path)
+    found = identify([flown.signals], flown.vehicle, systematic=False)
+    assert result_json(found)["method"] == "map"
+    for name in flown.excited:
+        entry, (low, high) = found.model.coefficients[name], flown.truth[name]
+        if entry.value is not None and entry.std is not None:
+            assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
