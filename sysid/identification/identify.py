@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -50,8 +51,8 @@ if TYPE_CHECKING:
     from sysid.identification.posterior_method import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
-# Standard errors of the kinematics beyond which a sensor error of output error is another one.
-_PULLED = 8.0
+# Standard errors beyond which a sensor error by output error is not the one by kinematics.
+_PULLED = 4.0
 # Outputs whose errors kinematics alone tell: attitude, and the velocity of the air.
 _ALONE = ("phi", "theta", "vn", "ve", "vd")
 METHODS = ("auto", "map", "ee", "oe", "fe")
@@ -200,8 +201,8 @@ def _pulled(books: Identification) -> bool:
     """
     known = books.compatibility.parameters
     return any(
-        abs(value - known[name].value) > _PULLED * known[name].std
-        for name, (value, _, _) in books.sensor_errors.items()
+        abs(value - known[name].value) > _PULLED * math.hypot(std, known[name].std)
+        for name, (value, std, _) in books.sensor_errors.items()
         if name in known
     )
 
