@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.flights.streams import ColumnSource
-from sim_vehicle.vehicle.controls import CONTROL_NAMES, DEFLECTION_SIGNALS, Control
+from sim_vehicle.vehicle.controls import CONTROL_NAMES, DEFLECTION_SIGNALS, LARGEST_PWM_US, Control, mixing_matrix
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 # Travel at the ends of the servo's range, rad, where nobody has measured it (usual throws of small aircraft are 15 to
@@ -43,7 +43,7 @@ _POSITIONS = {
 
 
 def parameters_of(recording: ColumnSource, system: int | None = None) -> dict[str, float]:
-    """Every parameter that a recording holds, the last value that was sent."""
+    """Every parameter that a recording holds, the last value that was sent; what is no finite number is left out."""
     found: dict[str, float] = {}
     for columns in recording.columns("PARAM_VALUE", system):
         rows = columns.fields
@@ -52,7 +52,7 @@ def parameters_of(recording: ColumnSource, system: int | None = None) -> dict[st
             whole = float(np.float32(value).view(np.int32))
             # PX4 sends the bytes of a whole number in the place of the float, ArduPilot its value.
             found[text] = whole if kind == _INT32 and 0.0 < abs(value) < 1e-30 else float(value)
-    return found
+    return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
 def filled(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vehicle:
@@ -61,9 +61,15 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vehicle:
     """
     controls, warnings = dict(vehicle.controls), list(vehicle.warnings)
     taken = {servo for control in controls.values() for servo in control.servos}
-    for name, control in _controls(parameters).items():
-        if name in controls or DEFLECTION_SIGNALS[name] in vehicle.signals or taken & set(control.servos):
-            continue
+    more = {
+        name: control
+        for name, control in _controls(parameters).items()
+        if name not in controls and DEFLECTION_SIGNALS[name] not in vehicle.signals and not taken & set(control.servos)
+    }
+    if np.linalg.matrix_rank(mixing_matrix(more)[1]) < len(more):
+        warnings.append("[controls] is not given, and the servos of the log's parameters cannot be told apart: give it")
+        more = {}
+    for name, control in more.items():
         controls[name] = control
         servos = ", ".join(
             f"{n} ({low[0]:.0f} to {low[-1]:.0f} us)" for n, low in zip(control.servos, control.pwm, strict=True)
@@ -138,7 +144,8 @@ def _by_ardupilot(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, t
                 parameters.get(f"SERVO{servo}_{key}", usual)
                 for key, usual in (("MIN", 1100.0), ("TRIM", 1500.0), ("MAX", 1900.0))
             )
-            yield servo, mix, _pulses(low, middle, high), parameters.get(f"SERVO{servo}_REVERSED", 0.0) != 0.0
+            if 0.0 < low < high <= LARGEST_PWM_US:
+                yield servo, mix, _pulses(low, middle, high), parameters.get(f"SERVO{servo}_REVERSED", 0.0) != 0.0
 
 
 def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[float, ...], bool]]:
@@ -150,7 +157,7 @@ def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[f
         )
         kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
         mix = {"throttle": 1.0} if function == _PX4_MOTOR else _PX4.get(kind) if function >= _PX4_SURFACE else None
-        if mix is not None:
+        if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
             yield servo, mix, _pulses(low, (low + high) / 2.0, high), bool(turned >> (servo - 1) & 1)
 
 

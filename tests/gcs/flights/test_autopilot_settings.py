@@ -66,6 +66,15 @@ def test_elevons_pitch_together_and_roll_apart(parameters: dict[str, float]) -> 
     assert right[1] < 1500.0 < right[2]
 
 
+def test_servos_that_make_no_sense_are_left_out() -> None:
+    assert set(filled(bare(), PLANE | {"SERVO2_MIN": 2000.0}).controls) == {"aileron", "rudder", "throttle"}
+    # One half of a pair of elevons does not tell pitch from roll.
+    lone = filled(bare(), {"SERVO1_FUNCTION": 77})
+    assert lone.controls == {}
+    assert any("cannot be told apart" in line for line in lone.warnings)
+    assert filled(bare(), {}) == bare()
+
+
 def test_px4_reverses_by_a_mask_and_places_its_sensors() -> None:
     parameters = {
         "PWM_MAIN_FUNC2": 201, "CA_SV_CS0_TYPE": 3, "PWM_MAIN_MIN2": 1100, "PWM_MAIN_MAX2": 1900, "PWM_MAIN_REV": 2,
