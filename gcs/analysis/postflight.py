@@ -54,7 +54,8 @@ def load_flown(vehicle: Path, paths: Sequence[Path], system: int | None = None) 
     """
     craft = load_vehicle(str(vehicle))
     for parts in by_recording(paths):
-        if found := parameters_of(Recording(parts), system):
+        recording = Recording(parts)
+        if found := parameters_of(recording, sender_of(recording, system).system):
             return filled(craft, found)
     return craft
 
@@ -87,8 +88,10 @@ def identify(
     from sysid.identification.compile_ahead import CompileAhead
     from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
+    from sysid.signal_check.decisive import require_searched
 
     craft = load_flown(vehicle, paths, system)
+    require_searched([*as_recorded, *craft.as_recorded])
     progress(0.0, "reading the recordings")
     with CompileAhead() as compiling:
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)

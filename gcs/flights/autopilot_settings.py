@@ -42,7 +42,7 @@ _POSITIONS = {
 }
 
 
-def parameters_of(recording: ColumnSource, system: int | None = None) -> dict[str, float]:
+def parameters_of(recording: ColumnSource, system: int) -> dict[str, float]:
     """Every parameter that a recording holds, the last value that was sent; what is no finite number is left out."""
     found: dict[str, float] = {}
     for columns in recording.columns("PARAM_VALUE", system):

@@ -271,10 +271,10 @@ def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:
     """What is wrong with the pace of a message, and what to do."""
     if rate_hz >= wanted_hz:
         return (
-            f"{message} has gaps, though it comes at {rate_hz:.1f} Hz on average: {wanted_hz:g} Hz are needed all"
+            f"{message} has gaps, though it comes at {rate_hz:.1f} Hz on average: {wanted_hz:g} Hz are wanted all"
             " through; check the link"
         )
-    return f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are needed: have the vehicle send it more often"
+    return f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are wanted: have the vehicle send it more often"
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:

@@ -48,7 +48,7 @@ class MassProperties:
     Iyy_std: float | None = None
     Izz_std: float | None = None
     Ixz_std: float | None = None
-    estimated: bool = False
+    estimated: bool = field(default=False, kw_only=True)
 
     @property
     def doubted(self) -> bool:
@@ -297,7 +297,7 @@ def _read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassPro
         if beyond > _LARGEST_SWING_ERROR:
             raise table.error(key, problem)
         warnings.append(f"{table.path(key)}: {problem} by {beyond:.0%}, which no body does: a swing test repeated?")
-    return MassProperties(mass, Ixx, Iyy, Izz, Ixz, doubts[0], doubts[1], doubts[2], doubts[3], doubts[4])
+    return MassProperties(mass, Ixx, Iyy, Izz, Ixz, *doubts)
 
 
 def _read_geometry(table: Table) -> Geometry:

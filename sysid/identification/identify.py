@@ -123,10 +123,15 @@ def identify(
         None if sensors is None else tuple(sensors), systematic, check, tuple(as_recorded), progress,
     )  # fmt: skip
     if method == "map":
-        return _by_posterior(asked)
-    if method != "auto":
-        return _by_the_books(asked, method)
-    return _by_the_flight(asked) if sensors is None and check is None else _by_the_books(asked, "oe")
+        found = _by_posterior(asked)
+    elif method != "auto":
+        found = _by_the_books(asked, method)
+    elif sensors is None and check is None:
+        found = _by_the_flight(asked)
+    else:
+        found = _by_the_books(asked, "oe")
+    progress(1.0, "done")
+    return found
 
 
 def _by_the_flight(asked: Request) -> Identification:
@@ -150,7 +155,6 @@ def _by_the_flight(asked: Request) -> Identification:
             # A sensor that is misread or comes late looks like gusts, another motion, or what no model explains.
             explained = None if calm else _as_of_textbooks(asked.within(0.8, 1.0), read, compatible)
             found = explained or _with_findings(found, asked)
-    asked.progress(1.0, "done")
     return found
 
 
@@ -227,7 +231,6 @@ def _by_the_books(asked: Request, method: str, known: CompatibilityResult | None
     judges = [judge(flight, vehicle, check, warnings, asked.as_recorded) for flight in asked.validate_on]
     compared = comparison(judges or posed.prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
-    progress(1.0, "done")
     compatible = posed.compatible
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
@@ -283,7 +286,6 @@ def _by_posterior(
     )
     compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
-    progress(1.0, "done")
     groups = found.estimate.results.items()
     seen = SeenEstimate(
         found.model, found.refused, validation, {group: one.feedback for group, one in groups}, "", "",

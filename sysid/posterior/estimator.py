@@ -258,7 +258,7 @@ class Posterior:
 
     def feedback(self, theta: Array) -> float:
         """Largest share of a command that follows what is left at a point, as in PosteriorResult."""
-        return max(self._feedback(self.point(theta)).values(), default=0.0)
+        return max(self._feedback(self.point(theta), self._laws()).values(), default=0.0)
 
     def _laws(self) -> tuple[str, ...]:
         """Surfaces that nothing moves but a law of the motion."""
@@ -273,12 +273,11 @@ class Posterior:
                 found.append(name)
         return tuple(found)
 
-    def _feedback(self, at: _Point) -> dict[str, float]:
+    def _feedback(self, at: _Point, laws: Sequence[str]) -> dict[str, float]:
         """Share of each surface's command that follows the residuals; surfaces that follow none, or are moved by a law
         alone, are left out.
         """
         found = {}
-        laws = self._laws()
         for name in SURFACES_OF[self.model.group]:
             places = [
                 i for i, part in enumerate(self.parts)
@@ -321,7 +320,8 @@ class Posterior:
 
     def _result(self, at: _Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
-        feedback_of, laws = self._feedback(at), self._laws()
+        laws = self._laws()
+        feedback_of = self._feedback(at, laws)
         # What answers noise tells nothing where the noise has any spectrum: in a loop the rest alone informs.
         told, pull_of_rest = H.copy(), -H @ (at.theta - self.prior.mean)
         scores = []

@@ -223,6 +223,11 @@ def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     out, error = capsys.readouterr()
     assert out == ""
     assert "as recorded: qq is no signal" in error
+    # What was asked wrongly has nothing to do with what the log lacks.
+    code, _, said = identify(capsys, mute, *vehicle, "--as-recorded", "qq")
+    assert code == 1
+    assert said.startswith("gcs identify: as recorded: qq is no signal")
+    assert "noticed before" not in said
 
 
 def test_the_log_of_something_without_wings_is_one_line_with_its_type(

@@ -228,7 +228,7 @@ def test_where_none_is_fast_enough_the_fastest_counts_with_a_warning(tmp_path: P
     found = Flight(tmp_path).stream(5, highres).stream(10, scaled_imu).signals()
     assert found.signals["ax"].source == "SCALED_IMU.xacc"
     assert any(
-        line.startswith("ax, ay, az, p, q, r: SCALED_IMU comes at 10.") and "and 20 Hz are needed" in line
+        line.startswith("ax, ay, az, p, q, r: SCALED_IMU comes at 10.") and "and 20 Hz are wanted" in line
         for line in found.warnings
     )
 
@@ -237,7 +237,7 @@ def test_a_source_that_is_fast_enough_but_has_gaps_is_not_called_slow(tmp_path: 
     flight = Flight(tmp_path).stream(50, highres, seconds=4.0).stream(50, UNITS["GLOBAL_POSITION_INT"][0])
     told = next(line for line in flight.signals().warnings if "HIGHRES" in line)
     assert "HIGHRES_IMU has gaps, though it comes at" in told
-    assert "Hz on average: 20 Hz are needed all through" in told
+    assert "Hz on average: 20 Hz are wanted all through" in told
 
 
 def test_gps_at_two_hertz_is_fast_enough(tmp_path: Path) -> None:
