@@ -33,7 +33,7 @@ _ARDUPILOT: Mapping[int, Mix] = {
 # PX4: by CA_SV_CSn_TYPE, surfaces going up and to the right.
 _PX4: Mapping[int, Mix] = {
     1: {"aileron": -1.0}, 2: {"aileron": 1.0}, 3: {"elevator": 1.0}, 4: {"rudder": 1.0},
-    5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL,
+    5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL, 15: {"aileron": 1.0},
 }  # fmt: skip
 _PX4_MOTOR, _PX4_SURFACE = 101, 201
 _POSITIONS = {

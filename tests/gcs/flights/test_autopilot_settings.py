@@ -78,11 +78,13 @@ def test_servos_that_make_no_sense_are_left_out() -> None:
 def test_px4_reverses_by_a_mask_and_places_its_sensors() -> None:
     parameters = {
         "PWM_MAIN_FUNC2": 201, "CA_SV_CS0_TYPE": 3, "PWM_MAIN_MIN2": 1100, "PWM_MAIN_MAX2": 1900, "PWM_MAIN_REV": 2,
-        "EKF2_IMU_POS_X": 0.05, "EKF2_IMU_POS_Z": -0.01,
+        "PWM_MAIN_FUNC3": 202, "CA_SV_CS1_TYPE": 15, "EKF2_IMU_POS_X": 0.05, "EKF2_IMU_POS_Z": -0.01,
     }  # fmt: skip
     plain = replace(bare(), sensors=replace(bare().sensors, accelerometer=Vehicle.unknown().sensors.accelerometer))
     craft = filled(plain, parameters)
     assert craft.controls["elevator"].deflection_from_pwm(1900.0) == pytest.approx(USUAL_TRAVEL)
+    assert craft.controls["aileron"].servos == (3,)
+    assert craft.controls["aileron"].deflection_from_pwm(2000.0) == pytest.approx(-USUAL_TRAVEL)
     assert craft.sensors.accelerometer.position == (0.05, 0.0, -0.01)
     assert any("position is not given" in line for line in craft.warnings)
 
