@@ -44,6 +44,15 @@ class Control:
     lag: Known = NOT_SAID
     backlash: Known = NOT_SAID
 
+    @property
+    def microsecond(self) -> float:
+        """Deflection, rad or 0 to 1, that a microsecond of pulse width is, where it is most."""
+        steepest = [
+            abs(weight) * float(np.max(np.abs(np.diff(ys) / np.diff(xs))))
+            for weight, xs, ys in zip(self.mix, self.pwm, self.deflection, strict=True)
+        ]
+        return max(steepest)
+
     def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
         """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.
 

@@ -61,6 +61,7 @@ _LOWEST_NOISE = 1e-5
 LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
 _LAGGING = [slot(name) for name in LAGGING]
 _AX = OUTPUTS.index("ax")
+_SURFACE_STEP = 1e-3  # rad, small beside what bends an aircraft's motion over a sample
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
@@ -77,6 +78,7 @@ class Linear:
     unseen: tuple[HiddenInput, ...]  # L of them
     step_unseen: Array  # (N - 1, nf, L)
     read_unseen: Array  # (N, m, L)
+    surface_noise: Array  # (N - 1, nf, 3) of each step, by what is not known of the surfaces over it, or (N - 1, nf, 0)
     memory: Memory | None  # of sensors that lag
     unread: IntArray  # (m,) readings that come after the record's end
 
@@ -184,6 +186,7 @@ class FilteredFlight:
             unseen=tuple(hidden),
             step_unseen=step_v[:, :, len(places) :],
             read_unseen=(read_v[:, :, len(places) :] * gains[None, :, None])[:, self.columns],
+            surface_noise=self._surface_noise(k, flat, thrust, over, seen, ahead),
             memory=memory,
             unread=never.sum(axis=0)[self.columns],
         )
@@ -256,6 +259,19 @@ class FilteredFlight:
                       float(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip
         return over, seen
 
+    def _surface_noise(self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, ahead: Array) -> Array:
+        """(N - 1, nf, 3) standard deviations of each step by what positions leave open between samples, or none."""
+        record, free = self.records[k], self.free[k]
+        if not record.surface_doubt.any():
+            return np.zeros((record.length - 1, free.size, 0))
+        moved = []
+        for j, doubt in enumerate(record.surface_doubt[record.start :].T):
+            other = over.copy()
+            other[..., j] += _SURFACE_STEP
+            there = self._predicted(k, flat, thrust, other, seen)[0]
+            moved.append(apart(there, ahead)[:, free] * (doubt[:-1, None] / _SURFACE_STEP))
+        return np.stack(moved, axis=2)
+
     def _predicted(
         self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
@@ -315,6 +331,7 @@ class FilteredFlight:
         drift[:, :nf] = one.drift - np.einsum("kia,ka->ki", one.step_x[:, :, nf:], path.gust_over[:, axes])
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
         process = entry @ gusts.process @ entry.transpose(0, 2, 1)
+        process[:, :nf, :nf] += one.surface_noise @ one.surface_noise.transpose(0, 2, 1)
         system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
         for i, state in enumerate(one.unseen):
             system = with_unseen(system, state, one.step_unseen[:, :, i], one.read_unseen[:, :, i])

@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.layout import CHANNELS
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -80,6 +80,7 @@ class Record:
     (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
     above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next.
+    surface_doubt: (M, 3) rad, one standard deviation of what is not known of those means; (0, 3) without positions.
     """
 
     flight: str
@@ -105,6 +106,7 @@ class Record:
     command_history: Array = field(default_factory=lambda: np.zeros((0, 3)))
     thrust_noise: Passed = NO_NOISE
     joined: bool = False
+    surface_doubt: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def length(self) -> int:
@@ -123,7 +125,7 @@ class Record:
             thrust_doubt=self.thrust_doubt[:, kept], rotor_doubt=self.rotor_doubt[:, kept],
             thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
             relative_height=self.relative_height[kept], hysteresis_direction=self.hysteresis_direction[kept],
-            command_history=before,
+            command_history=before, surface_doubt=self.surface_doubt[kept],
         )  # fmt: skip
 
 
@@ -223,7 +225,27 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
     told = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
     commands = np.stack([_as_acted(name, told[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
-    return [_make_record(data, vehicle, start, stop, commands, heights) for start, stop in spans]
+    doubt = np.zeros((0, 3))
+    if has_positions(vehicle):
+        doubt = np.stack([position_doubt(told[name], vehicle.controls.get(_CONTROL_OF[name])) for name in SURFACES], 1)
+    return [_make_record(data, vehicle, start, stop, commands, heights, doubt) for start, stop in spans]
+
+
+def position_doubt(values: Array, control: Control | None) -> Array:
+    """(n,) rad, one standard deviation of what positions (n,) leave open of the mean from each sample to the next.
+
+    Where between two samples an edge lies is not known: its mean is anywhere between both, evenly. And a position in
+    whole microseconds is anywhere within one, evenly.
+    """
+    if values.size < 3:
+        return np.zeros(values.size)
+    # One that is told in other units has steps that are finer than a pulse's.
+    step = float(np.median(np.diff(np.unique(values)))) if np.ptp(values) > 0.0 else 0.0
+    if control is not None:
+        step = min(step, control.microsecond)
+    bend = np.abs(np.diff(values, 2, prepend=values[0], append=values[-1]))
+    jump = np.append(np.minimum(bend[:-1], bend[1:]), 0.0)
+    return np.sqrt((np.maximum(jump - 2.0 * step, 0.0) ** 2 + step**2) / 12.0)
 
 
 def has_positions(vehicle: Vehicle) -> bool:
@@ -246,9 +268,17 @@ def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> 
 
 
 def _make_record(
-    data: FlightData, vehicle: Vehicle, start: int, stop: int, all_commands: Array, heights: tuple[Array, Array]
+    data: FlightData,
+    vehicle: Vehicle,
+    start: int,
+    stop: int,
+    all_commands: Array,
+    heights: tuple[Array, Array],
+    doubt: Array,
 ) -> Record:
-    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, of the same."""
+    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, doubt: (n, 3) or
+    (0, 3), of the same.
+    """
     n = data.time_s.size
     first = max(0, start - round(PRE_ROLL_S / data.interval_s))
     commands = all_commands[first:stop].copy()
@@ -290,5 +320,5 @@ def _make_record(
         denoised.values, _smooth(rho[first:stop], data.interval_s, _DENSITY_BAND_HZ), z, np.zeros((0, 9)), moving_mass,
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
-        joined=has_positions(vehicle),
+        joined=has_positions(vehicle), surface_doubt=doubt[first:stop],
     )  # fmt: skip
