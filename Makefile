@@ -127,8 +127,9 @@ campaign-jsbsim: setup
 	$(BIN)/python tests/campaign/other_engine.py
 
 # Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
+# FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
 campaign-jsbsim-effects: setup
-	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1)
+	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook)
 
 campaign-bad-flights: setup
 	$(BIN)/python tests/campaign/bad_flights.py

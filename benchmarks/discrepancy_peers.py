@@ -37,8 +37,8 @@ from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.discrepancy import discrepancy
-from sysid.discrepancy.baseline import BENCH, NUISANCE, SUB_STEPS
-from sysid.discrepancy.candidate_fits import fitted
+from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE, SUB_STEPS
+from sysid.discrepancy.by_filter_error.candidate_fits import fitted
 from sysid.problem.formulation import make_problem
 from sysid.problem.free_run import Fixed
 from sysid.problem.problem import MAX_RUN_S, free_coefficients, model_of

@@ -133,12 +133,13 @@ def discrepancy(
     *,
     validate: Sequence[Path] = (),
     ruled_out: Sequence[str] = (),
+    method: str = "auto",
     system: int | None = None,
     progress: Progress = _silent,
 ) -> dict[str, Any]:
     """Compare a model file with recordings; the JSON of schema discrepancy/1. Errors as for `identify`.
 
-    ruled_out: effects that are known not to be there.
+    ruled_out: effects that are known not to be there. method: auto, map or fe.
     """
     from sysid.discrepancy import discrepancy as run
     from sysid.identification.result_file import finite_json
@@ -148,11 +149,12 @@ def discrepancy(
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
-        found = run(flights, craft, baseline, validate_on=judges, ruled_out=ruled_out, progress=progress)
+        found = run(flights, craft, baseline, validate_on=judges, ruled_out=ruled_out, method=method, progress=progress)
     clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(flights)}
     models = [model] if model.is_file() else []
     clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made(
-        {"vehicle": craft.name, "system": system, "rule_out": list(ruled_out)}, [*paths, *validate, craft.path, *models]
+        {"vehicle": craft.name, "method": method, "system": system, "rule_out": list(ruled_out)},
+        [*paths, *validate, craft.path, *models],
     )
     return clean

@@ -186,7 +186,8 @@ def discrepancy_text(result: dict[str, Any]) -> str:
     """A result of schema discrepancy/1 as lines."""
     lines = [*_warning_lines(result), *quality_lines(result.get("quality"))]
     lines += [result["sentence"], ""] if result.get("sentence") else []
-    lines += [f"verdict: {result['verdict']}", *(f"  {reason}" for reason in result.get("reasons", []))]
+    by = f" (method {result['method']})" if result.get("method") else ""
+    lines += [f"verdict: {result['verdict']}{by}", *(f"  {reason}" for reason in result.get("reasons", []))]
     if result.get("ruled_out"):
         lines.append(f"  ruled out beforehand: {', '.join(result['ruled_out'])}")
     for place in result.get("where", []):

@@ -21,6 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="effects that weighing or a test on the bench has shown not to be there",
     )
+    parser.add_argument(
+        "--method",
+        choices=("auto", "map", "fe"),
+        default="auto",
+        help="map: for flights as the field gives them; fe: filter error, for those of the textbooks; auto sees which",
+    )
     add_result_arguments(parser)
 
 
@@ -39,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
             args.model,
             validate=flights.validate,
             ruled_out=ruled_out,
+            method=args.method,
             progress=flights.progress,
         )
     write_results(result, args.output, args.write_model, as_json=args.json, text=discrepancy_text)

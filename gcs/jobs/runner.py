@@ -97,6 +97,8 @@ class JobRunner:
         for name in (flight_id, *request.get("validate", ())):
             self._check_flight(name)
         self._check_part(flight_id, request)
+        if kind == "discrepancy" and request.get("method", "auto") not in _COMPARED_BY:
+            raise JobError(f"a discrepancy's method is one of {', '.join(_COMPARED_BY)}, not {request['method']}")
         _check_effects(kind, request.get("rule_out", ()))
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
@@ -273,6 +275,10 @@ class JobRunner:
 
     def _recordings(self, flight_id: str) -> list[Path]:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)
+
+
+# Methods of a comparison; an identification has more.
+_COMPARED_BY = ("auto", "map", "fe")
 
 
 def _check_effects(kind: str, names: Sequence[str]) -> None:

@@ -48,6 +48,7 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
             models["model"],
             validate=validate,
             ruled_out=order["rule_out"],
+            method=order["method"],
             progress=progress,
         )
     else:

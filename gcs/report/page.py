@@ -75,11 +75,19 @@ def _identification(result: Result) -> str:
     )  # fmt: skip
 
 
+_METHODS = {
+    "map": "posterior with an estimated noise spectrum (map)",
+    "fe": "filter error (fe)",
+}
+
+
 def _discrepancy(result: Result) -> str:
     from gcs.report import discrepancy, gapfigures
 
     verdict = result["verdict"].replace("_", " ")
     facts = {"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}
+    if result.get("method"):
+        facts["Method"] = _METHODS.get(result["method"], result["method"])
     if result.get("ruled_out"):
         facts["Ruled out beforehand"] = ", ".join(result["ruled_out"])
     return _document(

@@ -114,17 +114,10 @@ def identify_by_posterior(
 
 def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResult | None) -> PosteriorIdentification:
     vehicle, structure, progress = asked.vehicle, asked.structure, asked.progress
-    flights, prepared = [one.signals for one in read], [one.prepared for one in read]
     mistakes = tuple({one.sentence: one for each in read for one in each.mistakes}.values())
     progress(0.15, "data compatibility")
-    warnings: list[str] = []
-    compatible = known
-    if compatible is None:
-        compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
-    warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
-    parts = _parts(flights, prepared, vehicle, compatible, warnings)
-    _require_plausible(parts, vehicle)
-    warnings += unused_timing(vehicle, {name: one for part in parts for name, one in part.messages.items()})
+    seen = flown(read, vehicle, known)
+    prepared, compatible, parts, warnings = seen.prepared, seen.compatible, seen.parts, list(seen.warnings)
     surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces)})
@@ -138,8 +131,34 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))
     return PosteriorIdentification(
-        tuple(flights), tuple(prepared), compatible, model, tuple(refused), found, told, mistakes
+        tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, told, mistakes
     )
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Flights as the estimator takes them."""
+
+    prepared: Sequence[Prepared]
+    compatible: CompatibilityResult
+    parts: Sequence[FlightPart]
+    warnings: Sequence[str]
+
+
+def flown(read: Sequence[Meant], vehicle: Vehicle, known: CompatibilityResult | None = None) -> Flown:
+    """Parts of the flights. known: `reconstructed` of them, if at hand. Raises SysidError where none has what is
+    needed.
+    """
+    flights, prepared = [one.signals for one in read], [one.prepared for one in read]
+    warnings: list[str] = []
+    compatible = known
+    if compatible is None:
+        compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
+    warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
+    parts = _parts(flights, prepared, vehicle, compatible, warnings)
+    _require_plausible(parts, vehicle)
+    warnings += unused_timing(vehicle, {name: one for part in parts for name, one in part.messages.items()})
+    return Flown(prepared, compatible, parts, warnings)
 
 
 def _dead_surfaces(

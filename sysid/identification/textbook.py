@@ -14,23 +14,41 @@ from sysid.posterior.noise_spectrum import NoiseSpectrum
 # A servo's lag, s, and half a servo's backlash, rad, that no estimate of a few standard errors needs.
 _LAG_S, _BACKLASH = 0.005, 7e-4
 _SEEN = 3.0  # standard errors
+# Half a play that is told beside an effect that is missing: small servos in small linkages have twice of it, rad.
+_LEAST_PLAY = 2e-4
 # Outputs of each group that a gust, a vibration and a filter colour first, and the logarithm of the largest over the
 # smallest density (95 and 5 % of the frequencies) that white noise stays below: 0.2 to 0.55 on simulated sensors, 0.8
 # and more in gusts.
 _TELLING = {"longitudinal": ("ax", "alpha"), "lateral": ("ay", "beta")}
 _WHITE = 0.7
+# Forces alone, beside an effect that is missing: up to 0.6 in textbook gusts, 0.7 and more of an autopilot's sensors.
+_FORCES, _WHITE_FORCE = ("ax", "ay"), 0.65
 
 
 def is_textbook(found: PosteriorEstimate) -> bool:
     """Whether in a group of axes servos neither lag nor have play, and what is left of a force or a vane is white."""
-    held_up = {
+    held_up = _held_up(found, _BACKLASH)
+    telling = [name for group, names in _TELLING.items() if group not in held_up for name in names]
+    return any(one.output in telling and _spread(one) < _WHITE for one in found.noise)
+
+
+def is_of_the_field(found: PosteriorEstimate) -> bool:
+    """Whether in every group of axes servos lag or have play, and no force leaves white noise.
+
+    One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks.
+    """
+    white = any(one.output in _FORCES and _spread(one) < _WHITE_FORCE for one in found.noise)
+    return not white and _held_up(found, _LEAST_PLAY) >= set(found.groups)
+
+
+def _held_up(found: PosteriorEstimate, play: float) -> set[str]:
+    """Groups of axes whose servos lag or have more play than this, rad."""
+    return {
         one.group
         for one in found.nuisances
         if (one.name == "servo_lag" and one.value > max(_LAG_S, _SEEN * one.std))
-        or (one.name == "servo_backlash" and one.value > _BACKLASH)
+        or (one.name == "servo_backlash" and one.value > max(play, _SEEN * one.std))
     }
-    telling = [name for group, names in _TELLING.items() if group not in held_up for name in names]
-    return any(one.output in telling and _spread(one) < _WHITE for one in found.noise)
 
 
 def _spread(one: NoiseSpectrum) -> float:

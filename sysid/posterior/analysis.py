@@ -80,18 +80,31 @@ class NuisanceEstimate:
 
 
 @dataclass(frozen=True)
+class GroupEstimate:
+    """One group of axes, estimated."""
+
+    posterior: Posterior
+    result: PosteriorResult
+    doubts: Sequence[Doubt]
+
+    def nuisances(self, flight: str) -> dict[str, float]:
+        """All nuisances of a flight by name, those that are held included."""
+        model, theta = self.posterior.model, self.result.theta
+        return model.unknowns.values(theta[len(model.parameters) :], flight)
+
+
+@dataclass(frozen=True)
 class PosteriorEstimate:
     """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
 
-    prior_std: of those. results: by group. nuisances: of both groups. noise: what is left of every output.
-    unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated.
+    prior_std: of those. groups: of axes that were estimated. nuisances: of both groups. noise: what is left of every
+    output. unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated.
     not_believed: coefficient -> why its estimate is not. warnings: one line each.
     """
 
     joint: Gaussian
     prior_std: Mapping[str, float]
-    results: Mapping[str, PosteriorResult]
-    models: Mapping[str, GroupModel]
+    groups: Mapping[str, GroupEstimate]
     nuisances: tuple[NuisanceEstimate, ...]
     noise: tuple[NoiseSpectrum, ...]
     unexcited: tuple[str, ...]
@@ -99,13 +112,26 @@ class PosteriorEstimate:
     not_believed: Mapping[str, str]
     warnings: tuple[str, ...]
 
+    def of(self, groups: Mapping[str, GroupEstimate]) -> PosteriorEstimate:
+        """The same flights with other estimates of their groups of axes."""
+        joint, prior_std = _joint(groups)
+        return replace(
+            self, joint=joint, prior_std=prior_std, groups=groups, nuisances=_nuisances(groups),
+            not_believed=_not_believed(groups),
+        )  # fmt: skip
+
+    @property
+    def results(self) -> dict[str, PosteriorResult]:
+        """By group of axes."""
+        return {group: one.result for group, one in self.groups.items()}
+
     def servos(self, group: str, flight: str) -> tuple[float, ...] | None:
         """Delay [s], lag [s] and backlash [rad] of a group's servos, those of a flight that was not among the estimated
         the mean of all; None where the group was not estimated.
         """
-        if group not in self.results:
+        if group not in self.groups:
             return None
-        model, theta = self.models[group], self.results[group].theta
+        model, theta = self.groups[group].posterior.model, self.groups[group].result.theta
         flown = list(dict.fromkeys(part.flight for part in model.parts))
         every = [
             model.unknowns.values(theta[len(model.parameters) :], one)
@@ -130,24 +156,10 @@ class PosteriorEstimate:
     def systematic(self) -> dict[str, dict[str, float]]:
         """Change of each coefficient and effect parameter under each error of what was taken as known."""
         return {
-            name: {doubt: float(shift[i]) for doubt, shift in result.systematic.items()}
-            for group, result in self.results.items()
-            for i, name in enumerate(result.names[: len(self.models[group].parameters)])
+            name: {doubt: float(shift[i]) for doubt, shift in one.result.systematic.items()}
+            for one in self.groups.values()
+            for i, name in enumerate(one.result.names[: len(one.posterior.model.parameters)])
         }
-
-
-@dataclass(frozen=True)
-class _GroupEstimate:
-    """One group of axes, estimated."""
-
-    posterior: Posterior
-    result: PosteriorResult
-    doubts: Sequence[Doubt]
-
-    def nuisances(self, flight: str) -> dict[str, float]:
-        """All nuisances of a flight by name, those that are held included."""
-        model, theta = self.posterior.model, self.result.theta
-        return model.unknowns.values(theta[len(model.parameters) :], flight)
 
 
 @dataclass(frozen=True)
@@ -159,12 +171,12 @@ class _Begun:
     feedback: float
     doubts: Sequence[Doubt]
 
-    def ended(self) -> _GroupEstimate:
+    def ended(self) -> GroupEstimate:
         """The group, estimated."""
-        return _GroupEstimate(self.posterior, self.posterior.solve(self.theta, self.doubts), self.doubts)
+        return GroupEstimate(self.posterior, self.posterior.solve(self.theta, self.doubts), self.doubts)
 
 
-def _seen(parts: Sequence[FlightPart], found: Mapping[str, _GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
+def _seen(parts: Sequence[FlightPart], found: Mapping[str, GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
     """The parts with the flow angles of the groups found as they were before their vanes."""
     seen = list(parts)
     for group, one in found.items():
@@ -172,11 +184,11 @@ def _seen(parts: Sequence[FlightPart], found: Mapping[str, _GroupEstimate], vehi
     return seen
 
 
-def _again(before: _GroupEstimate, parts: Sequence[FlightPart]) -> _GroupEstimate:
+def _again(before: GroupEstimate, parts: Sequence[FlightPart]) -> GroupEstimate:
     """The estimate of a group from where it stood, with other motion imposed."""
     posterior = before.posterior.of(before.posterior.model.of(parts))
     start = np.concatenate((before.result.theta, before.result.states))
-    return _GroupEstimate(posterior, posterior.solve(start, before.doubts), before.doubts)
+    return GroupEstimate(posterior, posterior.solve(start, before.doubts), before.doubts)
 
 
 def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
@@ -207,7 +219,7 @@ def estimate(
         for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
         if one.stated or systematic
     ]
-    found: dict[str, _GroupEstimate] = {}
+    found: dict[str, GroupEstimate] = {}
     left_out, unexcited, warnings = {}, [], []
     problem = EstimationError
     for place, group in enumerate(GROUPS):
@@ -268,8 +280,7 @@ def estimate(
     joint, prior_std = _joint(found)
     noise = [noise_spectra(one.result.outputs, one.result.spectra, parts, vehicle) for one in found.values()]
     return PosteriorEstimate(
-        joint, prior_std, {group: one.result for group, one in found.items()},
-        {group: one.posterior.model for group, one in found.items()}, _nuisances(found),
+        joint, prior_std, found, _nuisances(found),
         tuple(one for group in noise for one in group), tuple(unexcited), left_out, _not_believed(found),
         tuple(warnings),
     )  # fmt: skip
@@ -283,7 +294,7 @@ def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
     return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if "rpm" in sources else {}
 
 
-def _alike(found: Mapping[str, _GroupEstimate]) -> dict[str, Stated]:
+def _alike(found: Mapping[str, GroupEstimate]) -> dict[str, Stated]:
     """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
     stated: dict[str, Stated] = {}
     for model, result in ((one.posterior.model, one.result) for one in found.values()):
@@ -401,7 +412,7 @@ def _bounds(model: GroupModel, coefficients: int) -> tuple[Array, Array]:
     return low, high
 
 
-def _joint(found: Mapping[str, _GroupEstimate]) -> tuple[Gaussian, dict[str, float]]:
+def _joint(found: Mapping[str, GroupEstimate]) -> tuple[Gaussian, dict[str, float]]:
     """Coefficients of all groups, and their prior standard deviations. What the structure never holds is in it."""
     names: list[str] = []
     values, blocks = [], []
@@ -422,7 +433,7 @@ def _joint(found: Mapping[str, _GroupEstimate]) -> tuple[Gaussian, dict[str, flo
     return Gaussian(tuple(names), np.concatenate(values), covariance), prior
 
 
-def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
+def _not_believed(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
     """Coefficients of groups whose fit asks for what no sensor or servo does: it stands for something else then."""
     reasons: dict[str, str] = {}
     for one in found.values():
@@ -450,7 +461,7 @@ def _not_believed(found: Mapping[str, _GroupEstimate]) -> dict[str, str]:
     return reasons
 
 
-def _nuisances(found: Mapping[str, _GroupEstimate]) -> tuple[NuisanceEstimate, ...]:
+def _nuisances(found: Mapping[str, GroupEstimate]) -> tuple[NuisanceEstimate, ...]:
     estimates = []
     for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):

@@ -207,6 +207,31 @@ class Posterior:
             return np.inf
         return self.cost(at) + self._logdet
 
+    def linear(self, theta: Array) -> tuple[Array, Array]:
+        """Whitened slopes (K, P) and residuals (K,) of all parts at a point, the noise as it was estimated last."""
+        at = self.point(theta)
+        slopes = [self.whitened(i, self.model.slopes(i, theta)) for i in range(len(self.parts))]
+        return np.concatenate(slopes), self._stacked(at.residuals)
+
+    def difference(self, theta: Array, other: GroupModel) -> Array:
+        """(K,) whitened change of all outputs by another model of the same unknowns; NaN where that diverges."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = [other.simulated(i, theta) - self.model.simulated(i, theta) for i in range(len(self.parts))]
+            return self._stacked(moved)
+
+    def _stacked(self, series: Sequence[Array]) -> Array:
+        return np.concatenate([self.whitened(i, one[:, :, None])[:, 0] for i, one in enumerate(series)])
+
+    def evidence(self, theta: Array) -> float:
+        """Log of the probability of the measurement under this model, by Laplace's method about its maximum (P,); of
+        use beside that of another model of the same parts.
+        """
+        at = self.point(theta)
+        self.weigh(at)
+        H, _ = self.normal(at)
+        volume = np.linalg.slogdet(self.prior.information)[1] - np.linalg.slogdet(H)[1]
+        return -(self.cost(at) + self._logdet) + 0.5 * float(volume)
+
     def search(self, start: Array, max_passes: int) -> Array:
         """(P,) where some steps from `start` lead."""
         return self._search(start, max_passes, fresh=not self._held, least=2)[0].theta

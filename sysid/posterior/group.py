@@ -123,6 +123,17 @@ class GroupModel:
         """What the model was told of the aircraft."""
         return self._given.vehicle
 
+    def flying(self, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]) -> GroupModel:
+        """The same parts under another structure, with other coefficients and parameters of effects free."""
+        other = copy.copy(self)
+        other.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
+        other._model, other.flat = model, flatten(self.vehicle, model)
+        used = (*names, *model.coefficients)
+        other._surfaces = {*SURFACES_OF[self.group], *(factor for name in used for factor in parse_term(name).factors)}
+        shift = len(other.parameters) - len(self.parameters)
+        other.held_columns = [place + shift for place in self.held_columns]
+        return other
+
     def of(self, parts: Sequence[FlightPart]) -> GroupModel:
         """The same model of other parts, as many of the same flights."""
         other = copy.copy(self)

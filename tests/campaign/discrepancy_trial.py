@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from smaller_catalogue import catalogue_without
 
-from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
 from sysid.discrepancy import discrepancy
-from sysid.discrepancy.baseline import BENCH, NUISANCE
+from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE
 from sysid.discrepancy.gap import fixed_model
 from sysid.errors import SysidError
 from sysid.output_error.fit import fit
@@ -62,19 +61,6 @@ def judged(
         line["cpu_seconds"] = round(time.process_time() - begin_cpu, 2)
         line["true_gap"] = {} if true is None else _true_gap(judge_on, vehicle, true)
     return line
-
-
-@contextmanager
-def catalogue_without(names: Sequence[str]) -> Iterator[None]:
-    """The catalogue of this process without some effects; their places in the effect vector stay."""
-    whole = dict(EFFECTS)
-    for name in names:
-        del EFFECTS[name]
-    try:
-        yield
-    finally:
-        EFFECTS.clear()
-        EFFECTS.update(whole)
 
 
 def _true_gap(flights: Sequence[FlightSignals], vehicle: Vehicle, true: Model) -> dict[str, float]:

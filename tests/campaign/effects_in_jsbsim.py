@@ -1,8 +1,9 @@
 """Are effects named that another engine flies? Run: make campaign-jsbsim-effects
 
 Each flight is JSBSim's, with one effect written in JSBSim's own terms (tests/support/jsbsim_effects.py), sensors of the
-reference paper's Table II and calm air. The job gets its signals, the vehicle file, and a baseline that lacks the
-effect and is off by up to 5 % in every coefficient. One line for each flight is kept in campaign-output/jsbsim-effects,
+reference paper's Table II and calm air, or servos, air, sensors and link of a family of field flights (--families).
+The job gets its signals, the vehicle file, and a baseline that lacks the effect and is off by up to 5 % in every
+coefficient. One line for each flight is kept in campaign-output/jsbsim-effects,
 in a file named after the sources, so that a campaign that was stopped goes on where it was. Prints a table in markdown.
 """
 
@@ -20,6 +21,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+from field_effects import ALL, CLEAN, TABLES, HiddenFlight, hidden_flight
+from field_flight import FAMILIES
 from jsbsim_effects import NAMES, hidden
 from jsbsim_flight import fly, measure
 from seed_lines import end_line, fingerprint, keyed_lines, progress
@@ -28,38 +31,61 @@ from sysid.discrepancy import discrepancy
 from sysid.errors import SysidError
 
 OUTPUT = Path(__file__).resolve().parents[2] / "campaign-output" / "jsbsim-effects"
-SOURCES = ("sysid", "sim_vehicle", "jsbsim_effects", "jsbsim_flight", "jsbsim_twin")
+SOURCES = (
+    *("sysid", "sim_vehicle", "jsbsim_effects", "jsbsim_flight", "jsbsim_twin", "field_effects", "field_flight"),
+    *("field_plant", "field_sensors", "field_air", "field_inputs"),
+)
 SECONDS = 20.0
 OFF = 0.05
-HEAD = ("effect", "seed", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
+SURE = 0.9
+TEXTBOOK = "textbook"
+HEAD = ("effect", "family", "seed", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
 
 
-def one(name: str, seed: int) -> dict[str, Any]:
-    """Fly one effect and ask what is missing: a line of the store."""
+def key_of(name: str, family: str, seed: int) -> str:
+    """Name of a flight in the store."""
+    return f"{name}-{family}-{seed}"
+
+
+def flight(name: str, family: str, seed: int, folder: Path) -> HiddenFlight:
+    """Fly one effect."""
+    if family != TEXTBOOK:
+        return hidden_flight(name, family, seed, folder, OFF)
     effect = hidden(name)
+    signals, _ = measure(fly(folder, effect.flown, seed, SECONDS), seed, key_of(name, family, seed))
+    return HiddenFlight(signals, effect.vehicle, effect.baseline(seed, OFF), dict(effect.parameters))
+
+
+def one(name: str, family: str, seed: int) -> dict[str, Any]:
+    """Fly one effect and ask what is missing: a line of the store."""
     with tempfile.TemporaryDirectory() as folder:
-        flown = fly(Path(folder), effect.flown, seed, SECONDS)
-    signals, _ = measure(flown, seed, f"{name}-{seed}")
-    line: dict[str, Any] = {"key": f"{name}-{seed}", "effect": name, "seed": seed, "flown": dict(effect.parameters)}
+        flown = flight(name, family, seed, Path(folder))
+    line: dict[str, Any] = {
+        "key": key_of(name, family, seed), "effect": name, "family": family, "seed": seed,
+        "flown": dict(flown.parameters),
+    }  # fmt: skip
     began = time.process_time()
     try:
-        found = discrepancy([signals], effect.vehicle, effect.baseline(seed, OFF))
+        found = discrepancy([flown.signals], flown.vehicle, flown.model)
     except SysidError as error:
         line |= {"verdict": f"refused: {error}", "named": [], "reasons": []}
     else:
         line |= {"verdict": found["verdict"], "named": found["effects"], "reasons": found["reasons"]}
+        line |= {"method": found["method"]}
     return line | {"cpu_seconds": round(time.process_time() - began, 1)}
 
 
 def is_right(line: Mapping[str, Any]) -> bool:
-    """Whether the effect that was flown is the first that is named."""
+    """Whether the effect that was flown is the first that is named, and none where nothing was."""
+    if line["effect"] == CLEAN:
+        return line["verdict"] in ("none", "parameter_error")
     return bool(line["named"]) and line["named"][0]["name"] == line["effect"]
 
 
 def row(line: Mapping[str, Any]) -> list[str]:
     """One flight in the table."""
     flown = ", ".join(f"`{name}` {value:g}" for name, value in line["flown"].items())
-    head = [f"`{line['effect']}`", str(line["seed"]), flown]
+    head = [f"`{line['effect']}`", f"{line['family']}, {line.get('method', '')}", str(line["seed"]), flown]
     if not line["named"]:
         return [*head, line["verdict"], "", "", "", "", f"{line['cpu_seconds']:.0f}"]
     first, *more = line["named"]
@@ -81,7 +107,16 @@ def table(lines: Sequence[Mapping[str, Any]]) -> str:
     right = [line for line in lines if is_right(line)]
     effects = {line["effect"] for line in right}
     alone = sum(len(line["named"]) == 1 for line in right)
-    return f"{told}\n\n{len(right)} of {len(lines)} flights named right, {alone} of them alone; {len(effects)} effects."
+    wrong = sum(any(is_false(line, named) for named in line["named"]) for line in lines)
+    return (
+        f"{told}\n\n{len(right)} of {len(lines)} flights right, {alone} with that name alone; {len(effects)} effects;"
+        f" {wrong} flights with a wrong name above {SURE}."
+    )
+
+
+def is_false(line: Mapping[str, Any], named: Mapping[str, Any]) -> bool:
+    """Whether a name that is given as sure is of something that was not flown."""
+    return bool(named["name"] != line["effect"] and named["probability"] > SURE and line["effect"] != TABLES)
 
 
 def main() -> int:
@@ -89,26 +124,32 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Naming of missing effects that JSBSim flies.")
     parser.add_argument("--effects", default="all", help=f"names with commas between, of: {', '.join(NAMES)}")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each effect (default 1)")
+    parser.add_argument(
+        "--families", default=TEXTBOOK, help=f"{TEXTBOOK} (default), or of field flights: {', '.join(FAMILIES[:6])}"
+    )
     parser.add_argument("--table", action="store_true", help="fly nothing, print what is there of these sources")
     given = parser.parse_args()
     names = NAMES if given.effects == "all" else tuple(given.effects.split(","))
-    unknown = [name for name in names if name not in NAMES]
+    families = given.families.split(",")
+    unknown = [name for name in names if name not in (*NAMES, CLEAN, TABLES)]
+    unknown += [name for name in names if name in (CLEAN, TABLES) and TEXTBOOK in families]
+    names = tuple(name for name in names if TEXTBOOK in families or name in (*ALL, TABLES))
     if unknown:
         parser.error(f"JSBSim flies no effect {unknown[0]!r}; there are {', '.join(NAMES)}")
     path = OUTPUT / f"{fingerprint(SOURCES)}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     end_line(path)
-    wanted = [(name, seed) for seed in range(given.seeds) for name in names]
+    wanted = [(name, family, seed) for seed in range(given.seeds) for family in families for name in names]
     done = keyed_lines(path, "key")
-    missing = [] if given.table else [case for case in wanted if "{}-{}".format(*case) not in done]
+    missing = [] if given.table else [case for case in wanted if key_of(*case) not in done]
     begin = time.monotonic()
-    for count, (name, seed) in enumerate(missing, 1):
-        line = one(name, seed)
+    for count, case in enumerate(missing, 1):
+        line = one(*case)
         done[line["key"]] = line
         with path.open("a", encoding="utf-8") as store:
             store.write(json.dumps(line) + "\n")
         progress(count, len(missing), time.monotonic() - begin)
-    shown = [f"{name}-{seed}" for name in names for seed in range(given.seeds)]
+    shown = [key_of(*case) for case in sorted(wanted, key=lambda case: names.index(case[0]))]
     print(table([done[key] for key in shown if key in done]))
     return 0
 

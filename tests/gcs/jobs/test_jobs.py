@@ -162,6 +162,7 @@ NO_MODEL = {"schema": "model/1", "coefficients": {}}
         ({"kind": "identify", "validate": ["nope"]}, CatalogueError, "nope"),
         ({"kind": "discrepancy", "model": NO_MODEL, "rule_out": ["mass"]}, JobError, "unknown effect 'mass'"),
         ({"kind": "identify", "rule_out": ["mass_error"]}, JobError, "looks for no effects"),
+        ({"kind": "discrepancy", "model": NO_MODEL, "method": "oe"}, JobError, "one of auto, map, fe, not oe"),
     ],
 )
 def test_what_cannot_work_is_refused_at_once(

@@ -37,6 +37,8 @@ def test_what_weighing_has_cleared_is_no_alternative() -> None:
     (named,) = alone["effects"]
     assert (named["name"], named["alternatives"]) == ("thrust_scale", []), alone["reasons"]
     assert alone["ruled_out"] == ["mass_error"]
+    # A flight of the textbooks, seen as such though something is missing.
+    assert alone["method"] == "fe"
     assert abs(named["parameters"]["scale"]["value"] - 0.06) < 4.0 * named["parameters"]["scale"]["std"]
 
 

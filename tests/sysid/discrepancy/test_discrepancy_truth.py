@@ -23,6 +23,7 @@ from effect_responses import whole_response
 from flight_bounds import LONGITUDINAL_OUTPUTS, Experiment, Slopes, slopes
 from made_up import MADE_UP, MadeUp, MadeUpPlant
 from separating_flights import plan_named
+from smaller_catalogue import catalogue_without
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.flight.flight_log import FlownFlight
@@ -36,7 +37,6 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "campaign"))
 
 from discrepancy_scores import HIDDEN_TO_ALL, IN_A_SET, SEPARABLE, calibration_error, score
-from discrepancy_trial import catalogue_without
 
 pytestmark = pytest.mark.whole_flight
 

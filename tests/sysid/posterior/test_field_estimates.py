@@ -185,7 +185,7 @@ def test_two_flights_tell_more_than_one_though_their_stamps_differ(tmp_path: Pat
     assert alone.posterior is not None
     assert both.posterior is not None
     for group, result in alone.posterior.results.items():
-        count = len(alone.posterior.models[group].parameters)
+        count = len(alone.posterior.groups[group].posterior.model.parameters)
         more = both.posterior.results[group]
         ratios = np.sqrt(np.diag(more.fisher)[:count] / np.diag(result.fisher)[:count])
         assert 0.6 < np.median(ratios) < 0.85, group

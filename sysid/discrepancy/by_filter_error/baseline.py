@@ -9,8 +9,8 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.discrepancy.candidate_fits import FittedModel, fitted
-from sysid.discrepancy.lack_of_fit import left_over
+from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fitted
+from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult

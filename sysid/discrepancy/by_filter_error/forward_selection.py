@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.candidate_fits import FittedModel, fit_short, rank, wald_statistic
+from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_short, rank, wald_statistic
+from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
 from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
-from sysid.discrepancy.score_test import filter_gains
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from sim_vehicle.effects import CoefficientEffect, Parameter, Stage
-from sysid.discrepancy.candidate_fits import FittedModel
-from sysid.discrepancy.candidates import Candidate
-from sysid.discrepancy.score_test import filter_gains
+from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel
+from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
+from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
-from sysid.equation_error.coefficients import AXES
 from sysid.filter_error.estimation import build_filter
 from sysid.numerics.autoregression import pooled_autocorrelation
 from sysid.problem.problem import Problem
@@ -21,23 +19,6 @@ from sysid.signals.record import OUTPUTS
 _NOISIER, _COLOURED = 1.3, 1.5
 # Chance of smooth terms of an axis gaining so much where nothing is missing, over all axes.
 _CHANCE = 1e-4
-# Smooth terms that no single effect of the catalogue is, by which whatever is missing shows.
-_LONGITUDINAL = ("alpha2", "alpha3", "q", "alpha_q", "de2", "alpha_de", "beta2", "alphadot")
-_LATERAL = ("beta3", "alpha_beta", "alpha_p", "alpha_r", "alpha_da", "alpha_dr", "beta2", "alpha", "q", "de")
-
-
-def smooth_terms(problem: Problem, setting: FittedModel) -> list[Candidate]:
-    """Per axis, smooth terms that the model lacks: whatever acts on an axis looks somewhat like them."""
-    found = []
-    for axis in AXES:
-        terms = _LONGITUDINAL if axis in ("CL", "CD", "Cm") else _LATERAL
-        names = [f"{axis}_{term}" for term in terms]
-        free = tuple(n for n in names if n not in setting.model.coefficients and problem.motion.takes(n))
-        if free:
-            parameters = tuple(Parameter(name, "1", -1.0, 1.0, (0.0,)) for name in free)
-            effect = CoefficientEffect(axis, f"smooth terms of {axis}", Stage.AERODYNAMICS, parameters, "")
-            found.append(Candidate(effect, free, (dict.fromkeys(free, 0.0),)))
-    return found
 
 
 def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, str]:
@@ -55,7 +36,7 @@ def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dic
         ratio = float(result.sigma[j] / np.sqrt(variance))
         if ratio > _NOISIER and colour > _COLOURED:
             found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"
-    choices = smooth_terms(problem, setting)
+    choices = smooth_terms(problem, setting.model)
     gains = filter_gains(problem, setting.model, setting.coefficients, setting.effects, result, choices)
     for choice, (gain, _) in zip(choices, gains, strict=True):
         chance = float(special.chdtrc(len(choice.free), max(gain, 0.0)))

@@ -1,0 +1,1 @@
+"""Discrepancy on flights of the textbooks: candidates compared by filter error."""

@@ -1,0 +1,222 @@
+"""The comparison by filter error: flights of the textbooks, calm or in gusts of a known shape.
+
+The model's own parameters are fitted again first. Then every effect of the catalogue that the flights could show is
+looked at (score test), the promising ones are added in turn and everything is fitted once more (generalised likelihood
+ratio); a regression on what is left over would see only the few per cent that the nominal parameters have not already
+absorbed. In calm air too: a model that lacks something still follows the flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy import special
+
+from sim_vehicle.model.model_file import Model
+from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
+from sysid.discrepancy.by_filter_error.baseline import (
+    BENCH,
+    Baseline,
+    Flights,
+    fitted_again,
+    is_beyond_bench,
+    posed,
+    sensors_alone,
+    without_bench,
+)
+from sysid.discrepancy.by_filter_error.candidate_fits import fitted
+from sysid.discrepancy.by_filter_error.forward_selection import (
+    Search,
+    eliminate_insignificant,
+    eliminate_redundant,
+    extend,
+    refit_jointly,
+    update_estimate,
+)
+from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
+from sysid.discrepancy.gap import fixed_model, widening
+from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
+from sysid.discrepancy.wording import moved_words
+from sysid.errors import EstimationError
+from sysid.filter_error.estimation import build_filter
+from sysid.filter_error.estimator import FilterErrorResult
+from sysid.numerics.dryden import Turbulence
+from sysid.numerics.normal_equations import inverse
+from sysid.output_error.fit import fit
+from sysid.problem.free_run import Fixed
+from sysid.problem.problem import Estimates, Problem
+from sysid.quality.flight_rules import flights_quality
+from sysid.signal_check.check import told_mistakes
+from sysid.signals.preparation import Prepared, prepare, require_thrust
+
+_AIRSPEED = "airspeed_error"
+# Chance of coefficients as far from those given, below which those are wrong.
+_CHANCE = 1e-4
+# What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
+_WIDER = 1.1
+# Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
+# (sysid.discrepancy.by_filter_error.forward_selection.refit_jointly), and what those are multiplied with before
+# coefficients are called wrong.
+_GUSTS, _FIXED_GAINS = 0.02, 2.0
+
+
+def compare(asked: Asked) -> Outcome:
+    """What the flights say of the model. Raises SysidError subclasses in one line."""
+    progress, vehicle, model = asked.progress, asked.vehicle, asked.model
+    progress(0.02, "signals on one time base")
+    prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
+    held_out = [prepare(flight, vehicle) for flight in asked.validate_on]
+    require_thrust([*prepared, *held_out])
+    progress(0.05, "units, signs and axes")
+    told = [line for group in (prepared, held_out) if group for line in told_mistakes(group, vehicle)]
+    progress(0.08, "data compatibility")
+    used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
+    base = fitted_again(used, model, asked.ruled_out)
+    search = _searched(used, base)
+    verdict, reasons = _verdict(used, base, search)
+    if verdict == "unexplained" and search.named:
+        # A wrong name is worse than none.
+        search = _without(base)
+    stages = {"given": fixed_model(base.problem, model, base.given, used.compatible), "before": _refitted(used, base)}
+    stages["after"] = _found(used, search) if search.result is not base.before else stages["before"]
+    air = search.result.turbulence
+    judged = None
+    if held_out:
+        progress(0.75, "sensor errors of the other flights")
+        models = {"given": model, "before": base.refitted, "after": search.model}
+        judged = _held_out(held_out, search.problem, models)
+    return Outcome(
+        "fe", verdict, tuple(reasons), tuple(search.named), search.model, base.ruled_out,
+        Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
+        max(air.horizontal, air.vertical),
+        flights_quality(asked.flights, prepared, vehicle, used.compatible.gust_sigma),
+        (*(w for one in (*prepared, *held_out) for w in one.warnings), *told),
+    )  # fmt: skip
+
+
+def _part_of(progress: Progress, begin: float, width: float, share: float, text: str) -> None:
+    progress(begin + width * share, text)
+
+
+def _without(base: Baseline) -> Search:
+    return Search(
+        base.problem, base.refitted, list(base.names), list(base.effects), base.before,
+        given=base.own_values, ruled_out=base.ruled_out,
+    )  # fmt: skip
+
+
+def _left(base: Baseline, search: Search) -> str:
+    """What the search's model leaves unexplained, in words; empty for nothing."""
+    found = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
+    return "; ".join(f"{name} ({why})" for name, why in found.items())
+
+
+def _searched(used: Flights, base: Baseline) -> Search:
+    """Effects added one after the other until nothing is left."""
+    search = _without(base)
+    while len(search.named) < MAX_EFFECTS:
+        begin, width = 0.3 + 0.4 * len(search.named) / MAX_EFFECTS, 0.4 / MAX_EFFECTS
+        if not extend(search, partial(_part_of, used.progress, begin, width)):
+            break
+        _with_bench(used, search)
+    eliminate_redundant(search)
+    if search.named and _is_rough(search.result):
+        used.progress(0.72, "standard errors in turbulence")
+        if not search.result.together:
+            refit_jointly(search)
+        eliminate_insignificant(search)
+        if not search.named:
+            return replace(_without(base), dropped=search.dropped)
+    return search
+
+
+def _with_bench(used: Flights, search: Search) -> None:
+    """Estimate what a bench leaves of the airspeed's error again, where the model now explains the flight with that."""
+    problem = replace(posed(used.prepared, used.vehicle, used.compatible), command_first=search.problem.command_first)
+    if problem.sensors.keys() == search.problem.sensors.keys() or search.named[-1].candidate.effect.name == _AIRSPEED:
+        return
+    known = search.result
+    flight = build_filter(problem, search.model, search.coefficients, search.effects)
+    with suppress(EstimationError):
+        result = flight.solve(known.values(), known.turbulence, known=known)
+        if not is_beyond_bench(result, problem):
+            search.problem = problem
+            update_estimate(search, result)
+
+
+def _is_rough(result: FilterErrorResult) -> bool:
+    return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
+
+
+def _verdict(used: Flights, base: Baseline, search: Search) -> tuple[str, list[str]]:
+    """Verdict and the tests it rests on, in words."""
+    reasons = [*(reason(named) for named in search.named), *search.dropped, *([search.nearly] if search.nearly else [])]
+    if _is_rough(search.result):
+        gusts = search.result.turbulence
+        reasons.append(
+            f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
+        )
+    left = _left(base, search)
+    if left:
+        return "unexplained", [*reasons, f"beyond noise and gusts: {left}"]
+    if search.named:
+        wider = widening(used.prepared, _refitted(used, base), _found(used, search))
+        if wider < _WIDER:
+            return "missing_effect", reasons
+        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
+    moved, chance = _moved(base)
+    reasons.append(moved_words(moved, len(base.names) + len(base.effects), chance))
+    return ("parameter_error" if chance < _CHANCE else "none"), reasons
+
+
+def _refitted(used: Flights, base: Baseline) -> Fixed:
+    return fixed_model(base.problem, base.refitted, base.before, used.compatible)
+
+
+def _found(used: Flights, search: Search) -> Fixed:
+    return fixed_model(search.problem, search.model, search.result, used.compatible)
+
+
+def _moved(base: Baseline) -> tuple[float, float]:
+    """How far the model's own parameters are from those given (Wald's test), and the chance of that."""
+    values = base.own_values
+    every = [parameter.name for parameter in base.before.parameters]
+    names = [*base.names, *(f"{effect}.{name}" for effect, name in base.effects)]
+    places = [every.index(name) for name in names]
+    away = base.before.theta[places] - np.array([values[name] for name in names])
+    distance = float(away @ inverse(base.before.covariance[np.ix_(places, places)]) @ away)
+    if _is_rough(base.before):
+        distance /= _FIXED_GAINS**2
+    return distance, float(special.chdtrc(len(places), max(distance, 0.0)))
+
+
+def _held_out(held_out: Sequence[Prepared], problem: Problem, models: Mapping[str, Model]) -> Compared:
+    """On flights held out sensor errors alone are fitted for each stage: they change with every power-up."""
+    checked = check_compatibility(held_out)
+    other = replace(posed(held_out, problem.vehicle, checked), command_first=problem.command_first)
+    other = other if set(BENCH) & set(problem.sensors) else without_bench(other)
+    best = _own_errors(other, models["after"], checked)
+    stages = {}
+    for name, model in models.items():
+        own = best
+        if name != "after" and isinstance(best, FilterErrorResult):
+            own = sensors_alone(other, model, best)
+        stages[name] = fixed_model(other, model, own, checked)
+    # Kinematics alone take for gusts what an effect makes of a vane; the model that has it knows better.
+    air = Turbulence(checked.gust_sigma, checked.gust_sigma)
+    if isinstance(best, FilterErrorResult):
+        air = best.turbulence
+    return Compared(tuple(held_out), other.motion, stages, checked, air)
+
+
+def _own_errors(problem: Problem, model: Model, checked: CompatibilityResult) -> Estimates:
+    """Sensor errors of a flight under a model: by filter error, or in free runs of output error where that is lost."""
+    try:
+        return fitted(problem, model, (), (), {}, checked.gust_sigma)
+    except EstimationError:
+        return fit(problem, model, ())

@@ -1,0 +1,195 @@
+"""The comparison by the posterior: the model fitted again, effects named, the gap with and without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+
+from sim_vehicle.effects import EFFECTS
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.flat_model import flatten
+from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.discrepancy.by_posterior.group_fits import fit_of
+from sysid.discrepancy.by_posterior.rules import RULES
+from sysid.discrepancy.by_posterior.search import Found, search
+from sysid.discrepancy.gap import widening
+from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
+from sysid.discrepancy.wording import moved_words
+from sysid.errors import EstimationError
+from sysid.identification.posterior_method import flown, meant
+from sysid.identification.textbook import is_of_the_field
+from sysid.numerics.dryden import Turbulence
+from sysid.numerics.normal_equations import inverse
+from sysid.posterior.analysis import PosteriorEstimate, estimate
+from sysid.posterior.replay import as_moved
+from sysid.problem.formulation import timing_of
+from sysid.problem.free_run import Fixed
+from sysid.problem.problem import Motion, Problem, excited_motion
+from sysid.quality.flight_rules import flights_quality
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared
+
+# What the estimate tells beside coefficients that a simulation lacks: said where it is so many standard errors off.
+_SEEN = 3.0
+_SERVO_WORDS = {
+    "servo_delay": ("the servos answer {:.0f} ms late", 1e3),
+    "servo_lag": ("the servos lag by {:.0f} ms", 1e3),
+    "servo_backlash": ("the linkages have {:.2f} deg of play to either side", 180.0 / np.pi),
+}
+
+
+def compare(asked: Asked, always: bool = False) -> Outcome | None:
+    """What the flights say of the model; None where they are of the textbooks, unless `always`.
+
+    Raises SysidError subclasses in one line.
+    """
+    progress, vehicle = asked.progress, asked.vehicle
+    progress(0.02, "units, signs and axes")
+    read = [meant(one, vehicle, (), asked.start_s, asked.stop_s) for one in asked.flights]
+    seen = flown(read, vehicle)
+    effects = [
+        (e.name, key) for e in asked.model.effects for key in e.parameters
+        if EFFECTS[e.name].parameter(key).fitted and not EFFECTS[e.name].alias
+    ]  # fmt: skip
+    progress(0.08, "its coefficients fitted again")
+    try:
+        base = estimate(
+            seen.parts, vehicle, asked.model, effects, systematic=False,
+            progress=lambda share, text: progress(0.08 + 0.2 * share, text),
+        )  # fmt: skip
+    except EstimationError:
+        if always:
+            raise
+        return None
+    if not always and not is_of_the_field(base):
+        return None
+    records = [stretch.record for flight in seen.prepared for stretch in flight.stretches]
+    motion = replace(
+        excited_motion(records), longitudinal="longitudinal" in base.groups, lateral="lateral" in base.groups
+    )
+    problem = Problem(vehicle, tuple(records), (), motion, {})
+    fits = {group: fit_of(one, asked.model, effects) for group, one in base.groups.items()}
+    own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
+    found = Found(problem, asked.model, fits, frozenset(asked.ruled_out), {**asked.model.values(), **own})
+    search(found, MAX_EFFECTS, lambda share, text: progress(0.28 + 0.42 * share, text))
+    best = base
+    if found.named:
+        progress(0.72, "standard errors")
+        best = base.of({group: fit.ended() for group, fit in found.groups.items()})
+        found.named = [replace(one, values=_values(one.candidate.names, one.values, best)) for one in found.named]
+    before, after = _told(asked.model, base), _told(found.model, best)
+    signals = [one.signals for one in read]
+    used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
+    verdict, reasons = _verdict(asked, base, found, used)
+    if verdict == "unexplained":
+        # A wrong name is worse than none: what was likeliest stands in the reasons.
+        found.named, after = [], before
+        used = replace(used, stages={**used.stages, "after": used.stages["before"]})
+    judged = None
+    if asked.validate_on:
+        others = [meant(flight, vehicle) for flight in asked.validate_on]
+        if doubts := [one.doubt for one in others if one.doubt is not None]:
+            raise doubts[0]
+        kinematics = flown(others, vehicle).compatible
+        judged = _beside(
+            [one.prepared for one in others], [one.signals for one in others], asked, motion, (base, before),
+            (best, after), kinematics,
+        )  # fmt: skip
+    warnings = [*seen.warnings, *(m.sentence for one in read for m in one.mistakes), *base.warnings]
+    return Outcome(
+        "map", verdict, tuple(reasons), tuple(found.named), after, found.ruled_out, used, judged,
+        seen.compatible.gust_sigma,
+        flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma), tuple(warnings),
+    )  # fmt: skip
+
+
+def _values(
+    names: Sequence[tuple[str, str]], found: Mapping[str, tuple[float, float]], best: PosteriorEstimate
+) -> dict[str, tuple[float, float]]:
+    """Values and standard errors of an effect's parameters, with bars that count all."""
+    told = best.joint.entries()
+    keys = {name: f"{effect}.{name}" for effect, name in names}
+    return {name: told.get(keys.get(name, name), entry) for name, entry in found.items()}
+
+
+def _told(model: Model, found: PosteriorEstimate) -> Model:
+    """The model with what the flights tell of it; what they do not tell stays as given."""
+    told = found.joint.entries()
+    effects = tuple(
+        replace(
+            effect,
+            parameters={
+                key: Coefficient(*told[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in told else entry
+                for key, entry in effect.parameters.items()
+            },
+        )
+        for effect in model.effects
+    )
+    coefficients = {name: Coefficient(*told[name]) if name in told else e for name, e in model.coefficients.items()}
+    return replace(model, coefficients=coefficients, effects=effects, correlation=None)
+
+
+def _beside(
+    prepared: Sequence[Prepared],
+    signals: Sequence[FlightSignals],
+    asked: Asked,
+    motion: Motion,
+    before: tuple[PosteriorEstimate, Model],
+    after: tuple[PosteriorEstimate, Model],
+    compatible: CompatibilityResult,
+) -> Compared:
+    """Flights beside the stages, surfaces moved as the servos were found to move them."""
+    flights = as_moved(prepared, signals, asked.vehicle, after[0])
+    first = timing_of(flights, False)
+
+    def fixed(found: PosteriorEstimate, model: Model) -> Fixed:
+        errors = {name: value for name, (value, _, _) in found.sensor_errors().items()}
+        return Fixed(flatten(asked.vehicle, model), errors, first)
+
+    stages = {"given": fixed(before[0], asked.model), "before": fixed(*before)}
+    stages["after"] = stages["before"] if after[0] is before[0] else fixed(*after)
+    air = Turbulence(compatible.gust_sigma, compatible.gust_sigma)
+    return Compared(tuple(flights), motion, stages, compatible, air)
+
+
+def _verdict(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> tuple[str, list[str]]:
+    """Verdict, and what it rests on in words: rules of sysid.discrepancy.by_posterior.rules."""
+    reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
+    if found.left:
+        reasons.append("left without a name: " + "; ".join(f"{axis} ({why})" for axis, why in found.left.items()))
+    if found.named:
+        if found.left_gain > RULES.left_share * found.named[0].weight.gain:
+            return "unexplained", reasons
+        wider = widening(used.flights, used.stages["before"], used.stages["after"])
+        if wider < RULES.wider:
+            return "missing_effect", reasons
+        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
+    if found.left:
+        return "unexplained", reasons
+    distance, count = _moved(asked.model, base)
+    chance = float(special.chdtrc(count, distance)) if count else 1.0
+    reasons.append(moved_words(distance, count, chance))
+    return ("parameter_error" if chance < RULES.chance else "none"), reasons
+
+
+def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:
+    """How far what the flights tell is from what was given (Wald's test), and of how many coefficients."""
+    given = model.values()
+    names = [name for name in base.joint.names if name in given and name not in base.not_believed]
+    places = [base.joint.names.index(name) for name in names]
+    away = base.joint.mean[places] - np.array([given[name] for name in names])
+    return float(away @ inverse(base.joint.covariance[np.ix_(places, places)]) @ away), len(names)
+
+
+def _nuisances(base: PosteriorEstimate) -> list[str]:
+    """What servos do that the model does not hold, in words, the surer group of each."""
+    surest = {one.name: one for one in sorted(base.nuisances, key=lambda one: -one.std) if one.name in _SERVO_WORDS}
+    return [
+        f"{words.format(factor * surest[name].value)} (± {factor * surest[name].std:.2g}), beside the model"
+        for name, (words, factor) in _SERVO_WORDS.items()
+        if name in surest and surest[name].value > _SEEN * surest[name].std
+    ]

@@ -1,0 +1,244 @@
+"""The search for missing effects by the posterior: candidates looked at, the best fitted, the likeliest added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from scipy import special
+
+from sim_vehicle.model.model_file import Model
+from sysid.discrepancy.by_posterior.group_fits import GroupFit, is_size
+from sysid.discrepancy.by_posterior.rules import RULES
+from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
+from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
+from sysid.discrepancy.evidence import NAMING_P_VALUE, Weight, is_significant, is_unlikely, smallest_set
+from sysid.discrepancy.identified_effect import Named, nearly
+from sysid.discrepancy.smooth_terms import smooth_terms
+from sysid.discrepancy.wording import chance_text
+from sysid.problem.problem import Problem, Progress
+
+Groups = Mapping[str, GroupFit]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate fitted. groups: all of them with it. values: value and standard deviation of its parameters.
+
+    gain: twice the log likelihood, as far as its sizes bear it out; evidence: twice the log evidence that it gains.
+    """
+
+    candidate: Candidate
+    groups: Groups
+    values: Mapping[str, tuple[float, float]]
+    gain: float
+    evidence: float
+
+
+@dataclass
+class Found:
+    """State of the search.
+
+    given: values of the model's coefficients and parameters of effects before anything was fitted. left: axis -> what
+    smooth terms of it would still gain, in words, beside `left_gain`.
+    """
+
+    problem: Problem
+    model: Model
+    groups: dict[str, GroupFit]
+    ruled_out: frozenset[str]
+    given: Mapping[str, float]
+    named: list[Named] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    left: dict[str, str] = field(default_factory=dict)
+    left_gain: float = 0.0
+
+
+def search(found: Found, most: int, progress: Progress) -> None:
+    """Name effects, one after the other, until none stands out; then what is left without a name."""
+    while len(found.named) < most:
+        if not _extend(found, partial(_part_of, progress, len(found.named), most + 1.0)):
+            break
+    _eliminate(found)
+    progress(1.0 - 1.0 / (most + 1.0), "what is left without a name")
+    _look_at_the_rest(found)
+
+
+def _part_of(progress: Progress, done: int, of: float, share: float, text: str) -> None:
+    progress((done + share) / of, text)
+
+
+def _choices(found: Found) -> list[Candidate]:
+    """Every effect that the flights could show, from its own starts. What coefficients imitate in any flight is none of
+    them: a structure that lacks a term would be told by the term's imitation.
+    """
+    kept = []
+    for one in candidates(found.problem, found.model):
+        if one.effect.name in found.ruled_out or one.effect.alias:
+            continue
+        kept.append(replace(one, starts=one.effect.starts()) if stepping_of(one.effect) else one)
+    return kept
+
+
+def _extend(found: Found, progress: Progress) -> bool:
+    """Add the likeliest effect if it stands out; returns whether one did."""
+    choices = _choices(found)
+    progress(0.0, f"a first look at {len(choices)} effects")
+    promised = {group: promises(fit, choices) for group, fit in found.groups.items()}
+    total = [sum(max(of[i].gain, 0.0) for of in promised.values()) for i in range(len(choices))]
+    order = sorted(range(len(choices)), key=lambda i: -total[i])
+    limit = max(RULES.least_promise, RULES.promise_share * total[order[0]]) if order else np.inf
+    worth = [i for i in order[: RULES.most_tried] if total[i] >= limit]
+    looks = {group: second_looks(fit, choices, promised[group], found.given) for group, fit in found.groups.items()}
+    again = _worth_a_second_look(looks)
+    tried: list[Trial] = []
+    for count, i in enumerate([*worth, *(i for i, _ in again)]):
+        progress((count + 1.0) / (len(worth) + len(again) + 1.0), f"trying {choices[i].effect.name}")
+        of_groups = {group: of[i] for group, of in promised.items()}
+        group = again[count - len(worth)][1] if count >= len(worth) else None
+        one = _tried(found, choices[i], of_groups, None if group is None else (group, looks[group][i]))
+        if one is not None:
+            tried.append(one)
+    tried = _likeliest_of_each(tried)
+    if not tried:
+        return False
+    weights = _weighed(tried)
+    top = max(range(len(tried)), key=lambda i: tried[i].evidence)
+    best, weight = tried[top], weights[top]
+    if not _stands_out(best, weight, len(choices)):
+        if is_unlikely(weight, len(choices)):
+            found.notes.append(nearly(best.candidate.effect.name, weight, len(choices)))
+        return False
+    if found.named and best.gain < RULES.companion_share * found.named[0].weight.gain:
+        found.notes.append(
+            f"{best.candidate.effect.name}: gains {best.gain:.0f}, within what {found.named[0].effect} leaves of itself"
+        )
+        return False
+    own = best.candidate.effect.name
+    every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, weights, strict=True)]
+    alternatives = tuple(item for item in smallest_set(every) if item[0] != own)
+    found.named.append(Named(best.candidate, weight, alternatives, best.values, len(choices), best.gain))
+    found.groups = dict(best.groups)
+    found.model = found.model.with_effect(best.candidate.effect, {name: v for name, (v, _) in best.values.items()})
+    return True
+
+
+def _worth_a_second_look(looks: Mapping[str, Sequence[SecondLook | None]]) -> list[tuple[int, str]]:
+    """Candidates that come nearest to the flight from elsewhere, and the group of axes in which they do."""
+    found: list[tuple[int, str]] = []
+    for group, of in looks.items():
+        better = [(one.cost, i) for i, one in enumerate(of) if one is not None and one.gain >= RULES.least_second_look]
+        found += [(i, group) for _, i in sorted(better)[: RULES.most_second_looks]]
+    return found
+
+
+def _likeliest_of_each(tried: Sequence[Trial]) -> list[Trial]:
+    """Trials without those that another start of the same candidate has left behind."""
+    best: dict[str, Trial] = {}
+    for one in tried:
+        name = one.candidate.effect.title
+        if name not in best or one.evidence > best[name].evidence:
+            best[name] = one
+    return list(best.values())
+
+
+def _tried(
+    found: Found, candidate: Candidate, promised: Mapping[str, Promise], look: tuple[str, SecondLook | None] | None
+) -> Trial | None:
+    """A candidate fitted in the group that it promises most, and flown as it is found there in the others.
+
+    look: the group in which it is begun from elsewhere, and where.
+    """
+    own = max(promised, key=lambda group: promised[group].gain)
+    after: GroupFit | None
+    if look is not None and look[1] is not None:
+        own, begin = look[0], look[1]
+        after = found.groups[own].with_effect(candidate, {**promised[own].values, **begin.values}, begin.start)
+    else:
+        after = found.groups[own].with_effect(candidate, promised[own].values)
+    if after is None:
+        return None
+    values, stds = after.values(), after.stds()
+    known = {name: (values[candidate.parameter(name)], stds[candidate.parameter(name)]) for name in candidate.free
+             if candidate.parameter(name) in values}  # fmt: skip
+    groups = {**found.groups, own: after}
+    for group, promise in promised.items():
+        if group != own and promise.acts and not candidate.coefficients:
+            other = found.groups[group].flying(candidate, {name: value for name, (value, _) in known.items()})
+            if other is None:
+                return None
+            groups[group] = other
+    deviance = sum(found.groups[g].posterior.profile(found.groups[g].theta) for g in groups)
+    gain = 2.0 * (deviance - sum(fit.posterior.profile(fit.theta) for fit in groups.values()))
+    evidence = 2.0 * sum(fit.evidence - found.groups[group].evidence for group, fit in groups.items())
+    return Trial(candidate, groups, known, min(gain, _borne_out(candidate, known)), evidence)
+
+
+def _borne_out(candidate: Candidate, values: Mapping[str, tuple[float, float]]) -> float:
+    """What the sizes of an effect bear out of a gain: one far beyond their standard errors is of a search that went on
+    elsewhere. Infinite for limits, which have no size that vanishes.
+    """
+    sizes = [candidate.coefficients or is_size(candidate.effect.parameter(name)) for name in values]
+    if not all(sizes):
+        return float(np.inf)
+    return RULES.borne_out * float(sum((value / max(std, 1e-300)) ** 2 for value, std in values.values()))
+
+
+def _weighed(tried: Sequence[Trial]) -> list[Weight]:
+    """Posterior weights by the evidence, "no effect" being one of them."""
+    scores = np.array([0.0, *(0.5 * min(one.evidence, one.gain) for one in tried)])
+    shares = np.exp(scores - scores.max())
+    return [
+        Weight(float(share), one.gain, float(special.chdtrc(len(one.values), max(one.gain, 0.0))))
+        for share, one in zip(shares[1:] / shares.sum(), tried, strict=True)
+    ]
+
+
+def _stands_out(trial: Trial, weight: Weight, choices: int) -> bool:
+    return trial.evidence > 2.0 * RULES.evidence and is_significant(weight, choices)
+
+
+def _eliminate(found: Found) -> None:
+    """Take out, one by one, what is not needed beside the others."""
+    while len(found.named) > 1:
+        costs = []
+        for named in found.named:
+            rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
+            groups = {group: fit for group, fit in rest.items() if fit is not None}
+            if len(groups) == len(rest):
+                cost = 2.0 * sum(found.groups[group].evidence - fit.evidence for group, fit in groups.items())
+                costs.append((cost, named, groups))
+        if not costs:
+            return
+        cost, named, groups = min(costs, key=lambda item: item[0])
+        if cost > 2.0 * RULES.evidence:
+            return
+        found.named = [one for one in found.named if one is not named]
+        found.groups = groups
+        gone = set(named.candidate.coefficients)
+        found.model = replace(
+            found.model,
+            coefficients={name: entry for name, entry in found.model.coefficients.items() if name not in gone},
+            effects=tuple(e for e in found.model.effects if gone or e.name != named.effect),
+        )
+        found.notes.append(f"{named.effect}: named for a while, not needed beside the others")
+
+
+def _look_at_the_rest(found: Found) -> None:
+    """Smooth terms of every axis, which no single effect is: what gains by them has no name."""
+    terms = smooth_terms(found.problem, found.model)
+    for fit in found.groups.values():
+        own = [one for one in terms if fit.takes(one.free[0])]
+        for one, promise in zip(own, promises(fit, own), strict=True):
+            if promise.gain < RULES.least_promise:
+                continue
+            after = fit.with_effect(one, promise.values)
+            if after is None:
+                continue
+            gain = 2.0 * (fit.posterior.profile(fit.theta) - after.posterior.profile(after.theta))
+            chance = float(special.chdtrc(len(one.free), max(gain, 0.0)))
+            if after.evidence - fit.evidence > RULES.evidence and chance * len(terms) < NAMING_P_VALUE:
+                found.left[one.effect.name] = f"smooth terms gain {gain:.0f}, {chance_text(chance)}"
+                found.left_gain = max(found.left_gain, gain)

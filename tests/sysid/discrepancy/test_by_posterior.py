@@ -1,0 +1,63 @@
+"""Missing effects on flights as the field gives them: JSBSim's, behind servos that lag, in gusts, over a link."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_effects import hidden_flight
+from smaller_catalogue import catalogue_without
+
+from sim_vehicle.effects import EFFECTS
+from sysid.discrepancy import discrepancy
+from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
+from sysid.discrepancy.candidates import Candidate
+
+
+def test_a_stall_is_named_behind_servos_and_gusts_that_no_model_holds(tmp_path: Path) -> None:
+    """Filter error names a servo's dead band, a vane's lag and a stall here, and takes all back."""
+    flown = hidden_flight("stall", "mild", 0, tmp_path, off=0.05)
+    found = discrepancy([flown.signals], flown.vehicle, flown.model)
+    assert (found["method"], found["verdict"]) == ("map", "missing_effect")
+    assert [one["name"] for one in found["effects"]] == ["stall"]
+    angle = found["effects"][0]["parameters"]["alpha_stall"]
+    assert abs(angle["value"] - flown.parameters["alpha_stall"]) < 2.5 * angle["std"]
+    assert angle["std"] < 0.03
+    before, after = found["gap"]["estimation"]["before"], found["gap"]["estimation"]["after"]
+    assert all(after[name] < 0.7 * before[name] for name in ("q", "az", "V"))
+    assert found["effects"][0]["alternatives"] == []
+
+
+def test_a_roll_damping_that_the_model_lacks_is_named_though_its_slopes_tell_nothing(tmp_path: Path) -> None:
+    """Without damping the simulated roll is so far from the flown that no score test sees the way back."""
+    flown = hidden_flight("roll_damping", "mild", 1, tmp_path)
+    found = discrepancy([flown.signals], flown.vehicle, flown.model)
+    assert [one["name"] for one in found["effects"]] == ["roll_damping"]
+    damping = found["effects"][0]["parameters"]["Cl_p"]
+    assert abs(damping["value"] - flown.parameters["Cl_p"]) < 2.5 * damping["std"]
+
+
+def test_nothing_is_named_where_nothing_is_missing(tmp_path: Path) -> None:
+    flown = hidden_flight("none", "typical", 4, tmp_path)
+    found = discrepancy([flown.signals], flown.vehicle, flown.model)
+    assert (found["method"], found["verdict"], found["effects"]) == ("map", "none", [])
+    # What the servos do is no missing effect, and is said.
+    assert any("servos" in line for line in found["reasons"])
+
+
+def test_physics_that_the_catalogue_lacks_gets_no_name(tmp_path: Path) -> None:
+    flown = hidden_flight("sideslip_drag", "mild", 1, tmp_path)
+    with catalogue_without(["sideslip_drag"]):
+        found = discrepancy([flown.signals], flown.vehicle, flown.model)
+    assert found["verdict"] == "unexplained"
+    assert found["effects"] == []
+    assert any(line.startswith("left without a name: CD") for line in found["reasons"])
+
+
+@pytest.mark.parametrize(("effect", "name", "size"), [("stall", "alpha_stall", False), ("unsteady_lift", "tau", True)])
+def test_priors_of_sizes_are_about_nothing_and_of_limits_over_their_range(effect: str, name: str, size: bool) -> None:
+    one = EFFECTS[effect].parameter(name)
+    assert is_size(one) == size
+    fresh = fresh_unknown(Candidate(EFFECTS[effect], (name,), ({name: one.starts[0]},)), name, one.starts[0])
+    assert (fresh.mean == 0.0) == size
+    assert fresh.low == one.low
+    assert np.isfinite(fresh.std)
