@@ -75,12 +75,6 @@ def _identification(result: Result) -> str:
     )  # fmt: skip
 
 
-_METHODS = {
-    "map": "posterior with an estimated noise spectrum (map)",
-    "fe": "filter error (fe)",
-}
-
-
 def _discrepancy(result: Result) -> str:
     from gcs.report import discrepancy, gapfigures
 

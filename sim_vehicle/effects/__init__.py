@@ -30,7 +30,7 @@ from sim_vehicle.effects import (
     unsteady_lift,
     wind_shear,
 )
-from sim_vehicle.effects.base import CoefficientEffect, Effect, Parameter, Stage
+from sim_vehicle.effects.base import CoefficientEffect, Effect, Need, Parameter, Remembers, Stage
 from sim_vehicle.effects.coefficient import COEFFICIENT_EFFECTS
 from sim_vehicle.effects.separations import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
@@ -160,7 +160,9 @@ __all__ = [
     "THRUST_SLOPE",
     "CoefficientEffect",
     "Effect",
+    "Need",
     "Parameter",
+    "Remembers",
     "Stage",
     "effect_called",
     "pack_effects",

@@ -2,7 +2,7 @@
 
 import math
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit
 
 ACTUATOR_LAG = Effect(
@@ -11,6 +11,8 @@ ACTUATOR_LAG = Effect(
     Stage.ACTUATOR,
     (Parameter("tau", "s", 0.001, 0.3, starts=(0.03,)),),
     "two amplitudes with content from 3 to 6 Hz",
+    memory=Remembers.INPUT,
+    phrase="the servos lag by {tau:ms}",
 )
 ACTUATOR_RATE_LIMIT = Effect(
     "actuator_rate_limit",
@@ -18,6 +20,8 @@ ACTUATOR_RATE_LIMIT = Effect(
     Stage.ACTUATOR,
     (Parameter("rate", "rad/s", 0.05, 20.0, starts=(0.3, 1.2)),),
     "small and large steps",
+    memory=Remembers.INPUT,
+    phrase="the servos turn the surfaces at no more than {rate:deg/s}",
 )
 ACTUATOR_DELAY = Effect(
     "actuator_delay",
@@ -25,6 +29,8 @@ ACTUATOR_DELAY = Effect(
     Stage.ACTUATOR,
     (Parameter("delay", "s", 0.0, 0.2, starts=(0.02,)),),
     "bench test of the servo delay",
+    memory=Remembers.INPUT,
+    phrase="the commands come {delay:ms} late",
 )
 ACTUATOR_BACKLASH = Effect(
     "actuator_backlash",
@@ -32,6 +38,8 @@ ACTUATOR_BACKLASH = Effect(
     Stage.ACTUATOR,
     (Parameter("width", "rad", 0.0, 0.1, starts=(0.01,)),),
     "amplitude sweep at one frequency",
+    memory=Remembers.PLAY,
+    phrase="the linkage has {width:deg} of free play",
 )
 ELEVATOR_GAIN = Effect(
     "elevator_gain",
@@ -40,6 +48,7 @@ ELEVATOR_GAIN = Effect(
     (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,)),),
     "bench protractor",
     alias="the elevator's own derivatives",
+    phrase="the elevator moves by {scale:%} more than the linkage's gain says",
 )
 
 

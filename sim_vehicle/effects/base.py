@@ -26,6 +26,34 @@ class Stage(Enum):
     INERTIA = "inertia"
 
 
+class Remembers(Enum):
+    """What an effect remembers, as an estimator meets it.
+
+    INPUT: what was commanded, which a simulation of the inputs alone knows. LAG: the motion or a reading, by a lag of
+    the first order (parameter `tau`). PLAY: which way something was last pushed. LATENESS: readings, which come whole
+    and late.
+    """
+
+    NONE = "none"
+    INPUT = "input"
+    LAG = "lag"
+    PLAY = "play"
+    LATENESS = "lateness"
+
+
+class Need(Enum):
+    """What a flight must have for an effect to show."""
+
+    THRUST_BY_THROTTLE = "thrust that no sensor measures"
+    NO_ROTOR_SPEED = "a rotor's speed that nobody counts"
+    MEASURED_THRUST = "measured thrust"
+    NEAR_GROUND = "flight within two spans of the ground, its height known"
+    HEIGHT = "height"
+    CALIBRATED_AIRSPEED = "calibrated airspeed"
+    DIAMETER = "the propeller's diameter"
+    ROTOR_SPEED = "the rotor's speed, counted or by its curves"
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect, or one choice among names, which counts as the place of the name among `choices`.
@@ -67,8 +95,11 @@ class Effect:
 
     title: a short noun phrase for people.
     separated_by: the manoeuvre that tells it from what it is easily confused with.
-    needs_throttle_thrust: visible only where thrust is computed from throttle or rpm, not measured.
-    alias: what it cannot be told from in any flight, or "" if nothing.
+    needs: what a flight must have for it to show.
+    alias: what it cannot be told from in any flight, or "" if nothing; by_curvature: but for how that bends.
+    phrase: what is missing in a sentence without full stop, its parameters in braces with units of people, as
+    `{tau:ms}`; "" takes title and numbers.
+    memory, outputs: what it remembers, and the readings that a sensor's lag acts on.
     separations: (other effect, manoeuvre) for those it is easily confused with; "" where `separated_by` does it.
     """
 
@@ -77,8 +108,12 @@ class Effect:
     stage: Stage
     parameters: tuple[Parameter, ...]
     separated_by: str
-    needs_throttle_thrust: bool = False
+    needs: tuple[Need, ...] = ()
     alias: str = ""
+    by_curvature: bool = False
+    phrase: str = ""
+    memory: Remembers = Remembers.NONE
+    outputs: tuple[str, ...] = ()
     separations: tuple[tuple[str, str], ...] = ()
 
     @property

@@ -6,7 +6,7 @@ second. t: s from the flight's first stamp. Thrust that is measured holds the lo
 
 import math
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Need, Parameter, Stage
 from sim_vehicle.jit import jit
 
 BATTERY_SAG = Effect(
@@ -15,7 +15,8 @@ BATTERY_SAG = Effect(
     Stage.PROPULSION,
     (Parameter("rate", "1/s", -0.02, 0.02, starts=(0.0,)),),
     "the same throttle step early and late in the flight",
-    needs_throttle_thrust=True,
+    needs=(Need.THRUST_BY_THROTTLE, Need.NO_ROTOR_SPEED),
+    phrase="thrust falls by {rate:%} of itself a second as the battery empties",
 )
 
 

@@ -16,6 +16,8 @@ CG_SHIFT = Effect(
     (Parameter("x", "m", -0.2, 0.2, starts=(0.0,)),),
     "a balance jig",
     alias="the derivatives of the pitching and the yawing moment",
+    by_curvature=True,
+    phrase="the centre of gravity is {x:mm} ahead of where the vehicle file has it (behind where negative)",
 )
 
 

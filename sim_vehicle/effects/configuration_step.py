@@ -19,4 +19,5 @@ CONFIGURATION_STEP = Effect(
         DURATION,
     ),
     "the same change of configuration three times",
+    phrase="the configuration changes {time:s} into the flight",
 )

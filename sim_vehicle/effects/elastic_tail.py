@@ -9,6 +9,7 @@ ELASTIC_TAIL = Effect(
     Stage.AERODYNAMICS,
     (Parameter("k", "1", -1.0, 1.0, starts=(0.0,)),),
     "elevator multisine at two speeds and the same throttle",
+    phrase="the tail boom bends and the elevator's power changes by {k:%} of itself with a doubled dynamic pressure",
 )
 
 

@@ -7,7 +7,7 @@ phi is that of McCormick, "Aerodynamics, Aeronautics, and Flight Mechanics", fro
 the height of the centre of gravity above the ground, b the span. The gains are those at zero height.
 """
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Need, Parameter, Stage
 from sim_vehicle.jit import jit
 
 GROUND_EFFECT = Effect(
@@ -19,6 +19,8 @@ GROUND_EFFECT = Effect(
         Parameter("drag_reduction", "1", -1.0, 1.0, starts=(0.0,), default=0.0),
     ),
     "runway passes at 0.2 and at 2 spans of height",
+    needs=(Need.NEAR_GROUND,),
+    phrase="the ground changes lift by {lift_gain:%} and takes {drag_reduction:%} of the induced drag at no height",
 )
 
 

@@ -8,6 +8,7 @@ MASS_ERROR = Effect(
     Stage.INERTIA,
     (Parameter("scale", "1", -0.4, 0.4, starts=(0.0,)),),
     "weigh the aircraft; throttle steps",
+    phrase="the true mass differs by {scale:%} from the vehicle file's",
 )
 INERTIA_ERROR = Effect(
     "inertia_error",
@@ -16,4 +17,5 @@ INERTIA_ERROR = Effect(
     (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,)),),
     "bifilar swing test",
     alias="all moment coefficients together",
+    phrase="the true moments of inertia differ by {scale:%} from the vehicle file's",
 )

@@ -1,6 +1,6 @@
 """Between the servo and the surface: a servo that ignores small changes, and a linkage that is not straight."""
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit
 
 SERVO_DEADBAND = Effect(
@@ -9,6 +9,8 @@ SERVO_DEADBAND = Effect(
     Stage.ACTUATOR,
     (Parameter("width", "rad", 0.0, 0.1, starts=(0.003, 0.007, 0.015), step=1e-3),),
     "an amplitude sweep at one frequency, down to single steps of the servo",
+    memory=Remembers.PLAY,
+    phrase="the servos ignore changes within a dead band of {width:deg}",
 )
 LINKAGE_NONLINEARITY = Effect(
     "linkage_nonlinearity",
@@ -16,6 +18,7 @@ LINKAGE_NONLINEARITY = Effect(
     Stage.ACTUATOR,
     (Parameter("cubic", "1/rad2", -10.0, 10.0, starts=(0.0,)),),
     "bench protractor over the whole travel",
+    phrase="the linkage is not straight (cubic term {cubic} per rad2)",
 )
 
 

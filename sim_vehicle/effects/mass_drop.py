@@ -13,6 +13,7 @@ MASS_DROP = Effect(
     Stage.INERTIA,
     (Parameter("fraction", "1", 0.0, 0.9, starts=(0.02,)), TIME, DURATION),
     "weigh the aircraft before and after the flight; the same drop again",
+    phrase="the aircraft loses {fraction:%} of its mass {time:s} into the flight",
 )
 
 

@@ -1,6 +1,6 @@
 """Moments and forces of the propeller besides thrust: torque, P-factor, gyroscopic moment, normal force."""
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Need, Parameter, Stage
 from sim_vehicle.jit import jit
 
 PROPELLER_TORQUE = Effect(
@@ -9,6 +9,7 @@ PROPELLER_TORQUE = Effect(
     Stage.PROPULSION,
     (Parameter("k_Q", "m", -0.2, 0.2, starts=(0.0,)),),
     "throttle steps",
+    phrase="the propeller's torque rolls the aircraft ({k_Q:mm} times the thrust)",
 )
 P_FACTOR = Effect(
     "p_factor",
@@ -16,6 +17,8 @@ P_FACTOR = Effect(
     Stage.PROPULSION,
     (Parameter("k_P", "1", -2.0, 2.0, starts=(0.0,)),),
     "throttle steps at two angles of attack",
+    needs=(Need.DIAMETER,),
+    phrase="the propeller's P-factor turns the aircraft (k_P = {k_P})",
 )
 PROPELLER_GYROSCOPIC = Effect(
     "propeller_gyroscopic",
@@ -23,6 +26,8 @@ PROPELLER_GYROSCOPIC = Effect(
     Stage.PROPULSION,
     (Parameter("I_P", "kg m2", -2e-3, 2e-3, starts=(0.0,)),),
     "fast pitch multisine at two propeller speeds",
+    needs=(Need.ROTOR_SPEED,),
+    phrase="the propeller is a gyroscope (I_P = {I_P} kg m2)",
 )
 PROPELLER_NORMAL_FORCE = Effect(
     "propeller_normal_force",
@@ -30,6 +35,7 @@ PROPELLER_NORMAL_FORCE = Effect(
     Stage.PROPULSION,
     (Parameter("k", "1/rad", -5.0, 5.0, starts=(0.0,)),),
     "throttle steps at several angles of attack",
+    phrase="the propeller at an angle makes a normal force (k = {k} per rad)",
 )
 
 

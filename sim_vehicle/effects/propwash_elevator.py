@@ -9,6 +9,7 @@ PROPWASH_ELEVATOR = Effect(
     Stage.AERODYNAMICS,
     (Parameter("k", "1", -1.0, 5.0, starts=(0.0,)),),
     "elevator multisine at idle and at full power",
+    phrase="the propeller's wash strengthens the elevator (k = {k})",
 )
 
 

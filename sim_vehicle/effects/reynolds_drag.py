@@ -9,6 +9,7 @@ REYNOLDS_DRAG = Effect(
     Stage.AERODYNAMICS,
     (Parameter("n", "1", -2.0, 3.0, starts=(0.0,)),),
     "level flight over the whole range of speed",
+    phrase="drag depends on Reynolds number (n = {n})",
 )
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit
 
 VANE_LAG = Effect(
@@ -11,6 +11,9 @@ VANE_LAG = Effect(
     Stage.SENSOR,
     (Parameter("tau", "s", 0.001, 0.3, starts=(0.03,)),),
     "the same manoeuvre at two speeds",
+    memory=Remembers.LAG,
+    outputs=("alpha", "beta"),
+    phrase="the flow vanes lag by {tau:ms}",
 )
 VANE_UPWASH = Effect(
     "vane_upwash",
@@ -22,6 +25,7 @@ VANE_UPWASH = Effect(
     ),
     "GPS and inertial reconstruction in calm air",
     alias="the scale factor and bias of the alpha vane",
+    phrase="upwash at the alpha vane (scale {scale:%}, bias {bias:deg})",
 )
 VANE_RATE_ERROR = Effect(
     "vane_rate_error",
@@ -32,6 +36,7 @@ VANE_RATE_ERROR = Effect(
         Parameter("y", "m", -2.0, 2.0, starts=(0.0,), default=0.0),
     ),
     "roll oscillation and two speeds",
+    phrase="the flow vanes are off the assumed place by {x:mm} forward and {y:mm} to the right",
 )
 AIRSPEED_ERROR = Effect(
     "airspeed_error",
@@ -42,6 +47,7 @@ AIRSPEED_ERROR = Effect(
         Parameter("bias", "m/s", -5.0, 5.0, starts=(0.0,), default=0.0),
     ),
     "a GPS triangle or orbit",
+    phrase="the airspeed reading errs by {scale:%} and {bias:m/s}",
 )
 PITOT_LAG = Effect(
     "pitot_lag",
@@ -49,6 +55,9 @@ PITOT_LAG = Effect(
     Stage.SENSOR,
     (Parameter("tau", "s", 0.005, 1.0, starts=(0.1,)),),
     "a fast zoom",
+    memory=Remembers.LAG,
+    outputs=("airspeed",),
+    phrase="the pitot tubing lags by {tau:ms}",
 )
 ACCELEROMETER_MISALIGNMENT = Effect(
     "accelerometer_misalignment",
@@ -59,6 +68,7 @@ ACCELEROMETER_MISALIGNMENT = Effect(
         Parameter("roll", "rad", -0.2, 0.2, starts=(0.0,), default=0.0),
     ),
     "a bench cube, rolls",
+    phrase="the accelerometers are turned by {pitch:deg} in pitch and {roll:deg} in roll",
 )
 ACCELEROMETER_OFFSET = Effect(
     "accelerometer_offset",
@@ -70,6 +80,7 @@ ACCELEROMETER_OFFSET = Effect(
         Parameter("z", "m", -0.5, 0.5, starts=(0.0,), default=0.0),
     ),
     "elevator excitation from 2 to 6 Hz",
+    phrase="the accelerometers are off the assumed place by {x:mm} forward, {y:mm} to the right and {z:mm} down",
 )
 IMU_SCALE = Effect(
     "imu_scale",
@@ -80,6 +91,7 @@ IMU_SCALE = Effect(
         Parameter("bias", "rad/s", -0.1, 0.1, starts=(0.0,), default=0.0),
     ),
     "a rate table",
+    phrase="the rate gyros err by {scale:%} and {bias:deg/s}",
 )
 ATTITUDE_LAG = Effect(
     "attitude_lag",
@@ -87,6 +99,9 @@ ATTITUDE_LAG = Effect(
     Stage.SENSOR,
     (Parameter("tau", "s", 0.002, 0.5, starts=(0.04,)),),
     "level accelerations",
+    memory=Remembers.LAG,
+    outputs=("phi", "theta"),
+    phrase="the attitude estimate lags by {tau:ms}",
 )
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit, jit_arrays
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ SENSOR_TIME_SKEW = Effect(
         Parameter("group", "1", 0.0, len(GROUPS) - 1.0, fitted=False, choices=GROUPS),
     ),
     "hardware that stamps all sensors on one clock; a tap on the airframe",
+    memory=Remembers.LATENESS,
+    phrase="a group of sensors comes {delay:ms} late",
 )
 # Places among CHANNELS and READINGS: airspeed, alpha beta, p q r, phi theta psi, ax ay az.
 _FIRST_OF_GROUP = ((1, 3), (0, 1), (3, 6), (6, 9))

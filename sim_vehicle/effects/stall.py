@@ -18,6 +18,7 @@ STALL = Effect(
         Parameter("sharpness", "1/rad", 10.0, 200.0, default=50.0, fitted=False),
     ),
     "slow deceleration into the stall",
+    phrase="above {alpha_stall:deg} the wing stalls",
 )
 
 

@@ -9,6 +9,7 @@ THRUST_LINE_OFFSET = Effect(
     Stage.PROPULSION,
     (Parameter("z_T", "m", -0.3, 0.3, starts=(0.0,)),),
     "throttle steps or multisine at fixed elevator",
+    phrase="the thrust line passes {z_T:mm} below the centre of gravity (above where negative)",
 )
 
 

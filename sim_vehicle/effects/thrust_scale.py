@@ -9,6 +9,7 @@ THRUST_SCALE = Effect(
     Stage.PROPULSION,
     (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,)),),
     "power-off glide and throttle steps; weigh the aircraft",
+    phrase="true thrust differs by {scale:%} from what is assumed",
 )
 
 

@@ -12,7 +12,7 @@ while it stands between the two. s follows from the reading alone (`sysid.signal
 linear in the width.
 """
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Need, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit
 
 THRUST_SENSOR_HYSTERESIS = Effect(
@@ -21,6 +21,9 @@ THRUST_SENSOR_HYSTERESIS = Effect(
     Stage.SENSOR,
     (Parameter("width", "N", 0.0, 5.0, starts=(0.1,)),),
     "a ground run over the whole throttle, up and down",
+    memory=Remembers.PLAY,
+    needs=(Need.MEASURED_THRUST,),
+    phrase="the thrust sensor has a hysteresis of {width:N}",
 )
 
 

@@ -1,6 +1,6 @@
 """Unsteady lift: the wing feels an angle of attack that lags, tau x' = alpha - x (Goman & Khrabrov 1994, one state)."""
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
 from sim_vehicle.jit import jit
 
 UNSTEADY_LIFT = Effect(
@@ -9,6 +9,8 @@ UNSTEADY_LIFT = Effect(
     Stage.AERODYNAMICS,
     (Parameter("tau", "s", 0.005, 0.3, starts=(0.03,)),),
     "elevator sweep from 2 to 6 Hz",
+    memory=Remembers.LAG,
+    phrase="lift lags the angle of attack by {tau:ms}",
 )
 
 

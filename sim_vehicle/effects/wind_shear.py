@@ -13,7 +13,7 @@ Motion", J. Aircraft 21(11), 1984, pp. 866-872). Height acts on readings of the 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.effects.base import Effect, Parameter, Stage
+from sim_vehicle.effects.base import Effect, Need, Parameter, Stage
 from sim_vehicle.jit import jit
 
 Array = NDArray[np.float64]
@@ -24,6 +24,8 @@ WIND_SHEAR = Effect(
     Stage.ENVIRONMENT,
     (Parameter("gradient", "1/s", -1.0, 1.0, starts=(0.0,)),),
     "the same run with reversed heading",
+    needs=(Need.HEIGHT,),
+    phrase="the wind changes by {gradient} m/s for each metre of height",
 )
 
 

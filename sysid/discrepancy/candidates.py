@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
-from sim_vehicle.effects import EFFECTS, Effect, Stage
+from sim_vehicle.effects import EFFECTS, Effect, Need, Stage
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.event_times import is_in_flight, likely_events
 from sysid.problem.predictor import effect_parameter
@@ -21,8 +21,6 @@ _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
 _LOW_SPANS = 2.0
 
-# Effects that coefficients imitate to first order alone.
-_SEEN_BY_CURVATURE = ("cg_shift",)
 # A parameter that can be as small as this makes its effect vanish.
 _VANISHES = 1e-3
 
@@ -87,29 +85,20 @@ def _plausible(effect: Effect, problem: Problem, model: Model) -> bool:
     """Whether the flights can show an effect at all."""
     if model.effect(effect.name) is not None:
         return False
-    if effect.name == "density_error":
-        # Whoever reads calibrated airspeed sees it; whoever reads true airspeed has it in all coefficients alike.
-        return problem.vehicle.sensors["airspeed"].kind != "true"
-    if effect.name == "wind_shear":
-        return all(record.relative_height.size for record in problem.records)
-    if (effect.alias and effect.name not in _SEEN_BY_CURVATURE) or effect.stage is Stage.ENVIRONMENT:
+    if not all(_HAS[need](problem) for need in effect.needs):
         return False
-    measured_thrust = any(np.isfinite(record.thrust).any() for record in problem.records)
-    if effect.needs_throttle_thrust and measured_thrust:
-        return False
-    of_throttle = effect.name in ("motor_lag", "battery_sag")
-    if of_throttle and any(record.thrust_source.signal == "rpm" for record in problem.records):
-        return False
-    if effect.name == "thrust_sensor_hysteresis" and not measured_thrust:
-        return False
-    if effect.name == "ground_effect" and not _near_the_ground(problem):
-        return False
+    if effect.stage is Stage.ENVIRONMENT:
+        return bool(effect.needs)
+    return not effect.alias or effect.by_curvature
+
+
+def _measures_thrust(problem: Problem) -> bool:
+    return any(np.isfinite(record.thrust).any() for record in problem.records)
+
+
+def _has_rotor_speed(problem: Problem) -> bool:
     propulsion = problem.vehicle.propulsion
-    diameter = propulsion.diameter if propulsion is not None else None
-    if effect.name == "p_factor" and not diameter:
-        return False
-    turns = propulsion is not None and (propulsion.CT or (propulsion.max_rpm and propulsion.max_thrust))
-    return effect.name != "propeller_gyroscopic" or bool(turns)
+    return propulsion is not None and bool(propulsion.CT or (propulsion.max_rpm and propulsion.max_thrust))
 
 
 def _near_the_ground(problem: Problem) -> bool:
@@ -117,6 +106,19 @@ def _near_the_ground(problem: Problem) -> bool:
     heights = [record.heights for record in problem.records]
     limit = _LOW_SPANS * problem.vehicle.geometry.b
     return all(one.size for one in heights) and min(float(np.min(one)) for one in heights) < limit
+
+
+_HAS: Mapping[Need, Callable[[Problem], bool]] = {
+    Need.THRUST_BY_THROTTLE: lambda problem: not _measures_thrust(problem),
+    Need.NO_ROTOR_SPEED: lambda problem: all(one.thrust_source.signal != "rpm" for one in problem.records),
+    Need.MEASURED_THRUST: _measures_thrust,
+    Need.NEAR_GROUND: _near_the_ground,
+    Need.HEIGHT: lambda problem: all(one.relative_height.size for one in problem.records),
+    # Whoever reads true airspeed has an error of the density in all coefficients alike.
+    Need.CALIBRATED_AIRSPEED: lambda problem: problem.vehicle.sensors["airspeed"].kind != "true",
+    Need.DIAMETER: lambda problem: problem.vehicle.propulsion is not None and bool(problem.vehicle.propulsion.diameter),
+    Need.ROTOR_SPEED: _has_rotor_speed,
+}
 
 
 def stepping_of(effect: Effect) -> dict[str, float]:

@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim_vehicle.effects import EFFECTS, Effect
+from sim_vehicle.effects import EFFECTS, Effect, Remembers
 from sim_vehicle.model.model_file import Coefficient
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.evidence import Weight
 from sysid.discrepancy.wording import chance_text
-from sysid.filter_error.linearised_flight import LAGGING
 
-# Play of servos and of the thrust sensor, whose state between samples nobody records.
-_PLAY = ("thrust_sensor_hysteresis", "servo_deadband", "actuator_backlash", "sensor_time_skew")
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.
 _IMPRECISE = 0.03
 
@@ -40,7 +37,7 @@ class Named:
     @property
     def lags(self) -> bool:
         """Whether it has a memory that the filter knows only nearly."""
-        return self.candidate.effect.name in (*LAGGING, *_PLAY)
+        return self.candidate.effect.memory not in (Remembers.NONE, Remembers.INPUT)
 
 
 def unmodelled_memory_gain(named: Sequence[Named]) -> float:

@@ -12,6 +12,7 @@ from scipy import special
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import AXES
 from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.filters import correlation
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.problem.coefficient_residuals import CoefficientPath
 
@@ -20,12 +21,18 @@ _SMOOTH_HZ = 3.0
 _BINS = 8
 _SIGNIFICANT = 1e-3
 _MIN_INTERVAL_S = 0.2
+# Lags of a correlation, as a share of the series.
+_LAGS = 0.2
+# Of the axis that the best model explains most better, so much better must another be.
+_MINOR = 0.05
 
 
 def _explained(residual: Array, variable: Array) -> tuple[float, float]:
     """Share of the residual's variance explained by a cubic in the variable, and the p-value of that (F test).
 
-    Samples count as many as are independent by the residual's own correlation.
+    Samples count as many as are independent: two series that swing alike, as a Dutch roll and what is left of it,
+    agree by chance over as many as the product of their autocorrelations adds up to (Bartlett, J. R. Stat. Soc. 98,
+    1935).
     """
     spread = float(np.std(variable))
     if spread <= 1e-9:
@@ -37,11 +44,21 @@ def _explained(residual: Array, variable: Array) -> tuple[float, float]:
     if total <= 0.0:
         return 0.0, 1.0
     share = 1.0 - float(np.sum((residual - fitted) ** 2)) / total
-    count = residual.size / max(float(np.sum(pooled_autocorrelation([residual - fitted]))), 1.0)
+    count = residual.size / _alike(residual - fitted, fitted - fitted.mean())
     if count <= 6.0:
         return share, 1.0
     F = share / 3.0 / max((1.0 - share) / (count - 4.0), 1e-12)
     return share, float(special.fdtrc(3.0, count - 4.0, F))
+
+
+def _alike(left: Array, right: Array) -> float:
+    """Samples of two series (N,) of zero mean that count as one where they are compared, at least 1."""
+    length = max(2, int(_LAGS * left.size))
+    power = float(left @ left) * float(right @ right)
+    if power <= 0.0:
+        return 1.0
+    product = correlation(left, length) * correlation(right, length) / power
+    return max(float(product[0] + 2.0 * np.sum(product[1:])), float(np.sum(pooled_autocorrelation([left]))), 1.0)
 
 
 def _intervals(path: CoefficientPath, residual: Array, flight: str, limit: float) -> list[dict[str, Any]]:
@@ -110,7 +127,7 @@ def locate(
         if floors:
             floor = [_band(path.measured[axis] - path.predicted[axis], path) for path in floors]
             noise = float(np.std(np.concatenate(floor)))
-        excess = float(np.mean(residual**2)) - noise**2
+        excess = float(np.var(residual)) - noise**2
         if excess <= 0.0:
             continue
         if best[2] * len(AXES) * len(paths[0][1].variables) < _SIGNIFICANT:
@@ -126,7 +143,10 @@ def locate(
                 "p_value": best[2],
             }
             found.append((excess / max(noise**2, 1e-18), entry))
-    return [entry for _, entry in sorted(found, key=lambda item: -item[0])]
+    ordered = sorted(found, key=lambda item: -item[0])
+    # An axis that the best model explains hardly better is not where anything was missing.
+    least = _MINOR * ordered[0][0] if ordered and floors else 0.0
+    return [entry for better, entry in ordered if better >= least]
 
 
 def _band(residual: Array, path: CoefficientPath) -> Array:

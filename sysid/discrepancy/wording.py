@@ -19,53 +19,6 @@ _OF_SI = {"rad": "deg", "rad/s": "deg/s", "s": "ms", "m": "mm", "m/s": "m/s", "N
 _DIGITS = 3
 # Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
 LEAST_EXPONENT = -300
-_PHRASES = {
-    "stall": "above {alpha_stall:deg} the wing stalls",
-    "propwash_elevator": "the propeller's wash strengthens the elevator (k = {k})",
-    "elastic_tail": "the tail boom bends and the elevator's power changes by {k:%} of itself with a doubled dynamic "
-    "pressure",
-    "reynolds_drag": "drag depends on Reynolds number (n = {n})",
-    "unsteady_lift": "lift lags the angle of attack by {tau:ms}",
-    "configuration_step": "the configuration changes {time:s} into the flight",
-    "ground_effect": "the ground changes lift by {lift_gain:%} and takes {drag_reduction:%} of the induced drag at no "
-    "height",
-    "thrust_line_offset": "the thrust line passes {z_T:mm} below the centre of gravity (above where negative)",
-    "thrust_speed_loss": "thrust changes with airspeed by {dT_dV} N per m/s at full throttle",
-    "thrust_scale": "true thrust differs by {scale:%} from what is assumed",
-    "motor_lag": "the motor lags the throttle by {tau:ms}",
-    "battery_sag": "thrust falls by {rate:%} of itself a second as the battery empties",
-    "propeller_torque": "the propeller's torque rolls the aircraft ({k_Q:mm} times the thrust)",
-    "p_factor": "the propeller's P-factor turns the aircraft (k_P = {k_P})",
-    "propeller_gyroscopic": "the propeller is a gyroscope (I_P = {I_P} kg m2)",
-    "propeller_normal_force": "the propeller at an angle makes a normal force (k = {k} per rad)",
-    "actuator_lag": "the servos lag by {tau:ms}",
-    "actuator_rate_limit": "the servos turn the surfaces at no more than {rate:deg/s}",
-    "actuator_delay": "the commands come {delay:ms} late",
-    "actuator_backlash": "the linkage has {width:deg} of free play",
-    "elevator_gain": "the elevator moves by {scale:%} more than the linkage's gain says",
-    "linkage_nonlinearity": "the linkage is not straight (cubic term {cubic} per rad2)",
-    "servo_deadband": "the servos ignore changes within a dead band of {width:deg}",
-    "vane_lag": "the flow vanes lag by {tau:ms}",
-    "vane_upwash": "upwash at the alpha vane (scale {scale:%}, bias {bias:deg})",
-    "vane_rate_error": "the flow vanes are off the assumed place by {x:mm} forward and {y:mm} to the right",
-    "airspeed_error": "the airspeed reading errs by {scale:%} and {bias:m/s}",
-    "pitot_lag": "the pitot tubing lags by {tau:ms}",
-    "accelerometer_misalignment": "the accelerometers are turned by {pitch:deg} in pitch and {roll:deg} in roll",
-    "accelerometer_offset": "the accelerometers are off the assumed place by {x:mm} forward, {y:mm} to the right and "
-    "{z:mm} down",
-    "imu_scale": "the rate gyros err by {scale:%} and {bias:deg/s}",
-    "attitude_lag": "the attitude estimate lags by {tau:ms}",
-    "sensor_time_skew": "a group of sensors comes {delay:ms} late",
-    "thrust_sensor_hysteresis": "the thrust sensor has a hysteresis of {width:N}",
-    "steady_wind": "a steady wind blows ({north:m/s} to the north, {east:m/s} to the east, {down:m/s} down)",
-    "turbulence": "the air is turbulent ({sigma:m/s})",
-    "wind_shear": "the wind changes by {gradient} m/s for each metre of height",
-    "density_error": "the air's density differs by {scale:%} from what is assumed",
-    "mass_error": "the true mass differs by {scale:%} from the vehicle file's",
-    "mass_drop": "the aircraft loses {fraction:%} of its mass {time:s} into the flight",
-    "inertia_error": "the true moments of inertia differ by {scale:%} from the vehicle file's",
-    "cg_shift": "the centre of gravity is {x:mm} ahead of where the vehicle file has it (behind where negative)",
-}
 _AXES = {
     "CL": "lift", "CD": "drag", "CY": "the side force", "Cl": "the rolling moment", "Cm": "the pitching moment",
     "Cn": "the yawing moment",
@@ -112,8 +65,8 @@ def effect_phrase(effect: Mapping[str, Any]) -> str:
         for name, entry in effect.get("parameters", {}).items()
         if entry.get("value") is not None
     }
-    phrase = _PHRASES.get(effect["name"])
-    if phrase is not None:
+    phrase = EFFECTS[effect["name"]].phrase if effect["name"] in EFFECTS else ""
+    if phrase:
         try:
             return phrase.format_map(numbers)
         except KeyError:

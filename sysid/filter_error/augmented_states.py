@@ -14,7 +14,7 @@ from math import exp
 import numpy as np
 
 from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import EFFECTS, Remembers, slot
 from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
@@ -22,7 +22,7 @@ from sysid.arrays import Array, IntArray
 from sysid.signals.record import OUTPUT_PLACES, OUTPUTS, Record
 
 # Effects that lag, and the outputs that they act on.
-_LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
+_LAGS = {name: effect.outputs for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG and effect.outputs}
 _GROUP = slot("sensor_time_skew", "group")
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
 _ALPHA = OUTPUTS.index("alpha")

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import EFFECTS, Remembers, slot
 from sim_vehicle.physics.simulation import effects_flown, split_delay_ticks, undo_hysteresis
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array, IntArray
@@ -58,8 +58,7 @@ _START = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
 _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.
-LAGGING = ("unsteady_lift", "vane_lag", "pitot_lag", "attitude_lag")
-_LAGGING = [slot(name) for name in LAGGING]
+_LAGGING = [slot(name) for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG]
 _AX = OUTPUTS.index("ax")
 _SURFACE_STEP = 1e-3  # rad, small beside what bends an aircraft's motion over a sample
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them

@@ -33,12 +33,13 @@ def is_textbook(found: PosteriorEstimate) -> bool:
 
 
 def is_of_the_field(found: PosteriorEstimate) -> bool:
-    """Whether in every group of axes servos lag or have play, and no force leaves white noise.
+    """Whether in a group of axes servos lag or have play, and no force leaves white noise in either.
 
-    One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks.
+    One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks. In
+    the group that lacks something nothing can be said of servos.
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE_FORCE for one in found.noise)
-    return not white and _held_up(found, _LEAST_PLAY) >= set(found.groups)
+    return not white and bool(_held_up(found, _LEAST_PLAY))
 
 
 def _held_up(found: PosteriorEstimate, play: float) -> set[str]:

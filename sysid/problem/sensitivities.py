@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.derivatives.sensor_jacobian import READINGS
 from sim_vehicle.derivatives.tangent_simulation import simulate_tangents
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import EFFECTS, Remembers, slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
@@ -18,7 +18,7 @@ from sysid.arrays import Array
 
 _STILL_AIR = np.zeros((0, 3))
 # Lag of a sensor -> what it reads.
-_LAGS = {"vane_lag": ("alpha", "beta"), "pitot_lag": ("airspeed",), "attitude_lag": ("phi", "theta")}
+_LAGS = {name: effect.outputs for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG and effect.outputs}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from made_up import MADE_UP, MadeUpPlant
 from separating_flights import PLANS
 from simulated import signals_of
 
-from sim_vehicle.effects import EFFECTS, parse_effect
+from sim_vehicle.effects import EFFECTS, Need, parse_effect
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.flight_loop import fly, wind_of
 from sim_vehicle.flight.plant import Plant
@@ -102,7 +102,7 @@ class Case:
 
 def kind_for(effect: str) -> str:
     """The kind of flight that shows an effect."""
-    if EFFECTS[effect].needs_throttle_thrust or effect in ("motor_lag", "battery_sag"):
+    if Need.THRUST_BY_THROTTLE in EFFECTS[effect].needs:
         return "no-thrust"
     return "gentle" if effect == "stall" else "multisine"
 

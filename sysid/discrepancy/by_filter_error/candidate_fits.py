@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim_vehicle.effects import Remembers
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.candidates import Candidate, extended, stepping_of, within
 from sysid.errors import EstimationError
@@ -38,7 +39,7 @@ _TRIAL_STEPS = 12
 # Times Wald's statistic that a gain may be: standard errors with gains held fixed are not exact.
 _BORNE_OUT = 4.0
 # Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
-_HILLY, _FIRST_STEPS = ("sensor_time_skew",), 3
+_HILLY, _FIRST_STEPS = Remembers.LATENESS, 3
 # Log likelihood by which one step is like another.
 _ALIKE = 1.0
 _LEAST_GUSTS = 0.02  # m/s, to start from
@@ -124,7 +125,7 @@ def fit_short(problem: Problem, base: FittedModel, candidate: Candidate, promise
         best = _likelier(best, _trial(problem, base, candidate, start, _TRIAL_STEPS))
         if best is not None and best.cost < base.result.cost:
             break
-    if candidate.effect.name in _HILLY:
+    if candidate.effect.memory is _HILLY:
         begun = [_trial(problem, base, candidate, start, _FIRST_STEPS) for start in candidate.starts]
         known = [one for one in begun if one is not None]
         if known:

@@ -27,7 +27,7 @@ class Rules:
     most_second_looks: int = 2
     evidence: float = 5.0
     borne_out: float = 4.0
-    companion_share: float = 0.03
+    companion_share: float = 0.05
     left_share: float = 0.5
     chance: float = 1e-4
     wider: float = 1.1
