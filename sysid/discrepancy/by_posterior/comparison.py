@@ -162,7 +162,7 @@ def _verdict(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared
     if found.left:
         reasons.append("left without a name: " + "; ".join(f"{axis} ({why})" for axis, why in found.left.items()))
     if found.named:
-        if found.left_gain > RULES.left_share * found.named[0].weight.gain:
+        if found.left_gain > RULES.left_share * found.named[0].came_with:
             return "unexplained", reasons
         wider = widening(used.flights, used.stages["before"], used.stages["after"])
         if wider < RULES.wider:

@@ -17,6 +17,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate, extended, within
 from sysid.errors import EstimationError
+from sysid.numerics.normal_equations import inverse
 from sysid.posterior.analysis import GroupEstimate
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.estimator import Posterior, Prior
@@ -70,7 +71,7 @@ class GroupFit:
         """Their standard deviations with the noise as it is estimated here."""
         posterior = self.posterior
         H, _ = posterior.normal(posterior.point(self.theta))
-        return dict(zip(self.names, np.sqrt(np.diag(np.linalg.inv(H)))[: len(self.names)].tolist(), strict=True))
+        return dict(zip(self.names, np.sqrt(np.diag(inverse(H)))[: len(self.names)].tolist(), strict=True))
 
     def ended(self) -> GroupEstimate:
         """The group, estimated, with bars that count all."""
@@ -132,7 +133,7 @@ class GroupFit:
             coefficients = (*coefficients, *own)
             fresh = {name: fresh_unknown(candidate, name, values[name]) for name in own}
         posterior, theta = self._rebuilt(model, coefficients, self.effects, fresh, start)
-        return posterior.profile(theta)
+        return posterior.of(posterior.model.rough()).profile(theta)
 
     def _of_own_axes(self, model: Model) -> Model:
         return replace(

@@ -14,7 +14,7 @@ class Rules:
     most_second_looks: the same from elsewhere, where nothing is at its best. evidence: log
     evidence that a name needs (150 to 1: "very strong", Kass & Raftery, J. Am. Stat. Assoc. 90, 1995). borne_out: times
     Wald's statistic that a gain may be. companion_share: of the first name's gain, below which a further one is what
-    that leaves of itself: sizes and shapes of effects are never flown to the per cent. left_share: of what the first
+    that leaves of itself: sizes and shapes of effects are never flown to the per cent. left_share: of what a
     name gains, from which on what is left without a name says that the name is not what is missing. chance: of
     coefficients as far from those given, below which those are wrong. wider: times as wide as without names the gap may
     be with them.
@@ -27,7 +27,7 @@ class Rules:
     most_second_looks: int = 2
     evidence: float = 5.0
     borne_out: float = 4.0
-    companion_share: float = 0.05
+    companion_share: float = 0.1
     left_share: float = 0.5
     chance: float = 1e-4
     wider: float = 1.1

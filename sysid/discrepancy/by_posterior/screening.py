@@ -54,7 +54,8 @@ class SecondLook:
 
 def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
     """What each candidate promises one group."""
-    posterior, theta = fit.posterior, fit.theta
+    # With twice the step a difference is as good.
+    posterior, theta = fit.posterior.of(fit.posterior.model.rough()), fit.theta
     at = posterior.point(theta)
     posterior.weigh(at)
     J, e = posterior.linear(theta)

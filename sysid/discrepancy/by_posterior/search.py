@@ -18,6 +18,7 @@ from sysid.discrepancy.evidence import NAMING_P_VALUE, Weight, is_significant, i
 from sysid.discrepancy.identified_effect import Named, nearly
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
+from sysid.numerics.normal_equations import inverse
 from sysid.problem.problem import Problem, Progress
 
 Groups = Mapping[str, GroupFit]
@@ -25,12 +26,14 @@ Groups = Mapping[str, GroupFit]
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate fitted. groups: all of them with it. values: value and standard deviation of its parameters.
+    """A candidate fitted in one group, `own`. groups: all of them with it. values: value and standard deviation of its
+    parameters.
 
     gain: twice the log likelihood, as far as its sizes bear it out; evidence: twice the log evidence that it gains.
     """
 
     candidate: Candidate
+    own: str
     groups: Groups
     values: Mapping[str, tuple[float, float]]
     gain: float
@@ -42,7 +45,7 @@ class Found:
     """State of the search.
 
     given: values of the model's coefficients and parameters of effects before anything was fitted. left: axis -> what
-    smooth terms of it would still gain, in words, beside `left_gain`.
+    smooth terms of it would still gain, in words, beside `left_gain`. seen: by group its fit, and what was promised it.
     """
 
     problem: Problem
@@ -54,6 +57,7 @@ class Found:
     notes: list[str] = field(default_factory=list)
     left: dict[str, str] = field(default_factory=dict)
     left_gain: float = 0.0
+    seen: dict[str, tuple[GroupFit, dict[str, Promise]]] = field(default_factory=dict)
 
 
 def search(found: Found, most: int, progress: Progress) -> None:
@@ -64,6 +68,7 @@ def search(found: Found, most: int, progress: Progress) -> None:
     _eliminate(found)
     progress(1.0 - 1.0 / (most + 1.0), "what is left without a name")
     _look_at_the_rest(found)
+    _keep_what_stands_out(found)
 
 
 def _part_of(progress: Progress, done: int, of: float, share: float, text: str) -> None:
@@ -86,7 +91,7 @@ def _extend(found: Found, progress: Progress) -> bool:
     """Add the likeliest effect if it stands out; returns whether one did."""
     choices = _choices(found)
     progress(0.0, f"a first look at {len(choices)} effects")
-    promised = {group: promises(fit, choices) for group, fit in found.groups.items()}
+    promised = {group: _promised(found, group, choices) for group in found.groups}
     total = [sum(max(of[i].gain, 0.0) for of in promised.values()) for i in range(len(choices))]
     order = sorted(range(len(choices)), key=lambda i: -total[i])
     limit = max(RULES.least_promise, RULES.promise_share * total[order[0]]) if order else np.inf
@@ -107,13 +112,16 @@ def _extend(found: Found, progress: Progress) -> bool:
     weights = _weighed(tried)
     top = max(range(len(tried)), key=lambda i: tried[i].evidence)
     best, weight = tried[top], weights[top]
+    if _stands_out(best, weight, len(choices)):
+        progress(1.0, f"standard errors of {best.candidate.effect.name}")
+        weight = _with_full_bars(best, weight)
     if not _stands_out(best, weight, len(choices)):
         if is_unlikely(weight, len(choices)):
             found.notes.append(nearly(best.candidate.effect.name, weight, len(choices)))
         return False
-    if found.named and best.gain < RULES.companion_share * found.named[0].weight.gain:
+    if found.named and best.gain < RULES.companion_share * found.named[0].came_with:
         found.notes.append(
-            f"{best.candidate.effect.name}: gains {best.gain:.0f}, within what {found.named[0].effect} leaves of itself"
+            f"{best.candidate.effect.name}: gains {best.gain:.0f}, no more than {found.named[0].effect} may leave"
         )
         return False
     own = best.candidate.effect.name
@@ -123,6 +131,19 @@ def _extend(found: Found, progress: Progress) -> bool:
     found.groups = dict(best.groups)
     found.model = found.model.with_effect(best.candidate.effect, {name: v for name, (v, _) in best.values.items()})
     return True
+
+
+def _promised(found: Found, group: str, choices: Sequence[Candidate]) -> list[Promise]:
+    """What candidates promise a group of axes, as it was found before where nothing of the group has changed since."""
+    fit = found.groups[group]
+    if group not in found.seen or found.seen[group][0] is not fit:
+        found.seen[group] = (fit, {_key(one): p for one, p in zip(choices, promises(fit, choices), strict=True)})
+    known = found.seen[group][1]
+    return [known[_key(one)] for one in choices]
+
+
+def _key(candidate: Candidate) -> str:
+    return candidate.effect.title
 
 
 def _worth_a_second_look(looks: Mapping[str, Sequence[SecondLook | None]]) -> list[tuple[int, str]]:
@@ -138,7 +159,7 @@ def _likeliest_of_each(tried: Sequence[Trial]) -> list[Trial]:
     """Trials without those that another start of the same candidate has left behind."""
     best: dict[str, Trial] = {}
     for one in tried:
-        name = one.candidate.effect.title
+        name = _key(one.candidate)
         if name not in best or one.evidence > best[name].evidence:
             best[name] = one
     return list(best.values())
@@ -173,7 +194,7 @@ def _tried(
     deviance = sum(found.groups[g].posterior.profile(found.groups[g].theta) for g in groups)
     gain = 2.0 * (deviance - sum(fit.posterior.profile(fit.theta) for fit in groups.values()))
     evidence = 2.0 * sum(fit.evidence - found.groups[group].evidence for group, fit in groups.items())
-    return Trial(candidate, groups, known, min(gain, _borne_out(candidate, known)), evidence)
+    return Trial(candidate, own, groups, known, min(gain, _borne_out(candidate, known)), evidence)
 
 
 def _borne_out(candidate: Candidate, values: Mapping[str, tuple[float, float]]) -> float:
@@ -196,6 +217,21 @@ def _weighed(tried: Sequence[Trial]) -> list[Weight]:
     ]
 
 
+def _with_full_bars(trial: Trial, weight: Weight) -> Weight:
+    """The weight with what the gain comes to where bars count all: the colour that the noise keeps, what no structure
+    holds, what was taken as known. A likelihood that knows of none of these grows with every second of flight.
+    """
+    result = trial.groups[trial.own].ended().result
+    places = [result.names.index(trial.candidate.parameter(name)) for name in trial.values]
+    here = np.ix_(places, places)
+    full, white = result.covariance[here], result.fisher[here]
+    gain = trial.gain * min(1.0, *(np.diag(white) / np.diag(full)).tolist())
+    if np.isfinite(_borne_out(trial.candidate, trial.values)):
+        values = result.theta[places]
+        gain = min(gain, float(values @ inverse(full) @ values))
+    return Weight(weight.probability, gain, float(special.chdtrc(len(places), max(gain, 0.0))))
+
+
 def _stands_out(trial: Trial, weight: Weight, choices: int) -> bool:
     return trial.evidence > 2.0 * RULES.evidence and is_significant(weight, choices)
 
@@ -205,9 +241,8 @@ def _eliminate(found: Found) -> None:
     while len(found.named) > 1:
         costs = []
         for named in found.named:
-            rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
-            groups = {group: fit for group, fit in rest.items() if fit is not None}
-            if len(groups) == len(rest):
+            groups = _without(found, named)
+            if groups is not None:
                 cost = 2.0 * sum(found.groups[group].evidence - fit.evidence for group, fit in groups.items())
                 costs.append((cost, named, groups))
         if not costs:
@@ -215,15 +250,34 @@ def _eliminate(found: Found) -> None:
         cost, named, groups = min(costs, key=lambda item: item[0])
         if cost > 2.0 * RULES.evidence:
             return
-        found.named = [one for one in found.named if one is not named]
-        found.groups = groups
-        gone = set(named.candidate.coefficients)
-        found.model = replace(
-            found.model,
-            coefficients={name: entry for name, entry in found.model.coefficients.items() if name not in gone},
-            effects=tuple(e for e in found.model.effects if gone or e.name != named.effect),
-        )
-        found.notes.append(f"{named.effect}: named for a while, not needed beside the others")
+        _leave_out(found, named, groups, "not needed beside the others")
+
+
+def _keep_what_stands_out(found: Found) -> None:
+    """Take out what was named beside the first and explains less than what is left without a name asks for."""
+    for named in found.named[1:]:
+        groups = _without(found, named)
+        if named.came_with * RULES.left_share < found.left_gain and groups is not None:
+            _leave_out(found, named, groups, f"but it gains {named.came_with:.0f}, no more than what is left")
+
+
+def _without(found: Found, named: Named) -> dict[str, GroupFit] | None:
+    """All groups without an effect; None where one is lost."""
+    rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
+    groups = {group: fit for group, fit in rest.items() if fit is not None}
+    return groups if len(groups) == len(rest) else None
+
+
+def _leave_out(found: Found, named: Named, groups: dict[str, GroupFit], why: str) -> None:
+    found.named = [one for one in found.named if one is not named]
+    found.groups = groups
+    gone = set(named.candidate.coefficients)
+    found.model = replace(
+        found.model,
+        coefficients={name: entry for name, entry in found.model.coefficients.items() if name not in gone},
+        effects=tuple(e for e in found.model.effects if gone or e.name != named.effect),
+    )
+    found.notes.append(f"{named.effect}: named for a while, {why}")
 
 
 def _look_at_the_rest(found: Found) -> None:
