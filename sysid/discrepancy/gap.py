@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,11 +33,19 @@ def fixed_model(problem: Problem, model: Model, result: Estimates, compatible: C
     return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
 
 
-def widening(prepared: Sequence[Prepared], before: Fixed, after: Fixed) -> float:
-    """How many times as wide as before the gap on these flights is after: the quadratic mean over the outputs."""
+def widening(
+    prepared: Sequence[Prepared], before: Fixed, after: Fixed, outputs: Collection[str] | None = None
+) -> float:
+    """How many times as wide as before the gap on these flights is after: the quadratic mean over the outputs, or over
+    those given.
+    """
     records = [stretch.record for flight in prepared for stretch in flight.stretches]
     least, most = (gap(records, prepared[0].layout, model) for model in (before, after))
-    ratios = [most[name] / value for name, value in least.items() if value > 0.0 and math.isfinite(value)]
+    ratios = [
+        most[name] / value
+        for name, value in least.items()
+        if value > 0.0 and math.isfinite(value) and (outputs is None or name in outputs)
+    ]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
 
 

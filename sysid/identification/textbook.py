@@ -14,6 +14,8 @@ from sysid.posterior.noise_spectrum import NoiseSpectrum
 # A servo's lag, s, and half a servo's backlash, rad, that no estimate of a few standard errors needs.
 _LAG_S, _BACKLASH = 0.005, 7e-4
 _SEEN = 3.0  # standard errors
+# A delay, s, that is more than half a sample of commands that are held.
+_LATE_S = 0.012
 # Half a play that is told beside an effect that is missing: small servos in small linkages have twice of it, rad.
 _LEAST_PLAY = 2e-4
 # Outputs of each group that a gust, a vibration and a filter colour first, and the logarithm of the largest over the
@@ -33,13 +35,14 @@ def is_textbook(found: PosteriorEstimate) -> bool:
 
 
 def is_of_the_field(found: PosteriorEstimate) -> bool:
-    """Whether in a group of axes servos lag or have play, and no force leaves white noise in either.
+    """Whether in a group of axes servos come late, lag or have play, and no force leaves white noise in either.
 
     One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks. In
     the group that lacks something nothing can be said of servos.
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE_FORCE for one in found.noise)
-    return not white and bool(_held_up(found, _LEAST_PLAY))
+    late = any(o.name == "servo_delay" and o.value > max(_LATE_S, _SEEN * o.std) for o in found.nuisances)
+    return not white and (late or bool(_held_up(found, _LEAST_PLAY)))
 
 
 def _held_up(found: PosteriorEstimate, play: float) -> set[str]:
