@@ -134,7 +134,10 @@ def discrepancy(
     validate: Sequence[Path] = (),
     ruled_out: Sequence[str] = (),
     method: str = "auto",
+    start: float | None = None,
+    stop: float | None = None,
     system: int | None = None,
+    as_recorded: Sequence[str] = (),
     progress: Progress = _silent,
 ) -> dict[str, Any]:
     """Compare a model file with recordings; the JSON of schema discrepancy/1. Errors as for `identify`.
@@ -149,12 +152,31 @@ def discrepancy(
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
-        found = run(flights, craft, baseline, validate_on=judges, ruled_out=ruled_out, method=method, progress=progress)
+        found = run(
+            flights,
+            craft,
+            baseline,
+            validate_on=judges,
+            start_s=start,
+            stop_s=stop,
+            ruled_out=ruled_out,
+            as_recorded=as_recorded,
+            method=method,
+            progress=progress,
+        )
     clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(flights)}
     models = [model] if model.is_file() else []
     clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
     clean["made"] = made(
-        {"vehicle": craft.name, "method": method, "system": system, "rule_out": list(ruled_out)},
+        {
+            "vehicle": craft.name,
+            "method": method,
+            "from": start,
+            "to": stop,
+            "system": system,
+            "rule_out": list(ruled_out),
+            **({"as_recorded": list(as_recorded)} if as_recorded else {}),
+        },
         [*paths, *validate, craft.path, *models],
     )
     return clean

@@ -10,7 +10,7 @@ HELP = "find where a model fails to explain recordings, and name the missing eff
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.options.flights import add_flight_arguments, add_result_arguments
+    from gcs.options.flights import add_flight_arguments, add_part_arguments, add_result_arguments, add_signal_arguments
 
     add_flight_arguments(parser)
     parser.add_argument("--model", metavar="MODEL.json", type=Path, required=True, help="the model to be judged")
@@ -27,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="map: for flights as the field gives them; fe: filter error, for those of the textbooks; auto sees which",
     )
+    add_part_arguments(parser)
+    add_signal_arguments(parser)
     add_result_arguments(parser)
 
 
@@ -34,8 +36,9 @@ def run(args: argparse.Namespace) -> int:
     """Analyse, write what was asked for, print the result."""
     from gcs.analysis.postflight import discrepancy
     from gcs.analysis.results import check_targets, discrepancy_text, write_results
-    from gcs.options.flights import open_flights
+    from gcs.options.flights import open_flights, require_part
 
+    require_part(args)
     check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     ruled_out = _effects(args.rule_out)
     with open_flights(args) as flights:
@@ -46,6 +49,10 @@ def run(args: argparse.Namespace) -> int:
             validate=flights.validate,
             ruled_out=ruled_out,
             method=args.method,
+            start=args.start,
+            stop=args.stop,
+            system=args.system,
+            as_recorded=args.as_recorded,
             progress=flights.progress,
         )
     write_results(result, args.output, args.write_model, as_json=args.json, text=discrepancy_text)

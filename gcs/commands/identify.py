@@ -9,28 +9,24 @@ HELP = "identify the flight model and the sensors' errors from recordings"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.options.flights import add_flight_arguments, add_result_arguments, add_signal_arguments
+    from gcs.options.flights import add_flight_arguments, add_part_arguments, add_result_arguments, add_signal_arguments
 
     add_flight_arguments(parser)
     add_result_arguments(parser)
     parser.add_argument("--structure", metavar="MODEL.json", type=Path, help="identify the coefficients of this model")
     parser.add_argument("--prior", metavar="MODEL.json", type=Path, help="start from this model's values and errors")
     parser.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
-    parser.add_argument("--from", metavar="S", dest="start", type=float, help="seconds from the flight's first stamp")
-    parser.add_argument("--to", metavar="S", dest="stop", type=float)
+    add_part_arguments(parser)
     add_signal_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
-    from gcs.analysis.part import part_problem
     from gcs.analysis.postflight import identify
     from gcs.analysis.results import check_targets, identification_text, write_results
-    from gcs.errors import SettingsError
-    from gcs.options.flights import open_flights
+    from gcs.options.flights import open_flights, require_part
 
-    if problem := part_problem(args.start, args.stop):
-        raise SettingsError(f"--from, --to: {problem}")
+    require_part(args)
     check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     with open_flights(args) as flights:
         result = identify(

@@ -139,7 +139,9 @@ def sender_of(recording: ColumnSource, system: int | None) -> Sender:
         if last["autopilot"] != AUTOPILOT_INVALID or columns.system not in found:
             found[columns.system] = Sender(columns.system, int(last["type"]), int(last["autopilot"]))
     if system is not None:
-        if system not in found and not any(c.system == system for c in recording.columns("HEARTBEAT")):
+        # A log without any HEARTBEAT is that of the system that is named.
+        heard = {c.system for c in recording.columns("HEARTBEAT") if c.fields.size}
+        if heard and system not in heard:
             raise SignalMapError(f"{recording.path.stem}: no system {system}; vehicles in it: {_list(found)}")
         return found.get(system, Sender(system, GENERIC, AUTOPILOT_INVALID))
     flying = {number: one for number, one in found.items() if one.autopilot != AUTOPILOT_INVALID}

@@ -49,6 +49,10 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
             validate=validate,
             ruled_out=order["rule_out"],
             method=order["method"],
+            start=order["start"],
+            stop=order["stop"],
+            system=order["system"],
+            as_recorded=order["as_recorded"],
             progress=progress,
         )
     else:

@@ -44,6 +44,21 @@ def add_signal_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
 
 
+def add_part_arguments(parser: argparse.ArgumentParser) -> None:
+    """--from and --to: the part of the flights."""
+    parser.add_argument("--from", metavar="S", dest="start", type=float, help="seconds from the flight's first stamp")
+    parser.add_argument("--to", metavar="S", dest="stop", type=float)
+
+
+def require_part(args: argparse.Namespace) -> None:
+    """Raise SettingsError for a part of the flight that is none."""
+    from gcs.analysis.part import part_problem
+    from gcs.errors import SettingsError
+
+    if problem := part_problem(args.start, args.stop):
+        raise SettingsError(f"--from, --to: {problem}")
+
+
 def add_result_arguments(parser: argparse.ArgumentParser) -> None:
     """-o, --write-model and --json."""
     parser.add_argument("-o", "--output", metavar="RESULT.json", type=Path)

@@ -25,6 +25,7 @@ from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Pro
 from sysid.discrepancy.summary import sentence
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
+from sysid.signal_check.decisive import require_searched
 from sysid.signals.flight import FlightSignals
 
 __all__ = ["MAX_EFFECTS", "discrepancy"]
@@ -42,6 +43,7 @@ def discrepancy(
     start_s: float | None = None,
     stop_s: float | None = None,
     ruled_out: Sequence[str] = (),
+    as_recorded: Sequence[str] = (),
     method: str = "auto",
     progress: Progress = lambda share, text: None,
     seed: int = 0,
@@ -50,6 +52,7 @@ def discrepancy(
 
     flights: used to fit. validate_on: used only to show the gap. model: the baseline, every coefficient with a value.
     ruled_out: effects that are known not to be there, because the aircraft was weighed or a sensor was on the bench.
+    as_recorded: signals that are right as recorded, whatever seems.
     method: "map" by the posterior with an estimated noise spectrum, "fe" by filter error; "auto" is "fe" for flights of
     the textbooks. seed: of the noise in the noise floor. Returns the result file (schema discrepancy/1).
     Raises SysidError subclasses, and ModelFileError for a model without a needed value or
@@ -58,7 +61,8 @@ def discrepancy(
     flatten(vehicle, model)
     for name in ruled_out:
         effect_called(name)
-    asked = Asked(flights, vehicle, model, validate_on, start_s, stop_s, ruled_out, progress)
+    require_searched(as_recorded)
+    asked = Asked(flights, vehicle, model, validate_on, start_s, stop_s, ruled_out, as_recorded, progress)
     return _result(_compared(asked, method), vehicle, progress, np.random.default_rng(seed))
 
 

@@ -32,6 +32,7 @@ class Asked:
     start_s: float | None
     stop_s: float | None
     ruled_out: Sequence[str]
+    as_recorded: Sequence[str]
     progress: Progress
 
 

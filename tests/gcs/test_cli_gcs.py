@@ -143,6 +143,10 @@ def test_an_expected_error_is_one_line_and_exit_code_1(
         (["identify", "x.mcap", "--vehicle", "iitb-mav", "--write-model", "tests"], "is a folder"),
         (["discrepancy", "x.mcap", "--vehicle", "iitb-mav", "--model", "x", "-o", "tests"], "is a folder"),
         (["discrepancy", "x.mcap", "--vehicle", "iitb-mav", "--model", "x", "--rule-out", "mass"], "--rule-out"),
+        (
+            ["discrepancy", "x.mcap", "--vehicle", "iitb-mav", "--model", "x", "--from", "5", "--to", "3"],
+            "--from, --to",
+        ),
         (["serve", "--port", "99999"], "--port 99999"),
         (["serve", "--connect", "foo"], "foo"),
         (["serve", "--host", "0.0.0.0"], "GCS_TOKEN"),

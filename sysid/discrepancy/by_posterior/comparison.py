@@ -51,7 +51,7 @@ def compare(asked: Asked, always: bool = False) -> Outcome | None:
     """
     progress, vehicle = asked.progress, asked.vehicle
     progress(0.02, "units, signs and axes")
-    read = [meant(one, vehicle, (), asked.start_s, asked.stop_s) for one in asked.flights]
+    read = [meant(one, vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
     seen = flown(read, vehicle)
     effects = [
         (e.name, key) for e in asked.model.effects for key in e.parameters
@@ -94,7 +94,7 @@ def compare(asked: Asked, always: bool = False) -> Outcome | None:
         used = replace(used, stages={**used.stages, "after": used.stages["before"]})
     judged = None
     if asked.validate_on:
-        others = [meant(flight, vehicle) for flight in asked.validate_on]
+        others = [meant(flight, vehicle, asked.as_recorded) for flight in asked.validate_on]
         if doubts := [one.doubt for one in others if one.doubt is not None]:
             raise doubts[0]
         kinematics = flown(others, vehicle).compatible

@@ -283,7 +283,7 @@ def _leave_out(found: Found, named: Named, groups: dict[str, GroupFit], why: str
 def _look_at_the_rest(found: Found) -> None:
     """Smooth terms of every axis, which no single effect is: what gains by them has no name."""
     terms = smooth_terms(found.problem, found.model)
-    for fit in found.groups.values():
+    for group, fit in found.groups.items():
         own = [one for one in terms if fit.takes(one.free[0])]
         for one, promise in zip(own, promises(fit, own), strict=True):
             if promise.gain < RULES.least_promise:
@@ -292,7 +292,13 @@ def _look_at_the_rest(found: Found) -> None:
             if after is None:
                 continue
             gain = 2.0 * (fit.posterior.profile(fit.theta) - after.posterior.profile(after.theta))
-            chance = float(special.chdtrc(len(one.free), max(gain, 0.0)))
-            if after.evidence - fit.evidence > RULES.evidence and chance * len(terms) < NAMING_P_VALUE:
-                found.left[one.effect.name] = f"smooth terms gain {gain:.0f}, {chance_text(chance)}"
+            if after.evidence - fit.evidence < RULES.evidence:
+                continue
+            values, stds = after.values(), after.stds()
+            trial = Trial(
+                one, group, {group: after}, {name: (values[name], stds[name]) for name in one.free}, gain, 0.0
+            )
+            weight = _with_full_bars(trial, Weight(1.0, gain, 0.0))
+            if weight.p_value * len(terms) < NAMING_P_VALUE:
+                found.left[one.effect.name] = f"smooth terms gain {weight.gain:.0f}, {chance_text(weight.p_value)}"
                 found.left_gain = max(found.left_gain, gain)

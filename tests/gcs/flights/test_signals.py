@@ -273,6 +273,15 @@ def test_a_recording_without_a_vehicle_says_so(tmp_path: Path) -> None:
         extract(file.open(), plain_vehicle())
 
 
+def test_the_vehicle_of_a_recording_without_heartbeats_is_the_one_that_is_named(tmp_path: Path) -> None:
+    file = FlightFile(tmp_path / "mute.mcap")
+    with file:
+        for i in range(100):
+            file.send(START + round(i * 0.02 * 1e9), highres(i * 0.02, xacc=3.0))
+    found = extract(file.open(), plain_vehicle(), 1)
+    np.testing.assert_allclose(found.signals["ax"].values, 3.0)
+
+
 @pytest.mark.parametrize("same_frames", [True, False])
 def test_what_a_second_link_repeats_counts_once(tmp_path: Path, same_frames: bool) -> None:
     file = FlightFile(tmp_path / "two.mcap")
