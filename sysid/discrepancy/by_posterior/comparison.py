@@ -32,7 +32,7 @@ from sysid.problem.free_run import Fixed
 from sysid.problem.problem import Motion, Problem, excited_motion
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
-from sysid.signals.preparation import Prepared
+from sysid.signals.preparation import Prepared, require_thrust
 
 # What the estimate tells beside coefficients that a simulation lacks: said where it is so many standard errors off.
 _SEEN = 3.0
@@ -53,6 +53,7 @@ def compare(asked: Asked, always: bool = False) -> Outcome | None:
     progress(0.02, "units, signs and axes")
     read = [meant(one, vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
     seen = flown(read, vehicle)
+    require_thrust(seen.prepared)
     effects = [
         (e.name, key) for e in asked.model.effects for key in e.parameters
         if EFFECTS[e.name].parameter(key).fitted and not EFFECTS[e.name].alias
