@@ -57,14 +57,14 @@ def check_signals(prepared: Sequence[Prepared], vehicle: Vehicle, as_recorded: C
     return SignalCheck(delays, tuple(one for one in found if one.kind != "delay"))
 
 
-def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[str]:
+def told_mistakes(prepared: Sequence[Prepared], vehicle: Vehicle, as_recorded: Collection[str] = ()) -> list[str]:
     """What is said of flights whose delays stay as they are, since a sensor's lag may be the effect that is looked for.
 
     Vanes that lag, or are not moved to the centre of gravity, can make the sign of a single signal look wrong, and an
     attitude that lags the scale of the rates: that is told and does not stop. Raises SignalError where the data cannot
     be used.
     """
-    found = suspected(prepared, vehicle)
+    found = suspected(prepared, vehicle, as_recorded)
     doubtful = [one for one in found if one.kind in ("sign", "scale") and len(one.signals) == 1]
     stop_at_unusable([one for one in found if one not in doubtful], flights_named(prepared))
     late = [Delay(one.signals, one.found, one.std) for one in found if one.kind == "delay"]

@@ -73,7 +73,8 @@ def compare(asked: Asked) -> Outcome:
     held_out = [prepare(flight, vehicle) for flight in asked.validate_on]
     require_thrust([*prepared, *held_out])
     progress(0.05, "units, signs and axes")
-    told = [line for group in (prepared, held_out) if group for line in told_mistakes(group, vehicle)]
+    groups = [group for group in (prepared, held_out) if group]
+    told = [line for group in groups for line in told_mistakes(group, vehicle, asked.as_recorded)]
     progress(0.08, "data compatibility")
     used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
