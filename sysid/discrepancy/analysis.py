@@ -23,6 +23,7 @@ from sysid.discrepancy.identified_effect import effect_json
 from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.summary import sentence
+from sysid.errors import SysidError
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.decisive import require_searched
@@ -67,12 +68,23 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    if method != "fe":
-        from sysid.discrepancy.by_posterior.comparison import compare  # slow to import
+    if method == "fe":
+        return by_filter_error.compare(asked)
+    from sysid.discrepancy.by_posterior.comparison import compare  # slow to import
 
-        if (found := compare(asked, always=method == "map")) is not None:
-            return found
-    return by_filter_error.compare(asked)
+    if (found := compare(asked, always=method == "map")) is not None:
+        return found
+    try:
+        return by_filter_error.compare(asked)
+    except SysidError as error:
+        # Sensors of the textbooks, but a burst lost or a flight that the filter loses: no textbook's after all.
+        try:
+            found = compare(asked, always=True)
+        except SysidError:
+            found = None
+        if found is None:
+            raise
+        return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
 
 
 def _result(found: Outcome, vehicle: Vehicle, progress: Progress, generator: np.random.Generator) -> dict[str, Any]:

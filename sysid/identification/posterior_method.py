@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
 from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -389,7 +389,18 @@ def _model(
         key: Coefficient(None, refused=reasons[key]) if key in reasons else Coefficient(*told[key])
         for key in structure.coefficients
     }
-    effects = tuple(
+    return Model(
+        name,
+        coefficients,
+        effects_with(structure.effects, told),
+        _validity(parts),
+        None if joint is None else joint.correlation(),
+    )
+
+
+def effects_with(effects: Sequence[ModelEffect], told: Mapping[str, tuple[float, float]]) -> tuple[ModelEffect, ...]:
+    """Effects of a model with values and standard errors by "effect.parameter"; what is not among them stays."""
+    return tuple(
         replace(
             effect,
             parameters={
@@ -397,9 +408,8 @@ def _model(
                 for key, entry in effect.parameters.items()
             },
         )
-        for effect in structure.effects
+        for effect in effects
     )
-    return Model(name, coefficients, effects, _validity(parts), None if joint is None else joint.correlation())
 
 
 def _validity(parts: Sequence[FlightPart]) -> Mapping[str, tuple[float, float]]:

@@ -6,9 +6,11 @@ in gusts and vibration it finds what is not there. What decides is what the esti
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from sysid.posterior.analysis import PosteriorEstimate
+from sysid.posterior.analysis import NuisanceEstimate, PosteriorEstimate
 from sysid.posterior.noise_spectrum import NoiseSpectrum
 
 # A servo's lag, s, and half a servo's backlash, rad, that no estimate of a few standard errors needs.
@@ -29,7 +31,7 @@ _FORCES, _WHITE_FORCE = ("ax", "ay"), 0.65
 
 def is_textbook(found: PosteriorEstimate) -> bool:
     """Whether in a group of axes servos neither lag nor have play, and what is left of a force or a vane is white."""
-    held_up = _held_up(found, _BACKLASH)
+    held_up = _held_up(found, lambda play: play.value > _BACKLASH)
     telling = [name for group, names in _TELLING.items() if group not in held_up for name in names]
     return any(one.output in telling and _spread(one) < _WHITE for one in found.noise)
 
@@ -42,16 +44,17 @@ def is_of_the_field(found: PosteriorEstimate) -> bool:
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE_FORCE for one in found.noise)
     late = any(o.name == "servo_delay" and o.value > max(_LATE_S, _SEEN * o.std) for o in found.nuisances)
-    return not white and (late or bool(_held_up(found, _LEAST_PLAY)))
+    loose = _held_up(found, lambda play: play.value > max(_LEAST_PLAY, _SEEN * play.std))
+    return not white and (late or bool(loose))
 
 
-def _held_up(found: PosteriorEstimate, play: float) -> set[str]:
-    """Groups of axes whose servos lag or have more play than this, rad."""
+def _held_up(found: PosteriorEstimate, is_play: Callable[[NuisanceEstimate], bool]) -> set[str]:
+    """Groups of axes whose servos lag or have play."""
     return {
         one.group
         for one in found.nuisances
         if (one.name == "servo_lag" and one.value > max(_LAG_S, _SEEN * one.std))
-        or (one.name == "servo_backlash" and one.value > max(play, _SEEN * one.std))
+        or (one.name == "servo_backlash" and is_play(one))
     }
 
 

@@ -52,7 +52,7 @@ class Prior:
 
 
 @dataclass
-class _Point:
+class Point:
     """A place of the search: residuals and simulated outputs of every part."""
 
     theta: Array
@@ -123,14 +123,14 @@ class Posterior:
         """The same prior and bounds about another model of as many parts."""
         return Posterior(model, self.prior, self.low, self.high, self.zeros)
 
-    def point(self, theta: Array) -> _Point:
+    def point(self, theta: Array) -> Point:
         """Simulate all parts. Raises EstimationError where the motion diverges."""
         simulated = [self.model.simulated(i, theta) for i in range(len(self.parts))]
         if not all(np.isfinite(one).all() for one in simulated):
             raise EstimationError("the simulated motion diverges")
-        return _Point(theta, [self.model.measured(i) - one for i, one in enumerate(simulated)], simulated)
+        return Point(theta, [self.model.measured(i) - one for i, one in enumerate(simulated)], simulated)
 
-    def weigh(self, at: _Point) -> None:
+    def weigh(self, at: Point) -> None:
         """Estimate the spectrum matrices from what is left at a point."""
         factors: list[Array | None] = [None] * len(self.parts)
         zero: list[Array | None] = [None] * len(self.parts)
@@ -174,7 +174,7 @@ class Posterior:
         # A bin's real and imaginary part have unit variance each.
         return np.concatenate((flat.real, flat.imag, mean * self._zero[index][:, None]))
 
-    def cost(self, at: _Point) -> float:
+    def cost(self, at: Point) -> float:
         """Half the sum of squares, prior included, with the noise held as it was estimated last."""
         off = at.theta - self.prior.mean
         total = 0.5 * float(off @ self.prior.information @ off)
@@ -184,7 +184,7 @@ class Posterior:
                 total += 0.5 * float(e @ e)
         return total if np.isfinite(total) else np.inf
 
-    def normal(self, at: _Point, fresh: bool = True) -> tuple[Array, Array]:
+    def normal(self, at: Point, fresh: bool = True) -> tuple[Array, Array]:
         """Information (P, P) and gradient downhill (P,), prior included; fresh: whether all slopes are worked out."""
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
@@ -207,16 +207,15 @@ class Posterior:
             return np.inf
         return self.cost(at) + self._logdet
 
-    def linear(self, theta: Array) -> tuple[Array, Array]:
+    def linear(self, at: Point) -> tuple[Array, Array]:
         """Whitened slopes (K, P) and residuals (K,) of all parts at a point, the noise as it was estimated last."""
-        at = self.point(theta)
-        slopes = [self.whitened(i, self.model.slopes(i, theta)) for i in range(len(self.parts))]
+        slopes = [self.whitened(i, self.model.slopes(i, at.theta)) for i in range(len(self.parts))]
         return np.concatenate(slopes), self._stacked(at.residuals)
 
-    def difference(self, theta: Array, other: GroupModel) -> Array:
+    def difference(self, at: Point, other: GroupModel) -> Array:
         """(K,) whitened change of all outputs by another model of the same unknowns; NaN where that diverges."""
         with np.errstate(over="ignore", invalid="ignore"):
-            moved = [other.simulated(i, theta) - self.model.simulated(i, theta) for i in range(len(self.parts))]
+            moved = [other.simulated(i, at.theta) - one for i, one in enumerate(at.simulated)]
             return self._stacked(moved)
 
     def _stacked(self, series: Sequence[Array]) -> Array:
@@ -244,7 +243,7 @@ class Posterior:
         at, passes, converged = self._search(start, max_passes, fresh=True, least=1)
         return self._result(at, doubts, passes, converged)
 
-    def _search(self, start: Array, max_passes: int, fresh: bool, least: int) -> tuple[_Point, int, bool]:
+    def _search(self, start: Array, max_passes: int, fresh: bool, least: int) -> tuple[Point, int, bool]:
         """Where the steps end, how many there were, and whether the last was small.
 
         fresh: whether the first step works out all slopes anew. least: steps before which a small one is no end.
@@ -298,7 +297,7 @@ class Posterior:
                 found.append(name)
         return tuple(found)
 
-    def _feedback(self, at: _Point, laws: Sequence[str]) -> dict[str, float]:
+    def _feedback(self, at: Point, laws: Sequence[str]) -> dict[str, float]:
         """Share of each surface's command that follows the residuals; surfaces that follow none, or are moved by a law
         alone, are left out.
         """
@@ -312,7 +311,7 @@ class Posterior:
                 found[name] = share
         return found
 
-    def _followed(self, at: _Point, surface: str, places: Sequence[int]) -> float:
+    def _followed(self, at: Point, surface: str, places: Sequence[int]) -> float:
         """Share of a surface's command that follows the residuals, the mean over parts by their length."""
         length = [self.parts[i].duration_s for i in places]
         felt = [j for j, name in enumerate(self.model.outputs) if name in STATES]
@@ -343,7 +342,7 @@ class Posterior:
             free &= ~out
         return target
 
-    def _result(self, at: _Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
+    def _result(self, at: Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
         laws = self._laws()
         feedback_of = self._feedback(at, laws)

@@ -21,7 +21,7 @@ from sysid.discrepancy.identified_effect import reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
-from sysid.identification.posterior_method import flown, meant
+from sysid.identification.posterior_method import effects_with, flown, meant
 from sysid.identification.textbook import is_of_the_field
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
@@ -131,18 +131,8 @@ def _values(
 def _told(model: Model, found: PosteriorEstimate) -> Model:
     """The model with what the flights tell of it; what they do not tell stays as given."""
     told = found.joint.entries()
-    effects = tuple(
-        replace(
-            effect,
-            parameters={
-                key: Coefficient(*told[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in told else entry
-                for key, entry in effect.parameters.items()
-            },
-        )
-        for effect in model.effects
-    )
     coefficients = {name: Coefficient(*told[name]) if name in told else e for name, e in model.coefficients.items()}
-    return replace(model, coefficients=coefficients, effects=effects, correlation=None)
+    return replace(model, coefficients=coefficients, effects=effects_with(model.effects, told), correlation=None)
 
 
 def _beside(

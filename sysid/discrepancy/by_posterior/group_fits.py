@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -97,25 +98,25 @@ class GroupFit:
             if not candidate.coefficients or name in own
         }
         model = self._of_own_axes(extended(self.structure, candidate, values))
-        return self._refitted(model, (*self.coefficients, *own), (*self.effects, *candidate.names), fresh, start)
+        begun = self._rebuilt(model, (*self.coefficients, *own), (*self.effects, *candidate.names), fresh, start)
+        return begun._searched()
 
     def flying(self, candidate: Candidate, values: Mapping[str, float]) -> GroupFit | None:
         """The fit with an effect that is as it is; None where it is lost."""
         model = self._of_own_axes(extended(self.structure, candidate, within(candidate, dict(values))))
-        return self._refitted(model, self.coefficients, self.effects, {}, None)
+        return self._rebuilt(model, self.coefficients, self.effects)._searched()
 
     def without(self, candidate: Candidate) -> GroupFit | None:
         """The fit without a candidate that it has; None where it is lost."""
         gone = set(candidate.coefficients)
         kept = {name: entry for name, entry in self.structure.coefficients.items() if name not in gone}
         others = tuple(e for e in self.structure.effects if candidate.coefficients or e.name != candidate.effect.name)
-        return self._refitted(
+        begun = self._rebuilt(
             replace(self.structure, coefficients=kept, effects=others),
             tuple(name for name in self.coefficients if name not in gone),
             tuple(pair for pair in self.effects if pair not in candidate.names),
-            {},
-            None,
         )
+        return begun._searched()
 
     def nuisances(self) -> dict[str, float]:
         """What stands between aircraft and log, the last flight's where each has its own."""
@@ -132,41 +133,34 @@ class GroupFit:
             own = tuple(name for name in candidate.coefficients if self.takes(name))
             coefficients = (*coefficients, *own)
             fresh = {name: fresh_unknown(candidate, name, values[name]) for name in own}
-        posterior, theta = self._rebuilt(model, coefficients, self.effects, fresh, start)
-        return posterior.of(posterior.model.rough()).profile(theta)
+        begun = self._rebuilt(model, coefficients, self.effects, fresh, start)
+        return begun.posterior.of(begun.posterior.model.rough()).profile(begun.theta)
 
     def _of_own_axes(self, model: Model) -> Model:
         return replace(
             model, coefficients={name: entry for name, entry in model.coefficients.items() if self.takes(name)}
         )
 
-    def _refitted(
-        self,
-        model: Model,
-        coefficients: tuple[str, ...],
-        effects: tuple[tuple[str, str], ...],
-        fresh: Mapping[str, Fresh],
-        start: Mapping[str, float] | None,
-    ) -> GroupFit | None:
-        posterior, begin = self._rebuilt(model, coefficients, effects, fresh, start)
+    def _searched(self) -> GroupFit | None:
+        """The fit from where it begins to its maximum; None where it is lost."""
         try:
-            theta = posterior.search(begin, _PASSES)
-            evidence = posterior.evidence(theta)
+            theta = self.posterior.search(self.theta, _PASSES)
+            evidence = self.posterior.evidence(theta)
         except (EstimationError, np.linalg.LinAlgError):
             return None
-        if not np.isfinite(evidence):
-            return None
-        return GroupFit(posterior, theta, model, coefficients, effects, evidence, self.doubts)
+        return replace(self, theta=theta, evidence=evidence) if np.isfinite(evidence) else None
 
     def _rebuilt(
         self,
         model: Model,
         coefficients: tuple[str, ...],
         effects: tuple[tuple[str, str], ...],
-        fresh: Mapping[str, Fresh],
-        start: Mapping[str, float] | None,
-    ) -> tuple[Posterior, Array]:
-        """The posterior of other unknowns, those that stay with their priors and bounds, and where to start."""
+        fresh: Mapping[str, Fresh] = MappingProxyType({}),
+        start: Mapping[str, float] | None = None,
+    ) -> GroupFit:
+        """A fit of other unknowns before it is searched: those that stay have their priors and bounds. start: as in
+        `with_effect`.
+        """
         before = self.posterior
         flown = before.model.flying(model, coefficients, effects)
         old, new = list(self.names), [one.name for one in flown.parameters]
@@ -190,7 +184,8 @@ class GroupFit:
             theta[begin:end] = mean[begin:end]
             for i, name in enumerate((*new, *(one.name for one in flown.unknowns))):
                 theta[i] = start.get(name, theta[i])
-        return Posterior(flown, Prior(mean, information), low, high, before.zeros), np.clip(theta, low, high)
+        posterior = Posterior(flown, Prior(mean, information), low, high, before.zeros)
+        return GroupFit(posterior, np.clip(theta, low, high), model, coefficients, effects, -np.inf, self.doubts)
 
 
 def fit_of(estimate: GroupEstimate, structure: Model, effects: Sequence[tuple[str, str]]) -> GroupFit:

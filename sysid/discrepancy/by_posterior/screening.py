@@ -58,7 +58,7 @@ def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
     posterior, theta = fit.posterior.of(fit.posterior.model.rough()), fit.theta
     at = posterior.point(theta)
     posterior.weigh(at)
-    J, e = posterior.linear(theta)
+    J, e = posterior.linear(at)
     columns: list[ScoredColumn] = []
     moved = []
     acts: set[int] = set()
@@ -73,7 +73,7 @@ def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
                     flown = posterior.model.flying(
                         extended(fit.structure, candidate, values), fit.coefficients, fit.effects
                     )
-                    difference = posterior.difference(theta, flown)
+                    difference = posterior.difference(at, flown)
                     if not np.isfinite(difference).all():
                         acts.add(i)
                     if np.isfinite(difference).all():

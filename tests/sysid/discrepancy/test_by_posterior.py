@@ -1,10 +1,16 @@
 """Missing effects on flights as the field gives them: JSBSim's, behind servos that lag, in gusts, over a link."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from field_effects import hidden_flight
+from field_flight import textbook
+from field_inputs import inputs_of
+from field_plant import Servo, fly_field
+from field_sensors import sense
+from jsbsim_flight import linear_aircraft
 from smaller_catalogue import catalogue_without
 
 from sim_vehicle.effects import EFFECTS
@@ -61,3 +67,13 @@ def test_priors_of_sizes_are_about_nothing_and_of_limits_over_their_range(effect
     assert (fresh.mean == 0.0) == size
     assert fresh.low == one.low
     assert np.isfinite(fresh.std)
+
+
+def test_a_burst_lost_is_no_reason_to_say_nothing_where_sensors_are_the_textbooks(tmp_path: Path) -> None:
+    """Filter error finds no part without gaps in it; commands come 5 ms late and the airspeed at 10 Hz besides."""
+    aircraft = linear_aircraft()
+    log = fly_field(tmp_path, aircraft, inputs_of("3211", 20.0, np.random.default_rng(0)), 0, servo=Servo())
+    field = replace(textbook(), command_offset=0.005, bursts=1.0, airspeed_hz=10.0)
+    found = discrepancy([sense(log, aircraft.vehicle, field, 0, "burst")], aircraft.vehicle, aircraft.model)
+    assert (found["method"], found["effects"]) == ("map", [])
+    assert any("filter error cannot be used" in line for line in found["warnings"])
