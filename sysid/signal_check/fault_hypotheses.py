@@ -13,8 +13,9 @@ import numpy as np
 
 from sim_vehicle.constants import STANDARD_GRAVITY
 from sysid.arrays import Array
+from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightData
-from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUND, GYRO, IMU, VANES, joined
+from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUND, GYRO, IMU, VANES, group_name, joined
 
 _DEGREE = np.pi / 180.0
 # Per kind of quantity: name of the unit that the readings are in -> SI per that unit.
@@ -73,6 +74,16 @@ class Hypothesis:
             for name, share in zip(ACCEL, along, strict=True):
                 found[name] = found[name] + self.gravity * share
         return found
+
+    @property
+    def factor(self) -> float:
+        """What the readings are multiplied by; NaN where they are taken from other axes."""
+        return float("nan") if self.kind == "axis" else float(self.matrix[0, 0])
+
+    def as_mistake(self) -> Mistake:
+        """The mistake that this reading is free of."""
+        name = group_name(self.signals)
+        return Mistake(name, self.kind, self.factor, float("nan"), self.unit, self.sentence, self.signals, False)
 
     def shrinks(self, name: str) -> float:
         """Logarithm of the factor by which a signal's own density is stretched."""

@@ -36,7 +36,7 @@ from sysid.signal_check.kinematic_residuals import (
 )
 from sysid.signals.delay import Delay
 from sysid.signals.flight import FlightData
-from sysid.signals.sensor_groups import ACCEL, GROUND, GROUPS, IMU, VANES, joined
+from sysid.signals.sensor_groups import ACCEL, GROUND, GROUPS, IMU, VANES, group_name
 from sysid.signals.sensor_layout import SensorLayout
 
 # Log likelihood by which a reading must beat the one as given: some 400 readings are tried.
@@ -197,11 +197,7 @@ def discrete_readings(
         there = KinematicResiduals(windows, read)
         gain = base.null().cost - there.null().cost + _stretched(one, windows) - one.penalty
         if gain > GAIN and (base.level_cost - there.level_cost > _LEVEL_GAIN or _moved_by(one, base)):
-            factor = float("nan") if one.kind == "axis" else float(one.matrix[0, 0])
-            mistake = Mistake(
-                _name(one.signals), one.kind, factor, float("nan"), one.unit, one.sentence, one.signals, False
-            )
-            found.append(LikelyReading(gain, mistake, read, _stretched(one, windows) - one.penalty))
+            found.append(LikelyReading(gain, one.as_mistake(), read, _stretched(one, windows) - one.penalty))
     return sorted(found, key=lambda entry: -entry.gain)
 
 
@@ -227,13 +223,6 @@ def _stretched(one: Hypothesis, windows: Sequence[Window]) -> float:
         for key in relations
         if key in window.relations
     )
-
-
-def _name(signals: tuple[str, ...]) -> str:
-    for group, names in GROUPS.items():
-        if set(signals) == set(names) and len(names) > 1:
-            return group
-    return joined(signals)
 
 
 def _still(windows: list[Window], columns: list[dict[str, Array]], name: str) -> bool:
@@ -276,7 +265,7 @@ def _scales(windows: list[Window], columns: list[dict[str, Array]], base: Kinema
         gain = base.null(relations).cost - there.null(relations).cost + _stretched(one, windows) - one.penalty
         if gain > GAIN:
             usable = abs(scale) < SCALE_REFUSED
-            mistake = Mistake(_name(names), "scale", 1.0 / (1.0 + scale), std, "1", one.sentence, names, usable)
+            mistake = Mistake(group_name(names), "scale", 1.0 / (1.0 + scale), std, "1", one.sentence, names, usable)
             found.append(LikelyReading(gain, mistake, read, _stretched(one, windows) - one.penalty))
     return found
 

@@ -147,13 +147,16 @@ class Window:
 
     def fast(self, values: Columns) -> dict[str, Array]:
         """Relation -> (rows,) of its (N,) values at its samples, slow motions taken out."""
-        dense = np.stack([values[name] for name in self._dense])
-        dense -= (dense @ self._slow) @ self._slow.T
+        dense = self.quick(np.stack([values[name] for name in self._dense]))
         found = dict(zip(self._dense, dense, strict=True))
         for name, slow in self._slow_ground.items():
             here = values[name][self.rows[name]]
             found[name] = here - slow @ (slow.T @ here)
         return found
+
+    def quick(self, values: Array) -> Array:
+        """(K, N) values, slow motions taken out."""
+        return np.asarray(values - (values @ self._slow) @ self._slow.T)
 
     def measured(self, s: Columns, columns: Columns) -> dict[str, Array]:
         """Relation -> (N,) measured side."""
@@ -185,6 +188,24 @@ class Window:
             found |= {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
             found["vd"] = -st * s["ax"] + ct * lifted + gravity
         return {name: found[name] for name in self.relations}
+
+    def through_air(self, s: Columns, measured: Columns) -> dict[str, Array]:
+        """Relation of GROUND that the air data tell -> (N,) velocity through the air in earth axes."""
+        if self.relations[-1] not in GROUND:
+            return {}
+        still = np.zeros(self.size)
+        u, v, w = (measured.get(name, still) for name in AIR) if self.air else (s["V"], still, still)
+        (sf, cf), (st, ct) = self._sine("phi", s["phi"]), self._sine("theta", s["theta"])
+        sp, cp = self._sine("psi", measured["psi"])
+        lifted = sf * v + cf * w
+        ahead, aside = ct * u + st * lifted, cf * v - sf * w
+        found = {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
+        if not self.air:
+            # Without vanes nobody knows whether what is pitched up climbs, and what yaws may slip.
+            found = {name: one - self.quick(one[None])[0] for name, one in found.items()}
+        else:
+            found["vd"] = ct * lifted - st * u
+        return {name: one for name, one in found.items() if name in self.relations}
 
     def _sine(self, name: str, angle: Array) -> tuple[Array, Array]:
         """Sine and cosine of an angle; the last of each name are kept, since most readings share their angles."""

@@ -17,3 +17,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
 def joined(names: Sequence[str]) -> str:
     """`ax, ay and az`."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def group_name(names: Sequence[str]) -> str:
+    """Name of the group of GROUPS that has all and only these signals, or they themselves."""
+    for group, members in GROUPS.items():
+        if set(names) == set(members) and len(members) > 1:
+            return group
+    return joined(names)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from field_flight import fly_plan, plan_of
+from field_flight import FieldFlight, fly_plan, plan_of
 from signal_mistakes import Injection, injections
 from simulated import fly_mav
 
@@ -67,18 +67,55 @@ def test_a_flight_without_mistakes_stays_as_it_is(flight: FlightSignals, vehicle
     assert found is flight
 
 
-@pytest.mark.parametrize(("family", "seed"), [("mild", 1), ("rough", 2), ("slow", 0)])
+@pytest.fixture(scope="module")
+def field_flights(tmp_path_factory: pytest.TempPathFactory) -> list[FieldFlight]:
+    folder = tmp_path_factory.mktemp("field")
+    return [fly_plan(plan_of("mild", seed), seed, folder, f"flight{seed}") for seed in (1, 2)]
+
+
+@pytest.mark.parametrize(("family", "seed"), [("mild", 1), ("rough", 2), ("slow", 0), ("short", 14)])
 def test_lags_gusts_and_vibration_are_no_mistake(family: str, seed: int, tmp_path: Path) -> None:
     flown = fly_plan(plan_of(family, seed), seed, tmp_path, "flight")
     assert mended(flown.signals, flown.vehicle) == (flown.signals, [])
 
 
-def test_a_gyro_in_degrees_is_found_behind_the_sensors_of_the_field(tmp_path: Path) -> None:
-    flown = fly_plan(plan_of("mild", 1), 1, tmp_path, "flight")
-    one = KINDS["unit:p+q+r:deg/s"]
-    found, told = mended(one.apply(flown.signals), flown.vehicle)
-    assert alike(found, flown.signals, one, 1e-9)
-    assert len(told) == 1
+@pytest.mark.parametrize(
+    "name",
+    [
+        "unit:p+q+r:deg/s", "unit:vn+ve+vd:cm/s", "unit:vn+ve+vd:km/h", "axis:vn+ve:exchanged", "sign:ay:-1",
+    ],
+)  # fmt: skip
+def test_mistakes_are_found_behind_the_sensors_of_the_field(name: str, field_flights: list[FieldFlight]) -> None:
+    for flown in field_flights:
+        one = KINDS[name]
+        found, told = mended(one.apply(flown.signals), flown.vehicle)
+        assert alike(found, flown.signals, one, 1e-9)
+        assert len(told) == 1
+
+
+def named_units(wrong: FlightSignals, flown: FieldFlight) -> tuple[FlightSignals | None, str]:
+    """The flight as mended, None where it is not, and what is said."""
+    try:
+        found, told = mended(wrong, flown.vehicle)
+    except SignalError as error:
+        return None, str(error)
+    return found, "; ".join(told)
+
+
+@pytest.mark.parametrize("vanes", [True, False])
+@pytest.mark.parametrize("unit", ["knots", "mph", "km/h", "ft/s"])
+def test_an_airspeed_in_another_unit_is_mended_or_asked_for(
+    unit: str, vanes: bool, field_flights: list[FieldFlight]
+) -> None:
+    flown, one = field_flights[1], KINDS[f"unit:airspeed:{unit}"]
+    kept = {name: s for name, s in flown.signals.signals.items() if vanes or name not in ("alpha", "beta")}
+    right = replace(flown.signals, signals=kept)
+    found, said = named_units(one.apply(right), flown)
+    assert unit in said
+    assert "in [signals] of the vehicle file" in said
+    assert "--as-recorded airspeed" in said
+    assert found is None or alike(found, right, one, 1e-9)
+    assert mended(right, flown.vehicle) == (right, [])
 
 
 def test_a_signal_that_is_said_to_be_right_is_left_alone(flight: FlightSignals, vehicle: Vehicle) -> None:
