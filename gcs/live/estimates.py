@@ -13,6 +13,7 @@ from gcs.live.signals import Samples
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
+from sysid.live.sliding_window import Runner
 from sysid.problem.model_structure import usual_size
 
 # A report has words and is told to whoever listens; in between only values and standard errors are.
@@ -27,10 +28,13 @@ _SAME_S = 1.001e-3
 
 
 class EstimateReports:
-    """Identification of one vehicle's flight, told while messages come. Times of `now_s` are monotonic."""
+    """Identification of one vehicle's flight, told while messages come. Times of `now_s` are monotonic.
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._identifier = LiveIdentifier(vehicle)
+    runner: as of LiveIdentifier.
+    """
+
+    def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
+        self._identifier = LiveIdentifier(vehicle, runner)
         self._fresh = False
         self._reported_s = -np.inf
         self._waiting: list[Array] = []
@@ -70,7 +74,7 @@ class EstimateReports:
         delays = np.maximum(time.time_ns() - received[held & counts], 0.0) / 1e6
         later = ~held & counts
         self._waiting = [np.array([stamps[later], received[later]])]
-        self._made.append((now_s, time.process_time(), delays))
+        self._made.append((now_s, time.process_time() + self._identifier.cost_elsewhere_s, delays))
         while len(self._made) > 2 and self._made[1][0] < now_s - _SHARE_S:
             self._made.popleft()
 
@@ -117,5 +121,6 @@ def report_json(report: LiveReport) -> dict[str, Any]:
             {"time_s": change.time_s, "axis": change.axis, "coefficient": change.coefficient, "text": text}
             for change, text in zip(report.changes, report.sentences(), strict=True)
         ],
+        "nuisances": [one.to_json() for one in report.nuisances],
         "warnings": list(report.warnings),
     }

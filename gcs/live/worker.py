@@ -20,6 +20,7 @@ from gcs.links.datagrams import Batch
 from gcs.live.estimates import EstimateReports
 from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Flight, Unpacker
+from gcs.live.second_process import SecondProcess
 from gcs.live.signals import Samples, SignalStream
 from gcs.live.vehiclefile import WatchedVehicle
 from gcs.mavlink.dialect import Dialect
@@ -59,10 +60,10 @@ def tell(kind: str, **fields: object) -> None:
 
 
 class LiveProcess:
-    """What the process holds of one vehicle. Times of `now_s` are monotonic."""
+    """What the process holds of one vehicle. Times of `now_s` are monotonic. second: runs what takes longer."""
 
-    def __init__(self, dialect: Dialect, file: WatchedVehicle | None) -> None:
-        self._file = file
+    def __init__(self, dialect: Dialect, file: WatchedVehicle | None, second: SecondProcess | None = None) -> None:
+        self._file, self._second = file, second
         vehicle = None if file is None else file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages = VehicleMessages(dialect, self._signals.messages)
@@ -72,7 +73,7 @@ class LiveProcess:
         self._taken = self._told = 0
         self._told_s = 0.0
         self._heard_ns = self._looked_ns = 0
-        self._estimates = None if vehicle is None else EstimateReports(vehicle)
+        self._estimates = None if vehicle is None else EstimateReports(vehicle, second)
 
     def take(self, records: Sequence[Batch | Flight]) -> None:
         """Batches of links, and the flight that is followed from there on."""
@@ -128,7 +129,7 @@ class LiveProcess:
         self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages.want(self._signals.messages)
         self._newest = {}
-        self._estimates = None if vehicle is None else EstimateReports(vehicle)
+        self._estimates = None if vehicle is None else EstimateReports(vehicle, self._second)
 
     def _look(self) -> None:
         """Whether the vehicle file is still the one that these estimates go by."""
@@ -219,9 +220,10 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input tells when to stop
     os.nice(_NICENESS)
     dialect, vehicle = arguments
+    second = SecondProcess()
     try:
         file = WatchedVehicle(vehicle) if vehicle else None
-        live = LiveProcess(Dialect.load(dialect), file)
+        live = LiveProcess(Dialect.load(dialect), file, second)
         if file is not None and file.vehicle is not None:
             LiveIdentifier.warm_up(file.vehicle)
         tell("ready", **_told_of(file))
@@ -231,6 +233,8 @@ def main(arguments: list[str]) -> int:
         return 1
     except BrokenPipeError:
         return 0
+    finally:
+        second.close()
     return 0
 
 

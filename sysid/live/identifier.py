@@ -29,7 +29,9 @@ from sysid.live.signals.noise_estimator import WhiteNoise
 from sysid.live.signals.row_alignment import Rows, TimeBase
 from sysid.live.signals.stuck_vanes import StuckVanes
 from sysid.live.signals.thrust_source import LiveThrust
+from sysid.live.sliding_window import FIRST_S, Runner, SlidingWindow
 from sysid.live.wording import change_sentence, sensor_warnings
+from sysid.posterior.analysis import NuisanceEstimate
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
 
 _HEIGHT = ("altitude",)  # tells the ground from the air, where there is one
@@ -55,7 +57,10 @@ _FAILING_S = 3.0
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What is known at `time_s`. Dictionaries are by name; least_squares: value and standard error."""
+    """What is known at `time_s`. Dictionaries are by name; least_squares: value and standard error.
+
+    nuisances: what stands between aircraft and log, by the newest window.
+    """
 
     time_s: float
     coefficients: dict[str, CoefficientStatus]
@@ -63,6 +68,7 @@ class LiveReport:
     sensors: dict[str, AirDataError]
     changes: tuple[Change, ...]
     warnings: tuple[str, ...]
+    nuisances: tuple[NuisanceEstimate, ...] = ()
 
     def sentences(self) -> list[str]:
         """Each change in words."""
@@ -70,10 +76,15 @@ class LiveReport:
 
 
 class LiveIdentifier:
-    """Coefficients of all six axes while samples come. vehicle: what is known before the flight."""
+    """Coefficients of all six axes while samples come. vehicle: what is known before the flight.
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    runner: what estimates the last half minute by the estimator of after the flight; those coefficients are told then,
+    and recursive ones only watch for changes. Without it the recursive ones are told.
+    """
+
+    def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
         self._vehicle = vehicle
+        self._window = None if runner is None else SlidingWindow(vehicle, runner)
         surfaces = [DEFLECTION_SIGNALS[name] for name in vehicle.controls if name != "throttle"]
         self._surfaces = tuple(surfaces)
         self._names = default_structure(surfaces)
@@ -109,6 +120,8 @@ class LiveIdentifier:
                 continue
             self._seen[name] = float(time_s[-1])
             self._sparse.add(name, time_s, values)
+        if self._window is not None:
+            self._window.take(samples)
         if self._base is None:
             self._gather(samples)
             return
@@ -130,6 +143,11 @@ class LiveIdentifier:
         if self._looked is not None and self._seen["az"] >= self._looked + _GATHER_S:
             self._settle()
 
+    @property
+    def cost_elsewhere_s(self) -> float:
+        """CPU that the runner's estimates took, s."""
+        return 0.0 if self._window is None else self._window.cost_s
+
     @classmethod
     def warm_up(cls, vehicle: Vehicle) -> None:
         """Run all of it once on a made-up flight: the very first run of an installation compiles."""
@@ -145,7 +163,9 @@ class LiveIdentifier:
         """Estimates by all samples that have come: value and standard error of each coefficient, without a word."""
         if self._base is not None:
             self._work()
-        return self._values(self._refresh())
+        if self._window is None:
+            return self._values(self._refresh())
+        return {name: (one.value, one.std) for name, one in self._window.statuses().items() if isfinite(one.std)}
 
     def report(self) -> LiveReport:
         """What is known now, by all samples that have come."""
@@ -163,12 +183,21 @@ class LiveIdentifier:
             for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True):
                 if std < usual_size(name) and not name.endswith("_0"):  # constants hold the sensors' biases
                     squares[name] = (float(value), float(std))
+        if self._window is not None:
+            coefficients = {**self._unknown(), **self._window.statuses()}
+            squares = {name: one for name, one in squares.items() if coefficients[name].known}
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
         told = {name: error for name, error in errors.items() if error.told}
+        if self._window is not None:
+            told = self._window.sensors()
         moving = {name: error for name, error in told.items() if not name.startswith(self._stuck.names or ("?",))}
         warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values())
+        nuisances: tuple[NuisanceEstimate, ...] = ()
+        if self._window is not None and self._window.found is not None:
+            warnings += (self._window.found.problem,) if self._window.found.problem else ()
+            nuisances = self._window.found.nuisances
         self._faults.clear()
-        return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings)
+        return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings, nuisances)
 
     def _values(self, errors: Mapping[str, AirDataError]) -> dict[str, tuple[float, float]]:
         """Value and standard error of each coefficient, with what the sensors' errors make of them."""
@@ -279,6 +308,8 @@ class LiveIdentifier:
         assert self._equations is not None
         self._worked = self._seen["az"]
         for rows in self._stuck.moving(self._airborne.flown(self._base.rows())):
+            if self._window is not None:
+                self._window.flown(float(rows.time_s[0]), float(rows.time_s[-1]))
             rows = replace(rows, continues=False) if self._broken else rows
             self._broken = False
             self.time_s = float(rows.time_s[-1])
@@ -289,6 +320,8 @@ class LiveIdentifier:
                 self._faults["rows"] = f"{rows.time_s.size} samples are left out: {_in_words(error)}"
             if self.time_s > self._refreshed + _REFRESH_S:
                 self._refresh()
+        if self._window is not None:
+            self._window.work()
 
     def _take_rows(self, rows: Rows) -> None:
         """Take a run of rows, or more of one, into all that is estimated."""
@@ -352,6 +385,8 @@ class LiveIdentifier:
         change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance, noise)
         if change is not None:
             self._changes.append(change)
+            if self._window is not None:
+                self._window.begin_anew(change.time_s)
             one.estimator.restart()
             one.detector.restart()
             one.estimate = None
@@ -361,6 +396,8 @@ class LiveIdentifier:
         found = {}
         for name in self._names:
             begun = "the flight has only begun" if self._airborne.flying else "the aircraft is not in the air"
+            if self._airborne.flying and self._window is not None:
+                begun = f"the first estimate comes after {FIRST_S:.0f} s of flight, or after a change"
             why, fly = self._refused.get(name, (begun, helpful_manoeuvre(name)))
             found[name] = CoefficientStatus(name, np.nan, np.inf, False, why, fly)
         return found

@@ -68,7 +68,7 @@ def _sentence(name: str, value: float) -> str:
     way = "high" if value > 0.0 else "low"
     sensor = name.partition("_")[0]
     if name == "airspeed_scale":
-        return f"airspeed reads {abs(value):.0%} {way} against GPS and wind: check the pitot tube and its calibration"
+        return f"airspeed reads {abs(value):.0%} {way}: check the pitot tube and its calibration"
     if name in ("alpha_bias", "beta_bias"):
         return f"the {sensor} vane reads {abs(np.degrees(value)):.1f} deg {way}: check its mounting"
     if name in ("alpha_scale", "beta_scale"):

@@ -171,9 +171,10 @@ class _Begun:
     feedback: float
     doubts: Sequence[Doubt]
 
-    def ended(self) -> GroupEstimate:
-        """The group, estimated."""
-        return GroupEstimate(self.posterior, self.posterior.solve(self.theta, self.doubts), self.doubts)
+    def ended(self, fine: bool) -> GroupEstimate:
+        """The group, estimated, on the full grid or on half of it."""
+        posterior = self.posterior if fine else self.posterior.of(self.posterior.model.rough())
+        return GroupEstimate(posterior, posterior.solve(self.theta, self.doubts), self.doubts)
 
 
 def _seen(parts: Sequence[FlightPart], found: Mapping[str, GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
@@ -205,12 +206,16 @@ def estimate(
     systematic: bool = True,
     lost: Mapping[str, str] = MappingProxyType({}),
     progress: Report = lambda share, text: None,
+    near: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+    fine: bool = True,
 ) -> PosteriorEstimate:
     """Estimate every group of axes that the parts excite.
 
     structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
     free. known: what a prior model tells. Priors of the nuisances that the vehicle file states replace the table's.
     systematic: whether to say what usual errors of that file would do. lost: group -> why it cannot be estimated.
+    near: group -> unknown -> where the estimate of much the same flight ended: another start. fine: whether the search
+    ends with the full grid, and the longitudinal axes are fitted again once the sideslip is known.
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
@@ -246,18 +251,30 @@ def estimate(
         stated = {**_alike(found), **declared(vehicle, group, parts[0].messages), **_thrust_prior(parts)}
         try:
             seen = _seen(parts, found, vehicle)
-            setting = (seen, vehicle, structure, names, free, group, outputs, known, stated, doubts)
+            setting = (
+                seen,
+                vehicle,
+                structure,
+                names,
+                free,
+                group,
+                outputs,
+                known,
+                stated,
+                doubts,
+                near.get(group, {}),
+            )
             begun = _begun(*setting)
             if begun.feedback > 0.0 and FLOW_OF[group] in outputs:
                 with suppress(EstimationError):
                     other = _begun(*setting, flow_imposed=True)
                     if other.feedback < begun.feedback + _NO_WORSE:
                         begun = other
-            found[group] = begun.ended()
+            found[group] = begun.ended(fine)
         except EstimationError as error:
             left_out[group] = str(error)
             problem = DivergedError if isinstance(error, DivergedError) else problem
-    if len(found) > 1:
+    if fine and len(found) > 1:
         progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
         others = {group: one for group, one in found.items() if group == "lateral"}
         with suppress(EstimationError):
@@ -321,6 +338,7 @@ def _begun(
     known: Gaussian | None,
     stated: Mapping[str, Stated],
     doubts: Sequence[Doubt],
+    near: Mapping[str, float],
     flow_imposed: bool = False,
 ) -> _Begun:
     position = all(part.position for part in parts)
@@ -337,6 +355,9 @@ def _begun(
     model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)
     rough = model.rough()
     starts = equation_error_starts(parts, vehicle, names) + usual_starts(parts, vehicle, names)
+    again = set(names) <= near.keys()
+    if again:
+        starts = [(dict(near), 0.0), *starts]
     states, states_std = model.start_states()
     low, high = _bounds(model, len(names))
     tried: list[tuple[float, Array, Posterior]] = []
@@ -360,17 +381,25 @@ def _begun(
         for i, one in enumerate(unknowns, len(mean)):
             if one.name == "servo_delay" and not position:
                 begin[i] = max(delay - lag_s, 0.0)
+        if again and not tried:
+            begin[: len(model.names)] = [near.get(name, value) for name, value in zip(model.names, begin, strict=False)]
         posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
-    posterior, theta = _best(tried)
+    posterior, theta = _best(tried, again)
     return _Begun(posterior.of(model), theta, posterior.feedback(theta), doubts)
 
 
-def _best(tried: list[tuple[float, Array, Posterior]]) -> tuple[Posterior, Array]:
-    """The likelier of where the two likeliest starts lead, of those from which the simulation does not diverge."""
+def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:
+    """The likelier of where the two likeliest starts lead, of those from which the simulation does not diverge.
+
+    near: whether the first is where an estimate of much the same ended; where it is the likeliest, it alone counts.
+    """
     usable = sorted((one for one in tried if np.isfinite(one[0])), key=lambda one: one[0])[:2]
     if not usable:
         raise DivergedError("the simulated motion diverges from every start: the aircraft may be unstable")
+    if near and usable[0] is tried[0]:
+        _, theta, posterior = tried[0]
+        return posterior, posterior.search(theta, MAX_PASSES)
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)

@@ -28,7 +28,15 @@ ORDER = {
         ),
         "live",
     ),
-    "sysid.live": ("signals", "estimators", "signal_requirements", "bias_correction", "wording", "identifier"),
+    "sysid.live": (
+        "signals",
+        "estimators",
+        "signal_requirements",
+        "bias_correction",
+        "sliding_window",
+        "wording",
+        "identifier",
+    ),
     "sim_vehicle": (
         *(
             "errors",

@@ -1,7 +1,7 @@
 """Both sides of the force and moment equations, sample by sample.
 
 Definitions are those of `sysid.equation_error.coefficients` and pairing that of `sysid.equation_error.equations`; what
-differs is that nothing may look into the future. Forces hold at each sample, under the command of the sample before.
+differs is that nothing may look into the future. Forces hold at each sample, under the command before it.
 Moments hold over each interval between two samples, exactly: the difference of angular momentum is the integral of the
 moment, a held command is itself, and the mean of what is smooth follows from the four samples around. Since each
 interval's equation holds by itself, any sum of them does, and a finite Fourier transform needs no end terms: summed by
@@ -200,9 +200,10 @@ class LiveEquations:
             return {}
         nothing = np.zeros(half.size)
         commands = np.array([data.columns.get(name, nothing) for name in CONTROLS])
-        jumps = self._jumps @ np.diff(commands, axis=1, prepend=commands[:, :1])
-        jumps *= data.interval_s / 24.0 * half * self._lengths
-        return dict(zip(_RATES, jumps[:, 1:-2] + jumps[:, 2:-1], strict=True))
+        # The command of the interval behind a row stands in the next one.
+        jumps = self._jumps @ np.diff(commands, axis=1)
+        jumps *= data.interval_s / 24.0 * half[:-1] * self._lengths
+        return dict(zip(_RATES, jumps[:, 1:-1] + jumps[:, 2:], strict=True))
 
     @property
     def force_scale(self) -> float:

@@ -34,8 +34,8 @@ class Regressors:
     def write(self, columns: Mapping[str, Array], weight: Array, bends: Mapping[str, Array], found: Array) -> None:
         """Write each term's column into found (T, N - 3), from factors and weight at N samples.
 
-        Forces hold at samples, under the command of the sample before; moments over the intervals behind them, whose
-        mean of a rate bends makes that much larger.
+        Forces hold at samples, under the mean command of the interval before; moments over the intervals behind them,
+        whose mean of a rate bends makes that much larger.
         """
         table = np.array([columns[name] for name in self.factors]).reshape(len(self.factors), weight.size)
         added = np.zeros((len(self.factors), weight.size - TAIL))
@@ -61,9 +61,9 @@ def _columns(
                     mean += smooth
                 if factors[i, 0] >= 0 and factors[i, 1] < 0:
                     mean += bends[factors[i, 0], k] * weight[k + 1]
-                product, at = mean, k + 1
+                product, at = mean, k + 2
             else:
-                product, at = weight[k + 1], k
+                product, at = weight[k + 1], k + 1
                 for f in factors[i]:
                     if f >= 0 and not held[f]:
                         product *= table[f, k + 1]

@@ -27,6 +27,7 @@ _KEPT_ALONE_S = 60.0
 class Rows:
     """N rows without gaps. time_s: (N,). columns: name -> (N,). continues: whether the first one follows the last.
 
+    Commands are means over the interval before each row, as their own stamps have them.
     told: (N,) whether all commands are known; the one before is held where a message is lost.
     """
 
@@ -99,11 +100,22 @@ class TimeBase:
             return []
         stamps = self._filled(stamps)
         values = self._tracks.at(stamps)
+        self._average_commands(stamps, values)
         commands = self._commands[np.isfinite(newest[self._commands])]
         pieces = self._cut(stamps, values, self._tracks.told(stamps, commands))
         self._last = float(stamps[-1])
         self._tracks.trim(self._last - _KEPT_S)
         return pieces
+
+    def _average_commands(self, stamps: Array, values: Array) -> None:
+        """Put the mean of each command over the interval before a row in the place of its value there."""
+        assert self.interval_s is not None
+        if not self._commands.size:
+            return
+        begins = np.concatenate([[self._last], stamps[:-1]])
+        begins = np.where(stamps - begins <= 1.5 * self.interval_s, begins, stamps - self.interval_s)
+        means = self._tracks.means(begins, stamps, self._commands)
+        values[self._commands] = np.where(np.isfinite(values[self._commands]), means, np.nan)
 
     def _filled(self, stamps: Array) -> Array:
         """With the stamps of single lost samples put in."""

@@ -93,6 +93,12 @@ class Tracks:
         _at(stamps, self._time_s, self._values, self._count, self._gap_s, self.held, found)
         return found
 
+    def means(self, begins: Array, stamps: Array, chosen: IntArray) -> Array:
+        """(C, N) means of held signals, by place, from `begins` to `stamps`, each step where its own stamp has it."""
+        found = np.empty((chosen.size, stamps.size))
+        _means(begins, stamps, chosen, self._time_s, self._values, self._count, found)
+        return found
+
     def told(self, stamps: Array, chosen: IntArray) -> Flags:
         """(N,) whether the held values of these signals, by place, are known at the stamps.
 
@@ -202,6 +208,29 @@ def _at(
             elif near:
                 share = age / (time_s[i, after] - time_s[i, after - 1])
                 found[i, k] = values[i, after - 1] + share * (values[i, after] - values[i, after - 1])
+
+
+@jit
+def _means(
+    begins: Array, stamps: Array, chosen: IntArray, time_s: Array, values: Array, count: IntArray, found: Array
+) -> None:  # fmt: skip
+    for n in range(chosen.size):
+        i = chosen[n]
+        after = 0
+        for k in range(stamps.size):
+            # The last sample at or before the interval's begin, else the first there is.
+            while after and time_s[i, after - 1] > begins[k] + _SAME_S:
+                after -= 1
+            while after < count[i] and time_s[i, after] <= begins[k] + _SAME_S:
+                after += 1
+            since, total = begins[k], 0.0
+            value = values[i, max(after - 1, 0)]
+            for j in range(after, count[i]):
+                if time_s[i, j] >= stamps[k] - _SAME_S:
+                    break
+                total += (time_s[i, j] - since) * value
+                since, value = time_s[i, j], values[i, j]
+            found[n, k] = (total + (stamps[k] - since) * value) / (stamps[k] - begins[k])
 
 
 @jit

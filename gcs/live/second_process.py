@@ -1,0 +1,90 @@
+"""A process beside the live one for work that takes longer than a turn: functions in, promises of results out.
+
+It is one that this process starts when there is the first work, and that ends when its standard input does, so that
+nothing is left behind whichever way this one ends.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+# What is told at once comes first where both want the processor.
+_NICENESS = 5
+
+
+class SecondProcess:
+    """Runs one function after the other. Functions, arguments and results are pickled."""
+
+    def __init__(self) -> None:
+        self._waiting = ThreadPoolExecutor(1, "second-process")
+        self._child: subprocess.Popen[bytes] | None = None
+        self._closed = False
+
+    def submit(self, function: Callable[..., Result], /, *arguments: object) -> Future[Result]:
+        """The promise of a result. A process that ended instead of answering gives EOFError, the next work a new one.
+
+        What the function raises is raised by the promise.
+        """
+        return self._waiting.submit(self._run, function, arguments)
+
+    def close(self) -> None:
+        """End the process, whatever it is at."""
+        self._closed = True
+        if self._child is not None:
+            self._child.kill()
+        self._waiting.shutdown(cancel_futures=True)
+        self._end()
+
+    def _run(self, function: Callable[..., Any], arguments: tuple[object, ...]) -> Any:
+        if self._closed:
+            raise EOFError("closed")
+        if self._child is None or self._child.poll() is not None:
+            self._end()
+            command = [sys.executable, "-m", "gcs.live.second_process"]
+            self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._child.stdin is not None
+        assert self._child.stdout is not None
+        pickle.dump((function, arguments), self._child.stdin)
+        self._child.stdin.flush()
+        result, error = pickle.load(self._child.stdout)
+        if error is not None:
+            raise error
+        return result
+
+    def _end(self) -> None:
+        """Close the pipes of a process that has ended, or ends with them."""
+        if self._child is not None:
+            with suppress(BrokenPipeError), self._child:
+                pass
+
+
+def main() -> None:
+    """Work until standard input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICENESS)
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what libraries print is no answer
+    while True:
+        try:
+            function, arguments = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        answer: tuple[Any, Exception | None]
+        try:
+            answer = (function(*arguments), None)
+        except Exception as error:  # told to who asked, whatever it is
+            answer = (None, error)
+        pickle.dump(answer, answers)
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""Coefficients while flying, by the estimator of after the flight (sysid.posterior) on the last 25 s.
+
+A window takes a second of work, so it is estimated elsewhere: the caller hands in what runs it, and asks again later.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
+from math import sqrt
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+
+from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SysidError
+from sysid.identification.posterior_method import refusals_of
+from sysid.live.estimators.coefficient_status import CoefficientStatus
+from sysid.live.signals.air_data_ekf import AirDataError
+from sysid.posterior.analysis import NuisanceEstimate, estimate
+from sysid.posterior.part import make_part
+from sysid.problem.model_structure import default_structure
+from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.record import SURFACES
+
+WINDOW_S = 25.0
+# The first estimate comes after so much flight; later ones as often as their cost allows, at most so often.
+FIRST_S, EVERY_S = 8.0, 4.0
+# Share of one core that estimates may take.
+_SHARE = 0.06
+# Commands count from so long before the window on; the newest samples of slow sensors may still be on their way.
+_BEFORE_S, _UNDER_WAY_S = 1.5, 0.15
+# Without flight for so long the next flight is another.
+_AWAY_S = 3.0
+_ANGLES = ("alpha", "beta")
+# Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
+_NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
+_SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}
+
+Columns = Mapping[str, tuple[Array, Array]]
+
+
+class Runner(Protocol):
+    """Runs a function elsewhere, as executors do."""
+
+    def submit(self, function: Callable[..., WindowEstimate], /, *arguments: object) -> Future[WindowEstimate]:
+        """The promise of its result."""
+
+
+@dataclass(frozen=True)
+class WindowEstimate:
+    """What a window tells. begin_s, end_s: of the window. cost_s: CPU. problem: why there is nothing, else "".
+
+    coefficients: those estimated, and why others are not known. nuisances: what stands between aircraft and log.
+    ends: group of axes -> unknown -> its value.
+    """
+
+    begin_s: float
+    end_s: float
+    cost_s: float
+    coefficients: Mapping[str, CoefficientStatus]
+    nuisances: tuple[NuisanceEstimate, ...] = ()
+    problem: str = ""
+    ends: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def estimate_window(
+    vehicle: Vehicle,
+    signals: Columns,
+    begin_s: float,
+    end_s: float,
+    near: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+) -> WindowEstimate:
+    """Estimate from `begin_s` to `end_s`. signals: stamps (s) and values (SI) of each. near: `ends` of the last one."""
+    began = time.process_time()
+    flight = FlightSignals("live", {name: Signal(t, v, "", "") for name, (t, v) in signals.items()})
+    names = default_structure([name for name in SURFACES if name in signals])
+    structure = Model(vehicle.name, {name: Coefficient(0.0) for name in names})
+    vanes = {name: signals[name] for name in _ANGLES if name in signals}
+    try:
+        part = make_part(flight, vehicle, begin_s, end_s, vanes)
+        found = estimate([part], vehicle, structure, systematic=False, near=near, fine=False)
+    except SysidError as error:
+        return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
+    thrust = vehicle.propulsion is not None or bool(np.any(part.thrust != 0.0))
+    refused = {one.name: one for one in refusals_of(found, structure, thrust, vehicle.mass.estimated)}
+    std = np.sqrt(np.diag(found.joint.covariance))
+    values = dict(zip(found.joint.names, zip(found.joint.mean.tolist(), std.tolist(), strict=True), strict=True))
+    statuses = {}
+    for name in names:
+        value, spread = values.get(name, (np.nan, np.inf))
+        reason = refused.get(name)
+        words = ("", "") if reason is None else (reason.reason, reason.manoeuvre)
+        statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
+    ends = {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
+    return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", ends)
+
+
+class SlidingWindow:
+    """Keeps the newest signals, has them estimated, and holds what came out. runner: runs `estimate_window`."""
+
+    def __init__(self, vehicle: Vehicle, runner: Runner) -> None:
+        self._vehicle, self._runner = vehicle, runner
+        self._kept: dict[str, deque[tuple[Array, Array]]] = {}
+        self._begin = self._end = self._asked = -np.inf
+        self._running: Future[WindowEstimate] | None = None
+        self._known: dict[str, tuple[float, CoefficientStatus]] = {}
+        self.found: WindowEstimate | None = None
+        # CPU that was spent elsewhere, s.
+        self.cost_s = 0.0
+
+    def take(self, samples: Columns) -> None:
+        """Take samples as they come; late and repeated ones are left out."""
+        for name, (stamps, values) in samples.items():
+            kept = self._kept.setdefault(name, deque())
+            last = kept[-1][0][-1] if kept else -np.inf
+            good = np.isfinite(stamps) & np.isfinite(values) & (stamps > last)
+            if good.any():
+                kept.append((stamps[good], values[good]))
+                while kept[0][0][-1] < stamps[good][-1] - WINDOW_S - _BEFORE_S:
+                    kept.popleft()
+
+    def flown(self, begin_s: float, end_s: float) -> None:
+        """Rows of flight have come."""
+        if begin_s > self._end + _AWAY_S:
+            self._begin = begin_s
+        self._end = end_s
+
+    def begin_anew(self, time_s: float) -> None:
+        """The aircraft has changed: what was before counts no more."""
+        self._begin = max(self._begin, time_s)
+        self._known.clear()
+        self.found = None
+
+    def work(self) -> None:
+        """Take an estimate that is done, ask for another where one is due."""
+        if self._running is not None and self._running.done():
+            self._accept(self._running)
+            self._running = None
+        end = self._end - _UNDER_WAY_S
+        begin = max(self._begin, end - WINDOW_S)
+        cost = self.found.cost_s if self.found is not None else 0.0
+        if self._running is None and end - begin >= FIRST_S and end >= self._asked + max(EVERY_S, cost / _SHARE):
+            self._asked = end
+            near = {} if self.found is None else self.found.ends
+            self._running = self._runner.submit(estimate_window, self._vehicle, self._cut(begin, end), begin, end, near)
+            if self._running.done():
+                self._accept(self._running)
+                self._running = None
+
+    def statuses(self) -> dict[str, CoefficientStatus]:
+        """What is known of each coefficient now; nothing before the first estimate."""
+        if self.found is None:
+            return {}
+        return {name: self._status(name, one) for name, one in self.found.coefficients.items()}
+
+    def sensors(self) -> dict[str, AirDataError]:
+        """Scale errors of the air data, of which the newest window has told something."""
+        every = () if self.found is None else self.found.nuisances
+        errors = {one.name: (one.value - _NULL[one.name], one.std, one.prior_std) for one in every if one.name in _NULL}
+        found = {_SCALE[name]: AirDataError(*error, "1") for name, error in errors.items()}
+        return {name: error for name, error in found.items() if error.told}
+
+    def _accept(self, done: Future[WindowEstimate]) -> None:
+        try:
+            found = done.result()
+        except (OSError, EOFError, RuntimeError, ValueError, ArithmeticError) as error:
+            words = f"the estimate was lost ({type(error).__name__}: {error})"
+            found = WindowEstimate(self._begin, self._asked, 0.0, {}, problem=" ".join(words.split()))
+        self.cost_s += found.cost_s
+        if found.begin_s < self._begin:
+            return  # it began before what has changed since
+        if found.problem and self.found is not None:
+            found = replace(self.found, problem=found.problem, cost_s=found.cost_s)
+        self.found = found
+        self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
+
+    def _status(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
+        if one.known or name not in self._known:
+            return one
+        at, before = self._known[name]
+        # What is not looked at may change: by as much as it was known to, once in a window.
+        std = before.std * sqrt(1.0 + max(self._end - at, 0.0) / WINDOW_S)
+        why = f"last known at {at:.0f} s as {before.value:.3g} ± {before.std:.2g}: since then {one.why}"
+        return CoefficientStatus(name, before.value, std, False, why, one.fly)
+
+    def _cut(self, begin: float, end: float) -> dict[str, tuple[Array, Array]]:
+        cut = {}
+        for name, kept in self._kept.items():
+            stamps = np.concatenate([t for t, _ in kept])
+            inside = (stamps >= begin - _BEFORE_S) & (stamps <= end + _UNDER_WAY_S)
+            if inside.any():
+                cut[name] = (stamps[inside], np.concatenate([v for _, v in kept])[inside])
+        return cut
