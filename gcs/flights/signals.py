@@ -31,6 +31,10 @@ Array = NDArray[np.float64]
 
 UTC_MESSAGE = "SYSTEM_TIME"
 MESSAGES = tuple(dict.fromkeys(source.message for row in SIGNALS.values() for source in row.sources))
+ESTIMATED_VANES = (
+    "AOA_SSA comes from ArduPilot, whose filter estimates it: it counts as no vanes;"
+    " if vanes measure it, say so under [signals] in the vehicle file"
+)
 
 
 @dataclass(frozen=True)
@@ -116,10 +120,7 @@ class _Flight:
                 and self.streams.sender.autopilot == MAV_AUTOPILOT_ARDUPILOT
             ):
                 if streams:
-                    self.warn(
-                        "AOA_SSA comes from ArduPilot, whose filter estimates it: it counts as no vanes;"
-                        " if vanes measure it, say so under [signals] in the vehicle file"
-                    )
+                    self.warn(ESTIMATED_VANES)
                 continue
             for stream in streams:
                 signal = self.read(row.unit, source, stream, declared=declared)

@@ -13,7 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.flights.signalmap import SIGNALS, SURFACE_RATE_HZ, ZERO_MEANS_ABSENT, Row, Source
-from gcs.flights.signals import MESSAGES, airspeed_from_pressure, declared_source, load_calibration, values_of
+from gcs.flights.signals import (
+    ESTIMATED_VANES,
+    MESSAGES,
+    airspeed_from_pressure,
+    declared_source,
+    load_calibration,
+    values_of,
+)
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, Stream
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
@@ -110,6 +117,8 @@ class SignalStream:
             *MESSAGES,
             *(source.message for source in vehicle.signals.values()),
         )
+        # What the user is to know of signals that come and are not taken.
+        self.notes: tuple[str, ...] = ()
         self._temperature = np.nan
         self._density = vehicle.environment.air_density or np.nan
 
@@ -135,6 +144,7 @@ class SignalStream:
         named: dict[str, Stream] = {}
         for name, source in self._by_message.get(stream.message, ()):
             if stream.message == "AOA_SSA" and not source.declared and autopilot == MAV_AUTOPILOT_ARDUPILOT:
+                self.notes = (ESTIMATED_VANES,)
                 continue
             own = source.source.name
             if own not in named:
@@ -187,7 +197,10 @@ class SignalStream:
             kelvin = self._temperature
             if pressure is not None:
                 kelvin = np.interp(pressure.time_s, warmth.time_s, warmth.values)
-        if fixed is None and pressure is not None and np.isfinite(self._temperature):
+        if fixed is not None and "az" in found:
+            time_s = found["az"].time_s
+            found["air_density"] = Samples(time_s, np.full(time_s.size, fixed))
+        elif fixed is None and pressure is not None and np.isfinite(self._temperature):
             density = pressure.values / (GAS_CONSTANT * kelvin)
             self._density = float(density[-1])
             found["air_density"] = Samples(pressure.time_s, density)

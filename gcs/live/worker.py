@@ -169,7 +169,7 @@ class LiveProcess:
         report = self._estimates.due(now_s)
         if report is not None:
             notes = () if self._file is None else self._file.notes
-            report["warnings"] = [*notes, *report["warnings"]]
+            report["warnings"] = [*notes, *self._signals.notes, *report["warnings"]]
             tell("estimate", identification=report)
         elif (values := self._estimates.update(now_s)) is not None:
             tell("values", **values)

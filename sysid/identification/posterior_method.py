@@ -72,11 +72,11 @@ def meant(
     stop_s: float | None = None,
 ) -> Meant:
     """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
-    prepared, doubt = _prepared(flight, vehicle, start_s, stop_s)
+    prepared, doubt = prepared_flight(flight, vehicle, start_s, stop_s)
     try:
         signals, mistakes = as_meant(flight, prepared, vehicle, as_recorded)
         if signals is not flight:
-            prepared, doubt = _prepared(signals, vehicle, start_s, stop_s)
+            prepared, doubt = prepared_flight(signals, vehicle, start_s, stop_s)
     except SysidError as error:
         raise (doubt or error) from error
     return Meant(signals, prepared, tuple(mistakes), doubt)
@@ -261,7 +261,7 @@ def _without_dead(signals: FlightSignals, dead: Sequence[str]) -> FlightSignals:
     return replace(signals, signals=every, warnings=(*signals.warnings, *told))
 
 
-def _prepared(
+def prepared_flight(
     flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
 ) -> tuple[Prepared, SysidError | None]:
     """The flight prepared; where no part of it seems to be flight, all of it, and why not."""

@@ -29,7 +29,7 @@ from sysid.live.signals.noise_estimator import WhiteNoise
 from sysid.live.signals.row_alignment import Rows, TimeBase
 from sysid.live.signals.stuck_vanes import StuckVanes
 from sysid.live.signals.thrust_source import LiveThrust
-from sysid.live.sliding_window import FIRST_S, Runner, SlidingWindow
+from sysid.live.sliding_window import Runner, SlidingWindow
 from sysid.live.wording import change_sentence, sensor_warnings
 from sysid.posterior.analysis import NuisanceEstimate
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
@@ -85,6 +85,8 @@ class LiveIdentifier:
     def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
         self._vehicle = vehicle
         self._window = None if runner is None else SlidingWindow(vehicle, runner)
+        # The window finds flow angles by kinematics where there is no vane.
+        self._dispensable = frozenset(("alpha",) if runner is not None else ())
         surfaces = [DEFLECTION_SIGNALS[name] for name in vehicle.controls if name != "throttle"]
         self._surfaces = tuple(surfaces)
         self._names = default_structure(surfaces)
@@ -257,7 +259,7 @@ class LiveIdentifier:
         there = {name for name, at in self._seen.items() if name in CORE or at > now - _LOST_S}
         thrust = self._thrust.source(there)
         self._refused = refusals(self._names, self._surfaces, there, thrust)
-        if not there.issuperset(CORE):
+        if not there >= set(CORE) - self._dispensable:
             return  # once more a while later: a sensor may be switched on after the radio
         needed = [*CORE, *OPTIONAL, *self._surfaces, *([] if thrust is None else [thrust])]
         needed = [name for name in dict.fromkeys(needed) if name in there]
@@ -313,6 +315,8 @@ class LiveIdentifier:
             rows = replace(rows, continues=False) if self._broken else rows
             self._broken = False
             self.time_s = float(rows.time_s[-1])
+            if not self._equations.terms:
+                continue
             try:
                 self._take_rows(self._thrust.added(rows))
             except _FAULTS as error:
@@ -397,7 +401,11 @@ class LiveIdentifier:
         for name in self._names:
             begun = "the flight has only begun" if self._airborne.flying else "the aircraft is not in the air"
             if self._airborne.flying and self._window is not None:
-                begun = f"the first estimate comes after {FIRST_S:.0f} s of flight, or after a change"
+                begun = f"the first estimate comes after {self._window.first_s:.0f} s of flight, or after a change"
+                return {
+                    name: CoefficientStatus(name, np.nan, np.inf, False, begun, helpful_manoeuvre(name))
+                    for name in self._names
+                }
             why, fly = self._refused.get(name, (begun, helpful_manoeuvre(name)))
             found[name] = CoefficientStatus(name, np.nan, np.inf, False, why, fly)
         return found

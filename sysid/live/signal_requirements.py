@@ -26,7 +26,8 @@ def refusals(
         term = parse_term(name)
         lost = [factor for factor in term.factors if factor in surfaces and factor not in there]
         if missing:
-            refused[name] = (f"there is no {', '.join(missing)}", "")
+            cure = " (give it in [environment] of the vehicle file)" if missing == ["air_density"] else ""
+            refused[name] = (f"there is no {', '.join(missing)}{cure}", "")
         elif term.axis not in LONGITUDINAL_AXES and "beta" not in there:
             refused[name] = ("there is no sideslip vane (beta)", "")
         elif term.axis in ("CL", "CD") and thrust is None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from math import sqrt
@@ -20,11 +20,11 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.posterior_method import refusals_of
+from sysid.identification.posterior_method import Meant, flown, prepared_flight, refusals_of
 from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import NuisanceEstimate, estimate
-from sysid.posterior.part import make_part
+from sysid.posterior.part import FlightPart, make_part
 from sysid.problem.model_structure import default_structure
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
@@ -32,6 +32,8 @@ from sysid.signals.record import SURFACES
 WINDOW_S = 25.0
 # The first estimate comes after so much flight; later ones as often as their cost allows, at most so often.
 FIRST_S, EVERY_S = 8.0, 4.0
+# Without a vane the flow angle follows from what gusts and the attitude's errors leave of the kinematics.
+FIRST_WITHOUT_VANES_S = 20.0
 # Share of one core that estimates may take.
 _SHARE = 0.06
 # Commands count from so long before the window on; the newest samples of slow sensors may still be on their way.
@@ -39,6 +41,7 @@ _BEFORE_S, _UNDER_WAY_S = 1.5, 0.15
 # Without flight for so long the next flight is another.
 _AWAY_S = 3.0
 _ANGLES = ("alpha", "beta")
+_FEWEST = 10
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
 _SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}
@@ -82,13 +85,12 @@ def estimate_window(
     flight = FlightSignals("live", {name: Signal(t, v, "", "") for name, (t, v) in signals.items()})
     names = default_structure([name for name in SURFACES if name in signals])
     structure = Model(vehicle.name, {name: Coefficient(0.0) for name in names})
-    vanes = {name: signals[name] for name in _ANGLES if name in signals}
     try:
-        part = make_part(flight, vehicle, begin_s, end_s, vanes)
-        found = estimate([part], vehicle, structure, systematic=False, near=near, fine=False)
+        parts = _parts(flight, vehicle, begin_s, end_s)
+        found = estimate(parts, vehicle, structure, systematic=False, near=near, fine=False)
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
-    thrust = vehicle.propulsion is not None or bool(np.any(part.thrust != 0.0))
+    thrust = vehicle.propulsion is not None or any(np.any(part.thrust != 0.0) for part in parts)
     refused = {one.name: one for one in refusals_of(found, structure, thrust, vehicle.mass.estimated)}
     std = np.sqrt(np.diag(found.joint.covariance))
     values = dict(zip(found.joint.names, zip(found.joint.mean.tolist(), std.tolist(), strict=True), strict=True))
@@ -100,6 +102,21 @@ def estimate_window(
         statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
     ends = {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
     return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", ends)
+
+
+def _parts(flight: FlightSignals, vehicle: Vehicle, begin_s: float, end_s: float) -> Sequence[FlightPart]:
+    """The window as the estimator takes it; flow angles of vanes that are not there by kinematics."""
+    vanes = [name for name in _ANGLES if name in flight.signals and _goes_on(flight.signals[name].time_s, end_s)]
+    if len(vanes) == len(_ANGLES):
+        return [make_part(flight, vehicle, begin_s, end_s, {})]
+    there = {name: one for name, one in flight.signals.items() if name not in _ANGLES or name in vanes}
+    flight = replace(flight, signals=there)
+    prepared, doubt = prepared_flight(flight, vehicle, begin_s, end_s)
+    return flown([Meant(flight, prepared, (), doubt)], vehicle).parts
+
+
+def _goes_on(stamps: Array, end_s: float) -> bool:
+    return stamps.size >= _FEWEST and float(stamps[-1]) > end_s - _AWAY_S
 
 
 class SlidingWindow:
@@ -146,13 +163,19 @@ class SlidingWindow:
         end = self._end - _UNDER_WAY_S
         begin = max(self._begin, end - WINDOW_S)
         cost = self.found.cost_s if self.found is not None else 0.0
-        if self._running is None and end - begin >= FIRST_S and end >= self._asked + max(EVERY_S, cost / _SHARE):
+        if self._running is None and end - begin >= self.first_s and end >= self._asked + max(EVERY_S, cost / _SHARE):
             self._asked = end
             near = {} if self.found is None else self.found.ends
             self._running = self._runner.submit(estimate_window, self._vehicle, self._cut(begin, end), begin, end, near)
             if self._running.done():
                 self._accept(self._running)
                 self._running = None
+
+    @property
+    def first_s(self) -> float:
+        """So much flight a first estimate takes."""
+        ends = [self._kept[name][-1][0][-1] for name in _ANGLES if self._kept.get(name)]
+        return FIRST_S if len(ends) == len(_ANGLES) and min(ends) > self._end - _AWAY_S else FIRST_WITHOUT_VANES_S
 
     def statuses(self) -> dict[str, CoefficientStatus]:
         """What is known of each coefficient now; nothing before the first estimate."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
 
-from gcs.flights.signals import extract
+from gcs.flights.signals import ESTIMATED_VANES, extract
 from gcs.flights.streams import Stream
 from gcs.formats.conversion import import_file
 from gcs.links.datagrams import Batch
@@ -159,3 +160,25 @@ def test_values_of_several_names_at_one_time_are_all_taken(frames: int) -> None:
         "beta2": 20,
         "thrust": 20,
     }
+
+
+def test_an_air_density_of_the_vehicle_file_comes_with_the_accelerometer(flight: Path) -> None:
+    vehicle = load_vehicle("iitb-mav")
+    vehicle = replace(vehicle, environment=replace(vehicle.environment, air_density=1.1))
+    messages, signals = VehicleMessages(Dialect.load(), SignalStream(vehicle).messages), SignalStream(vehicle)
+    found = signals.take(messages.take([Batch.of(list(datagrams(flight)), "radio")]), messages.autopilot)
+    np.testing.assert_array_equal(found["air_density"].time_s, found["az"].time_s)
+    np.testing.assert_array_equal(found["air_density"].values, 1.1)
+
+
+def test_vanes_that_ardupilot_estimates_are_not_taken_and_that_is_said() -> None:
+    messages, vehicle = VehicleMessages(Dialect.load(), ["ATTITUDE", "AOA_SSA"]), Vehicle(7)
+    vanes = [vehicle.frame(mavlink.MAVLink_aoa_ssa_message(10_000 * k, 5.0, -2.0)) for k in range(1, 9)]
+    streams = messages.take([batch([*vehicle.second(), *vanes], SECOND)])
+    assert "AOA_SSA" in {stream.message for stream in streams}
+    signals = SignalStream(load_vehicle("iitb-mav"))
+    assert "alpha" not in signals.take(streams, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    assert signals.notes == (ESTIMATED_VANES,)
+    other = SignalStream(load_vehicle("iitb-mav"))
+    assert "alpha" in other.take(streams, mavlink.MAV_AUTOPILOT_PX4)
+    assert other.notes == ()

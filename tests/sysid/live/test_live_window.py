@@ -12,7 +12,14 @@ from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
-from sysid.live.sliding_window import FIRST_S, WINDOW_S, SlidingWindow, WindowEstimate, estimate_window
+from sysid.live.sliding_window import (
+    FIRST_S,
+    FIRST_WITHOUT_VANES_S,
+    WINDOW_S,
+    SlidingWindow,
+    WindowEstimate,
+    estimate_window,
+)
 from sysid.signals.flight import FlightSignals
 
 SHIFTS_S = (0.0, 0.003, 0.007, 0.012, 0.020)
@@ -75,6 +82,21 @@ def test_bars_hold_behind_servos_vanes_and_links_of_the_field(field: FieldFlight
     servo = next(one for one in reports[-1].nuisances if one.name == "servo_lag" and one.group == "lateral")
     assert servo.value > servo.std
     assert servo.std < 0.5 * servo.prior_std
+
+
+def test_an_aircraft_without_vanes_is_known_after_twenty_seconds(field: FieldFlight) -> None:
+    kept = {name: one for name, one in field.signals.signals.items() if name not in ("alpha", "beta")}
+    reports = told(replace(field.signals, signals=kept), field.vehicle, 24.0)
+    begin = next(report.time_s for report in reports if np.isfinite(report.time_s))
+    for report in reports:
+        if report.time_s < begin + FIRST_WITHOUT_VANES_S - 1.0:
+            assert not any(one.known for one in report.coefficients.values())
+    assert any("after 20 s of flight" in one.why for one in reports[5].coefficients.values())
+    known = {name: one for name, one in reports[-1].coefficients.items() if one.known and name in field.excited}
+    assert len(known) >= 0.6 * len(field.excited)
+    for name, one in known.items():
+        low, high = field.truth[name]
+        assert max(low - one.value, one.value - high) < 3.5 * one.std, name
 
 
 def test_nothing_is_told_before_the_first_window(reports: list[LiveReport]) -> None:
