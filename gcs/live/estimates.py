@@ -58,11 +58,12 @@ class EstimateReports:
 
     def due(self, now_s: float) -> dict[str, Any] | None:
         """The report by all messages so far, a little more than twice a second while they come; else None."""
-        if not self._fresh or now_s - self._reported_s < _EVERY_S - _SLACK_S:
+        if not (self._fresh or self._identifier.has_news) or now_s - self._reported_s < _EVERY_S - _SLACK_S:
             return None
         self._reported_s = now_s
         report = self._identifier.report()
-        self._note(now_s)
+        if self._fresh:
+            self._note(now_s)
         return {**self._effort(), **report_json(report)}
 
     def _note(self, now_s: float) -> None:

@@ -29,6 +29,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
+from sysid.live.sliding_window import warm_up
 
 # The recorder comes first where both want the processor.
 _NICENESS = 5
@@ -225,6 +226,7 @@ def main(arguments: list[str]) -> int:
         file = WatchedVehicle(vehicle) if vehicle else None
         live = LiveProcess(Dialect.load(dialect), file, second)
         if file is not None and file.vehicle is not None:
+            second.submit(warm_up, file.vehicle)
             LiveIdentifier.warm_up(file.vehicle)
         tell("ready", **_told_of(file))
         run(live)

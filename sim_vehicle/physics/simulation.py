@@ -115,12 +115,18 @@ def impose(x: Array, held: Array) -> None:
             x[3 + i] = held[i]
         if np.isfinite(held[3 + i]):
             x[10 + i] = held[3 + i]
-    if not (np.isfinite(held[6]) or np.isfinite(held[7]) or np.isfinite(held[8])):
+    free = 0
+    for i in range(6, 9):
+        if not np.isfinite(held[i]):
+            free += 1
+    if free == 3:
         return
-    phi, theta, psi = euler_angles(x[6], x[7], x[8], x[9])
-    phi = held[6] if np.isfinite(held[6]) else phi
-    theta = held[7] if np.isfinite(held[7]) else theta
-    psi = held[8] if np.isfinite(held[8]) else psi
+    phi, theta, psi = held[6], held[7], held[8]
+    if free > 0:  # the angles of a quaternion take as long as all the rest
+        angles = euler_angles(x[6], x[7], x[8], x[9])
+        phi = phi if np.isfinite(phi) else angles[0]
+        theta = theta if np.isfinite(theta) else angles[1]
+        psi = psi if np.isfinite(psi) else angles[2]
     x[6], x[7], x[8], x[9] = quaternion_parts(phi, theta, psi)
 
 

@@ -146,6 +146,11 @@ class LiveIdentifier:
             self._settle()
 
     @property
+    def has_news(self) -> bool:
+        """Whether the runner has done what the next report will hold."""
+        return self._window is not None and self._window.done
+
+    @property
     def cost_elsewhere_s(self) -> float:
         """CPU that the runner's estimates took, s."""
         return 0.0 if self._window is None else self._window.cost_s
@@ -191,7 +196,7 @@ class LiveIdentifier:
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
         told = {name: error for name, error in errors.items() if error.told}
         if self._window is not None:
-            told = self._window.sensors()
+            told = {name: error for name, error in told.items() if name.startswith("wind")} | self._window.sensors()
         moving = {name: error for name, error in told.items() if not name.startswith(self._stuck.names or ("?",))}
         warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values())
         nuisances: tuple[NuisanceEstimate, ...] = ()

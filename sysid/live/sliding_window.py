@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from math import sqrt
@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -23,9 +24,9 @@ from sysid.errors import SysidError
 from sysid.identification.posterior_method import Meant, flown, prepared_flight, refusals_of
 from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
-from sysid.posterior.analysis import NuisanceEstimate, estimate
+from sysid.posterior.analysis import NuisanceEstimate, estimate, excited
 from sysid.posterior.part import FlightPart, make_part
-from sysid.problem.model_structure import default_structure
+from sysid.problem.model_structure import default_structure, helpful_manoeuvre
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
 
@@ -87,6 +88,8 @@ def estimate_window(
     structure = Model(vehicle.name, {name: Coefficient(0.0) for name in names})
     try:
         parts = _parts(flight, vehicle, begin_s, end_s)
+        if not excited(parts):
+            return WindowEstimate(begin_s, end_s, time.process_time() - began, _unknown(names, "no surface has moved"))
         found = estimate(parts, vehicle, structure, systematic=False, near=near, fine=False)
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
@@ -102,6 +105,23 @@ def estimate_window(
         statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
     ends = {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
     return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", ends)
+
+
+def warm_up(vehicle: Vehicle) -> None:
+    """Estimate a made-up window, so that the first of a flight does not wait for imports and compilation."""
+    time_s: Array = 0.02 * np.arange(600, dtype=np.float64)
+    noise = np.random.default_rng(0)
+    level = {"az": -vehicle.environment.gravity, "airspeed": 15.0, "air_density": SEA_LEVEL_DENSITY, "thrust": 1.0}
+    names = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "alpha", "beta", "airspeed", "air_density")
+    columns = {}
+    for k, name in enumerate((*names, "thrust", *SURFACES)):
+        swing = 0.05 * np.sin((3.0 + 0.3 * k) * time_s) + 0.002 * noise.standard_normal(time_s.size)
+        columns[name] = (time_s, level.get(name, 0.0) + swing)
+    estimate_window(vehicle, columns, 1.5, 11.5)
+
+
+def _unknown(names: Iterable[str], why: str) -> dict[str, CoefficientStatus]:
+    return {name: CoefficientStatus(name, np.nan, np.inf, False, why, helpful_manoeuvre(name)) for name in names}
 
 
 def _parts(flight: FlightSignals, vehicle: Vehicle, begin_s: float, end_s: float) -> Sequence[FlightPart]:
@@ -172,6 +192,11 @@ class SlidingWindow:
                 self._running = None
 
     @property
+    def done(self) -> bool:
+        """Whether an estimate is done that `work` has not taken yet."""
+        return self._running is not None and self._running.done()
+
+    @property
     def first_s(self) -> float:
         """So much flight a first estimate takes."""
         ends = [self._kept[name][-1][0][-1] for name in _ANGLES if self._kept.get(name)]
@@ -200,7 +225,8 @@ class SlidingWindow:
         if found.begin_s < self._begin:
             return  # it began before what has changed since
         if found.problem and self.found is not None:
-            found = replace(self.found, problem=found.problem, cost_s=found.cost_s)
+            statuses = _unknown(self.found.coefficients, found.problem)
+            found = replace(self.found, problem=found.problem, cost_s=found.cost_s, coefficients=statuses)
         self.found = found
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
 

@@ -112,7 +112,7 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
         events.start()
         neighbour.start()
         wait_until(lambda: running(url))
-        run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "9", "--out", f"udpout:127.0.0.1:{port}")
+        run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "20", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: estimated(url))
     events.join(PATIENCE_S)
     neighbour.done.set()

@@ -23,7 +23,7 @@ export class Identification {
     this.coefficients = new LiveTable('Coefficients in flight (frequency domain), with recursive least squares for comparison',
       ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
       ['', '', 'Recursive', 'Not known yet', 'Fly next'])
-    this.sensors = new LiveTable('Wind and sensor errors in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])
+    this.sensors = new LiveTable('Wind, sensors and servos in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])
     this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
   }
 
@@ -106,8 +106,8 @@ function speed(found) {
   const { median, p95 } = found.latency_ms ?? {}
   if (!Number.isFinite(median)) return ''
   const share = Number.isFinite(found.cpu_share) ? `, ${percent(found.cpu_share)} of one core` : ''
-  return `From a message to the first estimate that holds it ${number(median, 2)} ms (median of all; 95 % below ${number(p95, 2)}), `
-    + `${number(found.updates_per_s, 2)} estimates/s${share}.`
+  return `Coefficients are those of the last 25 s. Every message is watched for changes after ${number(median, 2)} ms (median; 95 % below `
+    + `${number(p95, 2)}), ${number(found.updates_per_s, 2)} times a second${share}.`
 }
 
 /** The estimate; a first idea of one that is not known yet stands in brackets. */
@@ -123,7 +123,11 @@ function coefficients(found) {
     entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
 }
 
-const sensors = found => Object.entries(found.sensors ?? {}).map(([name, entry]) => {
-  const [unit, factor] = shownUnit(entry.unit)
-  return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
-})
+/** Wind and errors of sensors, then what else stands between the aircraft and its messages. */
+function sensors(found) {
+  const between = (found.nuisances ?? []).map(one => [`${one.name} ${one.group}`, one])
+  return [...Object.entries(found.sensors ?? {}), ...between].map(([name, entry]) => {
+    const [unit, factor] = shownUnit(entry.unit)
+    return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
+  })
+}

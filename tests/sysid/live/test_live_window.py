@@ -172,7 +172,10 @@ def test_a_lost_estimate_is_told_and_what_was_known_stands() -> None:
     one.work()
     assert one.found is not None
     assert one.found.problem == "the estimate was lost (EOFError: ended)"
-    assert one.statuses() == first.coefficients
+    status, known = one.statuses()["Cm_de"], first.coefficients["Cm_de"]
+    assert (status.value, status.known) == (known.value, False)
+    assert status.std > known.std
+    assert status.why.endswith("since then the estimate was lost (EOFError: ended)")
 
 
 def test_what_is_not_excited_any_more_is_last_known_with_a_bar_that_grows() -> None:
@@ -197,6 +200,16 @@ def test_what_is_not_excited_any_more_is_last_known_with_a_bar_that_grows() -> N
     assert status.std == pytest.approx(known.std * np.sqrt(1.0 + (60.0 - 12.0) / WINDOW_S))
     assert status.why.startswith("last known at 12 s as ")
     assert status.why.endswith("since then de has not moved")
+
+
+def test_a_window_in_which_nothing_moves_says_so_and_what_to_fly() -> None:
+    flight = fly_mav("multisine", 5)[0]
+    columns = {name: (one.time_s, one.values) for name, one in flight.signals.items()}
+    columns |= {name: (columns[name][0], np.full_like(columns[name][1], 0.01)) for name in ("de", "da", "dr")}
+    found = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
+    assert found.problem == ""
+    assert {one.why for one in found.coefficients.values()} == {"no surface has moved"}
+    assert all(one.fly and not one.known for one in found.coefficients.values())
 
 
 def test_a_window_without_airspeed_says_what_is_missing() -> None:
