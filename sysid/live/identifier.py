@@ -196,7 +196,9 @@ class LiveIdentifier:
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
         told = {name: error for name, error in errors.items() if error.told}
         if self._window is not None:
-            told = {name: error for name, error in told.items() if name.startswith("wind")} | self._window.sensors()
+            # Scales are what gusts and vanes that swing make the filter see.
+            told = {name: error for name, error in told.items() if not name.endswith("_scale")}
+            told |= self._window.sensors()
         moving = {name: error for name, error in told.items() if not name.startswith(self._stuck.names or ("?",))}
         warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values())
         nuisances: tuple[NuisanceEstimate, ...] = ()
