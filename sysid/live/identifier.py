@@ -180,33 +180,42 @@ class LiveIdentifier:
             self._work()
         errors = self._refresh()
         self._hand_on()
-        values = self._values(errors)
-        coefficients = dict(self._unknown())
-        squares = {}
-        for one in self._axes.values():
-            for i, name in enumerate(one.names):
-                if one.estimate is not None and name in values:
-                    coefficients[name] = judged(one.estimate, i, *values[name])
-            for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True):
-                if std < usual_size(name) and not name.endswith("_0"):  # constants hold the sensors' biases
-                    squares[name] = (float(value), float(std))
-        if self._window is not None:
-            coefficients = {**self._unknown(), **self._window.statuses()}
-            squares = {name: one for name, one in squares.items() if coefficients[name].known}
+        statuses = self._judged(errors) if self._window is None else self._window.statuses()
+        coefficients = {**self._unknown(), **statuses}
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
-        told = {name: error for name, error in errors.items() if error.told}
+        sensors = {name: error for name, error in errors.items() if error.told}
+        nuisances: tuple[NuisanceEstimate, ...] = ()
+        problem: tuple[str, ...] = ()
         if self._window is not None:
             # Scales are what gusts and vanes that swing make the filter see.
-            told = {name: error for name, error in told.items() if not name.endswith("_scale")}
-            told |= self._window.sensors()
-        moving = {name: error for name, error in told.items() if not name.startswith(self._stuck.names or ("?",))}
-        warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values())
-        nuisances: tuple[NuisanceEstimate, ...] = ()
-        if self._window is not None and self._window.found is not None:
-            warnings += (self._window.found.problem,) if self._window.found.problem else ()
-            nuisances = self._window.found.nuisances
+            sensors = {name: error for name, error in sensors.items() if not name.endswith("_scale")}
+            sensors |= self._window.sensors()
+            if (found := self._window.found) is not None:
+                nuisances, problem = found.nuisances, (found.problem,) if found.problem else ()
+        moving = {name: error for name, error in sensors.items() if not name.startswith(self._stuck.names or ("?",))}
+        warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values(), *problem)
         self._faults.clear()
-        return LiveReport(self.time_s, ordered, squares, told, tuple(self._changes), warnings, nuisances)
+        squares, changes = self._squares(coefficients), tuple(self._changes)
+        return LiveReport(self.time_s, ordered, squares, sensors, changes, warnings, nuisances)
+
+    def _judged(self, errors: Mapping[str, AirDataError]) -> dict[str, CoefficientStatus]:
+        """What the recursive regression knows of each coefficient."""
+        values = self._values(errors)
+        return {
+            name: judged(one.estimate, i, *values[name])
+            for one in self._axes.values()
+            for i, name in enumerate(one.names)
+            if one.estimate is not None and name in values
+        }
+
+    def _squares(self, coefficients: Mapping[str, CoefficientStatus]) -> dict[str, tuple[float, float]]:
+        """Recursive least squares; behind a window only of what that knows. Constants hold the sensors' biases."""
+        return {
+            name: (float(value), float(std))
+            for one in self._axes.values()
+            for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True)
+            if std < usual_size(name) and not name.endswith("_0") and (self._window is None or coefficients[name].known)
+        }
 
     def _values(self, errors: Mapping[str, AirDataError]) -> dict[str, tuple[float, float]]:
         """Value and standard error of each coefficient, with what the sensors' errors make of them."""

@@ -26,7 +26,7 @@ from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import NuisanceEstimate, estimate, excited
 from sysid.posterior.part import FlightPart, make_part
-from sysid.problem.model_structure import default_structure, helpful_manoeuvre
+from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
 
@@ -101,6 +101,8 @@ def estimate_window(
     for name in names:
         value, spread = values.get(name, (np.nan, np.inf))
         reason = refused.get(name)
+        if reason is not None and spread <= REFUSED_SHARE * max(abs(value), usual_size(name)):
+            value, spread = np.nan, np.inf  # refused for what no bar shows: no number stands for it
         words = ("", "") if reason is None else (reason.reason, reason.manoeuvre)
         statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
     ends = {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
@@ -218,7 +220,7 @@ class SlidingWindow:
     def _accept(self, done: Future[WindowEstimate]) -> None:
         try:
             found = done.result()
-        except (OSError, EOFError, RuntimeError, ValueError, ArithmeticError) as error:
+        except Exception as error:  # whatever a window makes of arithmetic, what is told beside it goes on
             words = f"the estimate was lost ({type(error).__name__}: {error})"
             found = WindowEstimate(self._begin, self._asked, 0.0, {}, problem=" ".join(words.split()))
         self.cost_s += found.cost_s

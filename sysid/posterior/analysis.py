@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -251,23 +252,14 @@ def estimate(
         stated = {**_alike(found), **declared(vehicle, group, parts[0].messages), **_thrust_prior(parts)}
         try:
             seen = _seen(parts, found, vehicle)
-            setting = (
-                seen,
-                vehicle,
-                structure,
-                names,
-                free,
-                group,
-                outputs,
-                known,
-                stated,
-                doubts,
+            begin = partial(
+                _begun, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
                 near.get(group, {}),
-            )
-            begun = _begun(*setting)
+            )  # fmt: skip
+            begun = begin()
             if begun.feedback > 0.0 and FLOW_OF[group] in outputs:
                 with suppress(EstimationError):
-                    other = _begun(*setting, flow_imposed=True)
+                    other = begin(flow_imposed=True)
                     if other.feedback < begun.feedback + _NO_WORSE:
                         begun = other
             found[group] = begun.ended(fine)

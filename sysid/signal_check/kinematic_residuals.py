@@ -182,11 +182,8 @@ class Window:
                 "w": q * u - p * v + down * cf + s["az"],
             }
         if self.relations[-1] in GROUND:
-            lifted = sf * s["ay"] + cf * s["az"]
-            ahead, aside = ct * s["ax"] + st * lifted, cf * s["ay"] - sf * s["az"]
-            sp, cp = self._sine("psi", measured["psi"])
-            found |= {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
-            found["vd"] = -st * s["ax"] + ct * lifted + gravity
+            found |= self._in_earth_axes((s["ax"], s["ay"], s["az"]), s, measured)
+            found["vd"] = found["vd"] + gravity
         return {name: found[name] for name in self.relations}
 
     def through_air(self, s: Columns, measured: Columns) -> dict[str, Array]:
@@ -195,17 +192,20 @@ class Window:
             return {}
         still = np.zeros(self.size)
         u, v, w = (measured.get(name, still) for name in AIR) if self.air else (s["V"], still, still)
-        (sf, cf), (st, ct) = self._sine("phi", s["phi"]), self._sine("theta", s["theta"])
-        sp, cp = self._sine("psi", measured["psi"])
-        lifted = sf * v + cf * w
-        ahead, aside = ct * u + st * lifted, cf * v - sf * w
-        found = {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside}
+        found = self._in_earth_axes((u, v, w), s, measured)
         if not self.air:
             # Without vanes nobody knows whether what is pitched up climbs, and what yaws may slip.
-            found = {name: one - self.quick(one[None])[0] for name, one in found.items()}
-        else:
-            found["vd"] = ct * lifted - st * u
+            found = {name: found[name] - self.quick(found[name][None])[0] for name in ("vn", "ve")}
         return {name: one for name, one in found.items() if name in self.relations}
+
+    def _in_earth_axes(self, body: tuple[Array, Array, Array], s: Columns, measured: Columns) -> dict[str, Array]:
+        """North, east and down, by the names of GROUND, of a vector in body axes, by the measured attitude."""
+        x, y, z = body
+        (sf, cf), (st, ct) = self._sine("phi", s["phi"]), self._sine("theta", s["theta"])
+        sp, cp = self._sine("psi", measured["psi"])
+        lifted = sf * y + cf * z
+        ahead, aside = ct * x + st * lifted, cf * y - sf * z
+        return {"vn": cp * ahead - sp * aside, "ve": sp * ahead + cp * aside, "vd": ct * lifted - st * x}
 
     def _sine(self, name: str, angle: Array) -> tuple[Array, Array]:
         """Sine and cosine of an angle; the last of each name are kept, since most readings share their angles."""

@@ -20,7 +20,7 @@ export class Identification {
     this.why = remark('note', this.missing)
     this.why.hidden = true
     this.plots = h('div', { class: 'small plots' })
-    this.coefficients = new LiveTable('Coefficients in flight (frequency domain), with recursive least squares for comparison',
+    this.coefficients = new LiveTable('Coefficients of the last 25 s, with recursive least squares for comparison',
       ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
       ['', '', 'Recursive', 'Not known yet', 'Fly next'])
     this.sensors = new LiveTable('Wind, sensors and servos in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])

@@ -140,6 +140,19 @@ def window(runner: Here, flight: FlightSignals) -> SlidingWindow:
     return one
 
 
+def known_window() -> tuple[SlidingWindow, Later, WindowEstimate]:
+    """One that has its first estimate, until 12 s; what it asks for, and that estimate."""
+    flight, later = fly_mav("multisine", 5)[0], Later()
+    one = window(later, flight)
+    columns = {name: (signal.time_s, signal.values) for name, signal in flight.signals.items()}
+    first = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
+    one.flown(0.0, 12.0)
+    one.work()
+    later.waiting[0].set_result(replace(first, cost_s=0.1))
+    one.work()
+    return one, later, first
+
+
 def test_an_estimate_under_way_is_waited_for_and_one_of_before_a_change_is_not_taken() -> None:
     flight, later = fly_mav("multisine", 5)[0], Later()
     one = window(later, flight)
@@ -157,14 +170,7 @@ def test_an_estimate_under_way_is_waited_for_and_one_of_before_a_change_is_not_t
 
 
 def test_a_lost_estimate_is_told_and_what_was_known_stands() -> None:
-    flight, later = fly_mav("multisine", 5)[0], Later()
-    one = window(later, flight)
-    columns = {name: (signal.time_s, signal.values) for name, signal in flight.signals.items()}
-    first = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
-    one.flown(0.0, 12.0)
-    one.work()
-    later.waiting[0].set_result(replace(first, cost_s=0.1))
-    one.work()
+    one, later, first = known_window()
     one.flown(12.0, 30.0)
     one.work()
     later.waiting[1].set_exception(EOFError("ended"))
@@ -178,14 +184,7 @@ def test_a_lost_estimate_is_told_and_what_was_known_stands() -> None:
 
 
 def test_what_is_not_excited_any_more_is_last_known_with_a_bar_that_grows() -> None:
-    flight, later = fly_mav("multisine", 5)[0], Later()
-    one = window(later, flight)
-    columns = {name: (signal.time_s, signal.values) for name, signal in flight.signals.items()}
-    first = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
-    one.flown(0.0, 12.0)
-    one.work()
-    later.waiting[0].set_result(replace(first, cost_s=0.1))
-    one.work()
+    one, later, first = known_window()
     known = first.coefficients["Cm_de"]
     assert known.known
     lost = replace(known, known=False, why="de has not moved")
