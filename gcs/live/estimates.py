@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from gcs.live.signals import Samples
+from gcs.text.unknowns import unknown_words
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.sliding_window import Runner
+from sysid.posterior.analysis import NuisanceEstimate
 from sysid.problem.model_structure import usual_size
 
 # A report has words and is told to whoever listens; in between only values and standard errors are.
@@ -23,6 +25,8 @@ _SLACK_S = 0.02  # a turn of the process that comes a little early still counts
 _SHARE_S = 10.0
 # A message so far behind the newest of which no row has been made is in no estimate: its row was left out.
 _LEFT_OUT_S = 1.0
+# Of what stands between aircraft and log that counts as estimated which is known so much better than before.
+ESTIMATED_SHARE = 0.5
 # Most stamps are whole milliseconds.
 _SAME_S = 1.001e-3
 
@@ -112,9 +116,6 @@ def report_json(report: LiveReport) -> dict[str, Any]:
     return {
         "time_s": _finite(report.time_s),
         "coefficients": coefficients,
-        "recursive_least_squares": {
-            name: {"value": value, "std": std} for name, (value, std) in report.least_squares.items()
-        },
         "sensors": {
             name: {"value": error.value, "std": error.std, "unit": error.unit} for name, error in report.sensors.items()
         },
@@ -122,6 +123,19 @@ def report_json(report: LiveReport) -> dict[str, Any]:
             {"time_s": change.time_s, "axis": change.axis, "coefficient": change.coefficient, "text": text}
             for change, text in zip(report.changes, report.sentences(), strict=True)
         ],
-        "nuisances": [one.to_json() for one in report.nuisances],
+        "nuisances": [_nuisance(one) for one in report.nuisances],
         "warnings": list(report.warnings),
+    }
+
+
+def _nuisance(one: NuisanceEstimate) -> dict[str, Any]:
+    """The entry of a result file, its words and its figures in the unit that one thinks in."""
+    entry = one.to_json()
+    text, unit, factor = unknown_words(entry)
+    shown = {"value": factor * one.value, "std": factor * one.std, "unit": unit}
+    return {
+        **entry,
+        "text": f"{text}, {one.group}",
+        "shown": shown,
+        "estimated": one.std < ESTIMATED_SHARE * one.prior_std,
     }

@@ -39,31 +39,37 @@ class SecondProcess:
     def close(self) -> None:
         """End the process, whatever it is at."""
         self._closed = True
-        if self._child is not None:
-            self._child.kill()
+        child = self._child
+        if child is not None:
+            child.kill()
         self._waiting.shutdown(cancel_futures=True)
         self._end()
 
     def _run(self, function: Callable[..., Any], arguments: tuple[object, ...]) -> Any:
         if self._closed:
             raise EOFError("closed")
-        if self._child is None or self._child.poll() is not None:
-            self._end()
+        if self._child is None:
             command = [sys.executable, "-m", "gcs.live.second_process"]
             self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._child.stdin is not None
         assert self._child.stdout is not None
-        pickle.dump((function, arguments), self._child.stdin)
-        self._child.stdin.flush()
-        result, error = pickle.load(self._child.stdout)
+        try:
+            pickle.dump((function, arguments), self._child.stdin)
+            self._child.stdin.flush()
+            result, error = pickle.load(self._child.stdout)
+        except (EOFError, OSError) as lost:
+            self._end()
+            raise EOFError("the process ended before it answered") from lost
         if error is not None:
             raise error
         return result
 
     def _end(self) -> None:
-        """Close the pipes of a process that has ended, or ends with them."""
-        if self._child is not None:
-            with suppress(BrokenPipeError), self._child:
+        """End the process, if there is one, and close its pipes."""
+        child, self._child = self._child, None
+        if child is not None:
+            child.kill()
+            with suppress(BrokenPipeError), child:
                 pass
 
 

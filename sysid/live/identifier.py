@@ -32,7 +32,7 @@ from sysid.live.signals.thrust_source import LiveThrust
 from sysid.live.sliding_window import Runner, SlidingWindow
 from sysid.live.wording import change_sentence, sensor_warnings
 from sysid.posterior.analysis import NuisanceEstimate
-from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
+from sysid.problem.model_structure import default_structure, helpful_manoeuvre
 
 _HEIGHT = ("altitude",)  # tells the ground from the air, where there is one
 _SPARSE = ("vn", "ve", "vd")
@@ -57,14 +57,13 @@ _FAILING_S = 3.0
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What is known at `time_s`. Dictionaries are by name; least_squares: value and standard error.
+    """What is known at `time_s`. Dictionaries are by name.
 
     nuisances: what stands between aircraft and log, by the newest window.
     """
 
     time_s: float
     coefficients: dict[str, CoefficientStatus]
-    least_squares: dict[str, tuple[float, float]]
     sensors: dict[str, AirDataError]
     changes: tuple[Change, ...]
     warnings: tuple[str, ...]
@@ -195,8 +194,7 @@ class LiveIdentifier:
         moving = {name: error for name, error in sensors.items() if not name.startswith(self._stuck.names or ("?",))}
         warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values(), *problem)
         self._faults.clear()
-        squares, changes = self._squares(coefficients), tuple(self._changes)
-        return LiveReport(self.time_s, ordered, squares, sensors, changes, warnings, nuisances)
+        return LiveReport(self.time_s, ordered, sensors, tuple(self._changes), warnings, nuisances)
 
     def _judged(self, errors: Mapping[str, AirDataError]) -> dict[str, CoefficientStatus]:
         """What the recursive regression knows of each coefficient."""
@@ -206,15 +204,6 @@ class LiveIdentifier:
             for one in self._axes.values()
             for i, name in enumerate(one.names)
             if one.estimate is not None and name in values
-        }
-
-    def _squares(self, coefficients: Mapping[str, CoefficientStatus]) -> dict[str, tuple[float, float]]:
-        """Recursive least squares; behind a window only of what that knows. Constants hold the sensors' biases."""
-        return {
-            name: (float(value), float(std))
-            for one in self._axes.values()
-            for name, value, std in zip(one.names, one.squares.values, one.squares.std, strict=True)
-            if std < usual_size(name) and not name.endswith("_0") and (self._window is None or coefficients[name].known)
         }
 
     def _values(self, errors: Mapping[str, AirDataError]) -> dict[str, tuple[float, float]]:
@@ -309,7 +298,7 @@ class LiveIdentifier:
             self._slow.hand_on(self._axes)
         except _FAULTS as error:
             self._slow = self._slow.anew()
-            self._faults["slow"] = f"samples are left out of least squares: {_in_words(error)}"
+            self._faults["slow"] = f"samples are left out of what watches for changes: {_in_words(error)}"
         if ends:
             self._slow.restart()
 

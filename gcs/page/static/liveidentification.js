@@ -20,9 +20,8 @@ export class Identification {
     this.why = remark('note', this.missing)
     this.why.hidden = true
     this.plots = h('div', { class: 'small plots' })
-    this.coefficients = new LiveTable('Coefficients of the last 25 s, with recursive least squares for comparison',
-      ['Coefficient', 'Value ± 1 σ', 'Recursive least squares', 'Not known yet', 'Fly next'],
-      ['', '', 'Recursive', 'Not known yet', 'Fly next'])
+    this.coefficients = new LiveTable('Coefficients of the last 25 s',
+      ['Coefficient', 'Value ± 1 σ', 'Not known yet', 'Fly next'], ['', '', 'Not known yet', 'Fly next'])
     this.sensors = new LiveTable('Wind, sensors and servos in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])
     this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
   }
@@ -116,18 +115,17 @@ function value(entry) {
   return entry.known ? plusMinus(entry) : `(${plusMinus(entry)})`
 }
 
-function coefficients(found) {
-  const other = found.recursive_least_squares ?? {}
-  return Object.entries(found.coefficients).map(([name, entry]) => [name,
-    value(entry), Number.isFinite(other[name]?.value) ? plusMinus(other[name]) : NONE,
-    entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
-}
+const coefficients = found => Object.entries(found.coefficients).map(([name, entry]) =>
+  [name, value(entry), entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
 
-/** Wind and errors of sensors, then what else stands between the aircraft and its messages. */
+/** Wind and errors of sensors, then what else the flight has said of what stands between the aircraft and its messages. */
 function sensors(found) {
-  const between = (found.nuisances ?? []).map(one => [`${one.name} ${one.group}`, one])
-  return [...Object.entries(found.sensors ?? {}), ...between].map(([name, entry]) => {
-    const [unit, factor] = shownUnit(entry.unit)
-    return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
-  })
+  const between = (found.nuisances ?? []).filter(one => one.estimated && !(one.name in (found.sensors ?? {})))
+  return [
+    ...Object.entries(found.sensors ?? {}).map(([name, entry]) => {
+      const [unit, factor] = shownUnit(entry.unit)
+      return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
+    }),
+    ...between.map(({ text, shown }) => [text, plusMinus(shown), shown.unit]),
+  ]
 }

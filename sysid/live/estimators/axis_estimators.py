@@ -9,10 +9,9 @@ import numpy as np
 
 from sim_vehicle.model.terms import Term
 from sysid.live.estimators.change_detection import ChangeDetector
+from sysid.live.estimators.decimation import Decimator
 from sysid.live.estimators.equations import BIASES, Sides
 from sysid.live.estimators.frequency_estimator import AxisEstimator, CoefficientEstimates
-from sysid.live.estimators.recursive_least_squares import Decimator, RecursiveLeastSquares
-from sysid.problem.model_structure import usual_size
 
 
 @dataclass
@@ -22,7 +21,6 @@ class Axis:
     names: tuple[str, ...]
     factors: tuple[tuple[str, ...], ...]
     estimator: AxisEstimator
-    squares: RecursiveLeastSquares
     detector: ChangeDetector
     estimate: CoefficientEstimates | None = None
     failing: float = np.nan
@@ -33,15 +31,14 @@ class Axis:
         names = tuple(term.name for term in terms)
         factors = tuple(term.factors for term in terms)
         noisy = [chosen[0] if len(chosen) == 1 and chosen[0] in noises else "" for chosen in factors]
-        scales = np.array([usual_size(name) for name in names])
         estimator = AxisEstimator(names, noisy, interval_s, BIASES.get(axis, ()))
-        return cls(names, factors, estimator, RecursiveLeastSquares(scales), ChangeDetector(axis, names))
+        return cls(names, factors, estimator, ChangeDetector(axis, names))
 
 
 class SlowSamples:
-    """Equations at the lower rate at which least squares and change detection take them.
+    """Equations at the lower rate at which changes are looked for.
 
-    They wait until either is asked: filtering many takes hardly longer than a few. white_noise_left: the share of white
+    They wait until that is asked: filtering many takes hardly longer than a few. white_noise_left: the share of white
     noise's variance that passes.
     """
 
@@ -81,6 +78,5 @@ class SlowSamples:
             for i, factors in enumerate(axis.factors):
                 if not factors:  # the constant's column is the weight, which is filtered as the others are
                     X[:, i] = rows[:, -2]
-            axis.squares.add(X, np.ascontiguousarray(rows[:, -1]))
             for when, row in zip(at, np.column_stack([X, rows[:, -2:]]), strict=True):
                 axis.detector.add(when, row)

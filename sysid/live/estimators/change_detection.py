@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.arrays import Array
-from sysid.live.estimators.recursive_least_squares import RATE_HZ
+from sysid.live.estimators.decimation import RATE_HZ
 
 WINDOW_S = 2.5
 _MEMORY_S = 8.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.live.estimators.recursive_fourier import RecursiveFourier
-from sysid.live.estimators.recursive_least_squares import RecursiveLeastSquares
 from sysid.live.signals.row_alignment import TimeBase
 
 
@@ -30,21 +29,6 @@ def test_differences_transform_to_the_derivative_with_its_end_terms() -> None:
     w = 2.0 * np.pi * lines * 0.02
     expected = (np.exp(1j * w) - 1.0) * fourier.values[:, 1] + h[-1] * np.exp(-1j * w * 299) - h[0] * np.exp(1j * w)
     np.testing.assert_allclose(fourier.values[:, 0], expected, atol=1e-9)
-
-
-def test_recursive_least_squares_is_the_weighted_batch_solution() -> None:
-    random = np.random.default_rng(3)
-    # Signs only, so that no sample tells so little that it is taken for no excitation.
-    X, theta = random.choice([-1.0, 1.0], size=(400, 3)), np.array([1.0, -2.0, 0.5])
-    y = X @ theta + 0.1 * random.normal(size=400)
-    estimator = RecursiveLeastSquares(np.ones(3))
-    for part in np.split(np.arange(400), [1, 4, 100, 101]):
-        estimator.add(X[part], y[part])
-    weight = np.sqrt((1.0 - 1.0 / 200.0) ** np.arange(399, -1, -1))  # forgetting over 20 s at 10 Hz
-    batch = np.linalg.lstsq(weight[:, None] * X, weight * y, rcond=None)[0]
-    np.testing.assert_allclose(estimator.values, batch, atol=1e-6)
-    assert np.all(np.abs(estimator.values - theta) < 4.0 * estimator.std)
-    assert np.all(estimator.std < 0.02)
 
 
 def test_rows_survive_lost_late_and_repeated_samples() -> None:
