@@ -20,6 +20,8 @@ from sysid.problem.model_structure import usual_size
 
 # A report has words and is told to whoever listens; in between only values and standard errors are.
 _EVERY_S = 0.4
+# Without a message for so long a flight may be over: what it ended with is estimated.
+_SILENT_S = 1.0
 _SLACK_S = 0.02  # a turn of the process that comes a little early still counts
 # Effort is told over this time.
 _SHARE_S = 10.0
@@ -40,7 +42,7 @@ class EstimateReports:
     def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
         self._identifier = LiveIdentifier(vehicle, runner)
         self._fresh = False
-        self._reported_s = -np.inf
+        self._reported_s, self._heard_s = -np.inf, np.inf
         self._waiting: list[Array] = []
         # Of each estimate: when, monotonic, the process' time, s, and the delay of each message that it is the first
         # to hold, ms.
@@ -61,7 +63,13 @@ class EstimateReports:
         return {"time_s": _finite(self._identifier.time_s), "values": values} if values else None
 
     def due(self, now_s: float) -> dict[str, Any] | None:
-        """The report by all messages so far, a little more than twice a second while they come; else None."""
+        """The report by all messages so far, a little more than twice a second while they come; else None, until what
+        came last is in an estimate.
+        """
+        if self._fresh:
+            self._heard_s = now_s
+        elif now_s > self._heard_s + _SILENT_S:
+            self._identifier.finish()
         if not (self._fresh or self._identifier.has_news) or now_s - self._reported_s < _EVERY_S - _SLACK_S:
             return None
         self._reported_s = now_s

@@ -70,7 +70,7 @@ class LiveProcess:
         self._messages = VehicleMessages(dialect, self._signals.messages)
         self._flight = Flight()
         self._newest: dict[str, tuple[float, int]] = {}
-        self._fresh, self._anew = False, True
+        self._fresh, self._anew, self._over = False, True, False
         self._taken = self._told = 0
         self._told_s = 0.0
         self._heard_ns = self._looked_ns = 0
@@ -93,8 +93,11 @@ class LiveProcess:
         begun = bool(flight.id) and flight.id != self._flight.id
         ended = bool(self._flight.id) and flight.id != self._flight.id
         if not self._messages.bind(flight.system) or ended:
-            self._restart()
+            # What is known of the flight, and still being estimated, stands until another vehicle or flight tells some.
+            self._messages.restart()
+            self._over, self._fresh = True, False
         if begun:
+            self._forget()
             self._look()
         self._flight = flight
 
@@ -103,6 +106,7 @@ class LiveProcess:
         before_s = self._messages.newest_s
         streams = self._messages.take(batches)
         if streams:
+            self._forget()
             if before_s is not None and (self._messages.newest_s or 0.0) < before_s:
                 self._begin()  # the vehicle was switched on again: what was estimated knows nothing of its new clock
             newest_ns = max(int(batch.received_ns[-1]) for batch in batches)
@@ -117,8 +121,11 @@ class LiveProcess:
                 time_s = np.concatenate([stream.time_s for stream in streams])
                 self._estimates.take(samples, time_s, np.concatenate([stream.log_ns for stream in streams]))
 
-    def _restart(self) -> None:
-        self._messages.restart()
+    def _forget(self) -> None:
+        """Begin anew where a flight is over."""
+        if not self._over:
+            return
+        self._over = False
         if self._file is not None:
             self._file.end_flight()
         self._begin()

@@ -48,7 +48,7 @@ from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
 if TYPE_CHECKING:
-    from sysid.identification.posterior_method import Meant
+    from sysid.identification.flight_as_meant import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
@@ -136,7 +136,8 @@ def identify(
 
 def _by_the_flight(asked: Request) -> Identification:
     """`identify` with the method that the flight asks for."""
-    from sysid.identification.posterior_method import read_as_meant, reconstructed  # slow to import
+    from sysid.identification.flight_as_meant import read_as_meant  # slow to import
+    from sysid.identification.posterior_method import reconstructed
     from sysid.identification.textbook import is_textbook
 
     read = read_as_meant(asked)
@@ -176,12 +177,12 @@ def _as_of_textbooks(
     asked: Request, read: Sequence[Meant], compatible: CompatibilityResult | None
 ) -> Identification | None:
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
-    from sysid.identification.posterior_method import dead_channels, meant
+    from sysid.identification.flight_as_meant import has_whole_imu, meant
 
     # Only the other method's bars hold what the vehicle file says of its own errors.
     if asked.vehicle.mass.doubted:
         return None
-    if any(one.doubt or one.prepared.thrust_source.missing or dead_channels(one.signals) for one in read):
+    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read):
         return None
     judges = tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in asked.validate_on)
     mended = replace(asked, flights=[one.signals for one in read], validate_on=judges)
@@ -258,7 +259,8 @@ def _by_posterior(
     asked: Request, read: Sequence[Meant] = (), known: CompatibilityResult | None = None
 ) -> Identification:
     """`identify` with the method "map". read, known: the flights as meant and their compatibility, if at hand."""
-    from sysid.identification.posterior_method import identify_by_posterior, meant, read_as_meant  # slow to import
+    from sysid.identification.flight_as_meant import meant, read_as_meant  # slow to import
+    from sysid.identification.posterior_method import identify_by_posterior
     from sysid.posterior.analysis import PRIOR_SHARE
     from sysid.posterior.replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD

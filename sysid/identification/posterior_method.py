@@ -15,24 +15,25 @@ from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, che
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands, part_of
 from sysid.errors import SignalError, SysidError
+from sysid.identification.flight_as_meant import Meant, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
 from sysid.posterior.declared import unused_timing
-from sysid.posterior.part import NEEDED, FlightPart, make_part
+from sysid.posterior.part import FlightPart, make_part
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
-from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
-from sysid.signals.flight import FlightSignals, Signal, repeats
-from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.flight import FlightSignals
+from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
+from sysid.signals.sensor_groups import ACCEL
 
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
-# Lost samples over so long are bridged, s; a part of the flight is at most so long, s, at least so long.
-_BRIDGED_S, _LONGEST_S, _SHORTEST_S = 2.0, 120.0, 5.0
+# A part of the flight is at most so long, s, at least so long.
+_LONGEST_S, _SHORTEST_S = 120.0, 5.0
 # Quiet flight of up to so long between two excited stretches stays in their part, s: it tells what noise there is.
 _JOINED_S = 15.0
 
@@ -51,46 +52,9 @@ class PosteriorIdentification:
     mistakes: tuple[Mistake, ...]
 
 
-@dataclass(frozen=True)
-class Meant:
-    """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
-
-    doubt: why it may not be a flight, where all of it was taken.
-    """
-
-    signals: FlightSignals
-    prepared: Prepared
-    mistakes: tuple[Mistake, ...]
-    doubt: SysidError | None
-
-
-def meant(
-    flight: FlightSignals,
-    vehicle: Vehicle,
-    as_recorded: Sequence[str] = (),
-    start_s: float | None = None,
-    stop_s: float | None = None,
-) -> Meant:
-    """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
-    prepared, doubt = prepared_flight(flight, vehicle, start_s, stop_s)
-    try:
-        signals, mistakes = as_meant(flight, prepared, vehicle, as_recorded)
-        if signals is not flight:
-            prepared, doubt = prepared_flight(signals, vehicle, start_s, stop_s)
-    except SysidError as error:
-        raise (doubt or error) from error
-    return Meant(signals, prepared, tuple(mistakes), doubt)
-
-
-def read_as_meant(asked: Request) -> list[Meant]:
-    """The flights asked for. Raises SysidError where one lacks what is needed."""
-    asked.progress(0.05, "units, signs and axes")
-    return [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
-
-
 def reconstructed(read: Sequence[Meant]) -> CompatibilityResult | None:
     """What kinematics say of the flights; None where they cannot be asked."""
-    if any(dead_channels(one.signals) for one in read):
+    if any(missing_inertial(one.signals) for one in read):
         return None
     try:
         return check_compatibility([one.prepared for one in read])
@@ -153,7 +117,7 @@ def flown(read: Sequence[Meant], vehicle: Vehicle, known: CompatibilityResult | 
     warnings: list[str] = []
     compatible = known
     if compatible is None:
-        compatible, warnings = _compatible(prepared, any(dead_channels(flight) for flight in flights))
+        compatible, warnings = _compatible(prepared, any(missing_inertial(flight) for flight in flights))
     warnings = [w for flight in prepared for w in flight.warnings] + warnings + list(compatible.warnings)
     parts = _parts(flights, prepared, vehicle, compatible, warnings)
     _require_plausible(parts, vehicle)
@@ -206,80 +170,6 @@ def refusals_of(
     lost = [name for name in structure.coefficients if name not in told and name not in found.unexcited]
     why = "; ".join(found.left_out.values()) or "the measurement that shows it is missing"
     return refused + [Refusal(name, why, helpful_manoeuvre(name)) for name in lost]
-
-
-def bridged(signals: FlightSignals) -> FlightSignals:
-    """The flight with bursts of lost samples up to 2 s, and what comes between those of slower sensors than the gyros,
-    filled by straight lines, so that it stays in one part.
-
-    For finding the parts of a flight alone: what is fitted is compared at the stamps of the samples there are.
-    """
-    filled = {}
-    usual = min((float(np.median(np.diff(one.time_s))) for one in _imu(signals) if one.time_s.size > 10), default=0.0)
-    for name, one in signals.signals.items():
-        good = np.isfinite(one.time_s) & np.isfinite(one.values)
-        time_s, values = one.time_s[good], one.values[good]
-        if name in (*NEEDED, "alpha", "beta", *SURFACES, "throttle", "thrust") and time_s.size > 10:
-            time_s, values = _filled(time_s, values, usual if name in NEEDED else 0.0)
-        filled[name] = Signal(time_s, values, one.unit, one.source, one.calibration)
-    return replace(signals, signals=filled)
-
-
-def _imu(signals: FlightSignals) -> list[Signal]:
-    return [signals.signals[name] for name in ("ax", "ay", "az", "p", "q", "r") if name in signals.signals]
-
-
-def _filled(time_s: Array, values: Array, least_s: float) -> tuple[Array, Array]:
-    """Samples with more of them on straight lines, at the usual interval of the signal or at `least_s`."""
-    steps = np.diff(time_s)
-    usual = least_s if least_s > 0.0 else float(np.median(steps))
-    more = [
-        np.linspace(time_s[i], time_s[i + 1], max(2, round(steps[i] / usual)) + 1)[1:-1]
-        for i in np.flatnonzero((steps > 1.5 * usual) & (steps < _BRIDGED_S))
-    ]
-    if not more:
-        return time_s, values
-    every = np.sort(np.concatenate((time_s, *more)))
-    return every, np.interp(every, time_s, values)
-
-
-def dead_channels(signals: FlightSignals) -> list[str]:
-    """IMU channels that a flight can do without and that repeat one value throughout."""
-    return [name for name in ("ay", "p") if repeats(signals.signals[name].values)]
-
-
-def _without_dead(signals: FlightSignals, dead: Sequence[str]) -> FlightSignals:
-    """The flight with each dead channel told, and given a slope far below any noise so that it counts as a signal.
-
-    For finding the parts of a flight alone; the estimate leaves the channel out.
-    """
-    every = dict(signals.signals)
-    for name in dead:
-        one = every[name]
-        every[name] = replace(one, values=one.values + 1e-12 * np.arange(one.values.size))
-    told = [f"{name} repeats one value: the sensor is dead or not connected; it is left out" for name in dead]
-    return replace(signals, signals=every, warnings=(*signals.warnings, *told))
-
-
-def prepared_flight(
-    flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
-) -> tuple[Prepared, SysidError | None]:
-    """The flight prepared; where no part of it seems to be flight, all of it, and why not."""
-    whole = bridged(flight)
-    whole.require(*NEEDED)
-    dead = dead_channels(whole)
-    if dead:
-        whole = _without_dead(whole, dead)
-    try:
-        return prepare(whole, vehicle, start_s, stop_s), None
-    except SysidError as error:
-        time_s = whole.signals["q"].time_s
-        if start_s is not None or stop_s is not None or time_s.size < 2:
-            raise
-        try:
-            return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1])), error
-        except SysidError:
-            raise error from None
 
 
 def _compatible(prepared: Sequence[Prepared], dead: bool) -> tuple[CompatibilityResult, list[str]]:
@@ -350,9 +240,12 @@ def _parts(
 
 def _require_plausible(parts: Sequence[FlightPart], vehicle: Vehicle) -> None:
     """Raise SignalError where the level of a signal is one that no flight has, whatever the model."""
-    felt_forces = [np.linalg.norm([part.motion[n] for n in ("ax", "ay", "az")], axis=0) for part in parts]
+    felt_forces = [np.linalg.norm([part.motion[n] for n in ACCEL], axis=0) for part in parts]
     force = float(np.median(np.concatenate(felt_forces)))
-    if not 0.5 < force / vehicle.environment.gravity < 1.6:
+    if (
+        all(set(ACCEL) <= part.channels.keys() for part in parts)
+        and not 0.5 < force / vehicle.environment.gravity < 1.6
+    ):
         raise SignalError(
             f"{parts[0].flight}: the accelerometers feel {force:.3g} m/s^2 in the median, where flight has about"
             f" {vehicle.environment.gravity:.1f}: wrong unit (g, milli-g?), or accelerations without gravity; scale"

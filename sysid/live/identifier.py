@@ -149,6 +149,11 @@ class LiveIdentifier:
         """Whether the runner has done what the next report will hold."""
         return self._window is not None and self._window.done
 
+    def finish(self) -> None:
+        """Nothing comes any more: have the runner estimate the last that is in no estimate yet."""
+        if self._window is not None:
+            self._window.finish()
+
     @property
     def cost_elsewhere_s(self) -> float:
         """CPU that the runner's estimates took, s."""

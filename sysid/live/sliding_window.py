@@ -21,7 +21,8 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.posterior_method import Meant, flown, prepared_flight, refusals_of
+from sysid.identification.flight_as_meant import Meant, prepared_flight, without_dead
+from sysid.identification.posterior_method import flown, refusals_of
 from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import NuisanceEstimate, estimate, excited
@@ -39,8 +40,8 @@ FIRST_WITHOUT_VANES_S = 20.0
 _SHARE = 0.06
 # Commands count from so long before the window on; the newest samples of slow sensors may still be on their way.
 _BEFORE_S, _UNDER_WAY_S = 1.5, 0.15
-# Without flight for so long the next flight is another.
-_AWAY_S = 3.0
+# Without flight for so long the next flight is another; what it ends with is estimated once more, if it is so much.
+_AWAY_S, _LAST_S = 3.0, 1.0
 _ANGLES = ("alpha", "beta")
 _FEWEST = 10
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
@@ -133,6 +134,7 @@ def _parts(flight: FlightSignals, vehicle: Vehicle, begin_s: float, end_s: float
         return [make_part(flight, vehicle, begin_s, end_s, {})]
     there = {name: one for name, one in flight.signals.items() if name not in _ANGLES or name in vanes}
     flight = replace(flight, signals=there)
+    flight = without_dead(flight)
     prepared, doubt = prepared_flight(flight, vehicle, begin_s, end_s)
     return flown([Meant(flight, prepared, (), doubt)], vehicle).parts
 
@@ -147,7 +149,7 @@ class SlidingWindow:
     def __init__(self, vehicle: Vehicle, runner: Runner) -> None:
         self._vehicle, self._runner = vehicle, runner
         self._kept: dict[str, deque[tuple[Array, Array]]] = {}
-        self._begin = self._end = self._asked = -np.inf
+        self._begin = self._end = self._asked = self._newest = -np.inf
         self._running: Future[WindowEstimate] | None = None
         self._known: dict[str, tuple[float, CoefficientStatus]] = {}
         self.found: WindowEstimate | None = None
@@ -162,6 +164,7 @@ class SlidingWindow:
             good = np.isfinite(stamps) & np.isfinite(values) & (stamps > last)
             if good.any():
                 kept.append((stamps[good], values[good]))
+                self._newest = max(self._newest, float(stamps[good][-1]))
                 while kept[0][0][-1] < stamps[good][-1] - WINDOW_S - _BEFORE_S:
                     kept.popleft()
 
@@ -179,19 +182,29 @@ class SlidingWindow:
 
     def work(self) -> None:
         """Take an estimate that is done, ask for another where one is due."""
-        if self._running is not None and self._running.done():
-            self._accept(self._running)
-            self._running = None
+        self._collect()
+        cost = self.found.cost_s if self.found is not None else 0.0
+        landed = self._newest > self._end + _AWAY_S
+        self._ask(_LAST_S if landed else max(EVERY_S, cost / _SHARE))
+        self._collect()
+
+    def finish(self) -> None:
+        """Nothing comes any more: ask for an estimate of the last that is in none yet."""
+        self._ask(_LAST_S)
+
+    def _ask(self, after_s: float) -> None:
+        """Ask for an estimate if the last one ended so long before what there is now."""
         end = self._end - _UNDER_WAY_S
         begin = max(self._begin, end - WINDOW_S)
-        cost = self.found.cost_s if self.found is not None else 0.0
-        if self._running is None and end - begin >= self.first_s and end >= self._asked + max(EVERY_S, cost / _SHARE):
+        if self._running is None and end - begin >= self.first_s and end >= self._asked + after_s:
             self._asked = end
             near = {} if self.found is None else self.found.ends
             self._running = self._runner.submit(estimate_window, self._vehicle, self._cut(begin, end), begin, end, near)
-            if self._running.done():
-                self._accept(self._running)
-                self._running = None
+
+    def _collect(self) -> None:
+        if self._running is not None and self._running.done():
+            self._accept(self._running)
+            self._running = None
 
     @property
     def done(self) -> bool:

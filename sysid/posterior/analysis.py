@@ -243,9 +243,8 @@ def estimate(
         names = [name for name in own if not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)
-        rates = {"longitudinal": {"q"}, "lateral": {"p", "r"}}[group]
-        if not rates <= set(outputs):
-            left_out[group] = f"{' and '.join(sorted(rates - set(outputs)))} repeats one value or is missing"
+        if lacking := _lacking(group, outputs):
+            left_out[group] = f"{lacking} is missing, or its sensor is dead"
             continue
         progress(0.45 * place, f"{group} axes")
         free = effects if not found else ()
@@ -293,6 +292,15 @@ def estimate(
         tuple(one for group in noise for one in group), tuple(unexcited), left_out, _not_believed(found),
         tuple(warnings),
     )  # fmt: skip
+
+
+def _lacking(group: str, outputs: Sequence[str]) -> str:
+    """What a group of axes cannot be estimated without and does not have, in words."""
+    gyros = {"longitudinal": ("q",), "lateral": ("p", "r")}[group]
+    lacking = " and ".join(name for name in gyros if name not in outputs)
+    if not lacking and group == "longitudinal" and not {"az", "alpha"} & set(outputs):
+        return "az"
+    return lacking
 
 
 def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:

@@ -16,10 +16,11 @@ from sysid.errors import SignalError
 from sysid.posterior.declared import airspeed_lag
 from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
-from sysid.posterior.smoothing import Airspeed, airspeed_through, expected, smoothed
+from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
+from sysid.signals.sensor_groups import IMU
 from sysid.signals.thrust_source import dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
@@ -35,8 +36,9 @@ _DEAD = 1e-6
 _THRUST_HALF_S = 0.1
 
 _CONTROLS = {signal: control for control, signal in DEFLECTION_SIGNALS.items()} | {"throttle": "throttle"}
-MEASURED = ("ax", "ay", "az", "p", "q", "r", "alpha", "beta")
-NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
+MEASURED = (*IMU, "alpha", "beta")
+# What nothing can stand for.
+ESSENTIAL = ("phi", "theta", "airspeed")
 
 
 @dataclass(frozen=True)
@@ -117,18 +119,21 @@ def make_part(
 ) -> FlightPart:
     """A part of a flight. reconstructed: alpha or beta by kinematics (stamps, rad) for where no vane is.
 
-    Raises SignalError where something that nothing can stand for is missing.
+    An accelerometer or gyro that the flight does not have at all is taken to read nothing where it is imposed. Raises
+    SignalError where something that nothing can stand for is missing.
     """
-    read = {name: finite(signals, name, begin, end) for name in (*MEASURED, "phi", "theta", "airspeed")}
-    missing = [name for name in NEEDED if read[name][0].size < 10]
-    if missing:
+    read = {name: finite(signals, name, begin, end) for name in (*MEASURED, *ESSENTIAL)}
+    inertial = [name for name in IMU if name in signals.signals]
+    needed = (*inertial, *ESSENTIAL)
+    missing = [name for name in needed if read[name][0].size < 10]
+    if missing or not inertial:
         raise SignalError(
-            f"{signals.name}: no {', '.join(missing)} from {begin:.1f} to {end:.1f} s: coefficients need the"
+            f"{signals.name}: no {', '.join(missing or IMU)} from {begin:.1f} to {end:.1f} s: coefficients need the"
             " accelerometers, the gyros, roll and pitch, and the airspeed"
         )
     earliest = begin - 1.0
-    begin = max(begin, *(read[name][0][0] for name in NEEDED))
-    end = min(end, *(read[name][0][-1] for name in NEEDED))
+    begin = max(begin, *(read[name][0][0] for name in needed))
+    end = min(end, *(read[name][0][-1] for name in needed))
     if end - begin < 3.0:
         raise SignalError(
             f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than 3 s in which all is read"
@@ -136,7 +141,8 @@ def make_part(
     grid: Array = begin + STEP_S * np.arange(int((end - begin) / STEP_S), dtype=np.float64)
     inputs, position = inputs_of(signals, vehicle, earliest, end)
     motion = {
-        **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in ("ax", "ay", "az", "p", "q", "r")},
+        **{name: np.zeros(grid.size) for name in IMU},
+        **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in inertial},
         **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
     }
     rho = _density(signals, vehicle, grid, begin, end)
@@ -151,18 +157,25 @@ def make_part(
     # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
     motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
     messages = {name: one.source.partition(".")[0] for name, one in signals.signals.items()}
-    along = _along_path(motion, vehicle.environment.gravity)
-    speed = airspeed_through(stamps, airspeed, grid, along, airspeed_lag(vehicle, messages))
+    lag_known = airspeed_lag(vehicle, messages)
+    if {"ax", "az"} <= alive.keys():
+        along = _along_path(motion, vehicle.environment.gravity)
+        speed = airspeed_through(stamps, airspeed, grid, along, lag_known)
+    else:
+        speed = airspeed_alone(stamps, airspeed, grid, _HALF_S["airspeed"], lag_known)
+    if "az" not in alive and "alpha" in alive:
+        motion["az"] = _normal_acceleration(motion, speed.values, vehicle.environment.gravity)
     channels = {
         name: Channel(name, *_inside(alive[name], grid)) for name in MEASURED if name in alive and name != "airspeed"
     }
-    imu = float(np.median(np.diff(read["q"][0])))
+    gyros = read["q" if "q" in inertial else inertial[-1]][0]
+    imu = float(np.median(np.diff(gyros)))
     rates = [
         1.0 / imu,
         *(1.0 / float(np.median(np.diff(inputs[n].time_s))) for n in SURFACES if n in inputs),
     ]
     rates += [1.0 / float(np.median(np.diff(channels[n].time_s))) for n in ("alpha", "beta") if n in channels]
-    lost = bursts(read["q"][0]) + [one for n in SURFACES if n in inputs for one in bursts(inputs[n].time_s)]
+    lost = bursts(gyros) + [one for n in SURFACES if n in inputs for one in bursts(inputs[n].time_s)]
     for name in ("alpha", "beta"):
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
@@ -323,6 +336,15 @@ def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:
         + (motion["ay"] + gravity * ct * sp) * sb
         + (motion["az"] + gravity * ct * cp) * sa * cb
     )
+
+
+def _normal_acceleration(motion: Mapping[str, Array], speed: Array, gravity: float) -> Array:
+    """(N,) m/s^2, what an accelerometer along the body's z axis would feel, by how the angle of attack changes."""
+    ca, sa = np.cos(motion["alpha"]), np.sin(motion["alpha"])
+    ct, st, cp = np.cos(motion["theta"]), np.sin(motion["theta"]), np.cos(motion["phi"])
+    sideways = np.tan(motion["beta"]) * (motion["p"] * ca + motion["r"] * sa)
+    turned = speed * np.cos(motion["beta"]) * (np.gradient(motion["alpha"], STEP_S) - motion["q"] + sideways)
+    return np.asarray((turned - gravity * (ct * cp * ca + st * sa) + motion["ax"] * sa) / ca)
 
 
 def outputs_of(group: str, parts: Sequence[FlightPart]) -> tuple[str, ...]:

@@ -109,6 +109,16 @@ def _lowest(cost: Callable[[float], float], low: float, high: float, within: flo
     return float(found.x)
 
 
+def airspeed_alone(time_s: Array, read: Array, grid: Array, half: float, lag_prior: tuple[float, float]) -> Airspeed:
+    """Airspeed from its reading alone, where an accelerometer that feels the flight path's acceleration is missing.
+
+    As `airspeed_through`; half: half width of the window that smooths, s. The lag stays as known before.
+    """
+    values = smoothed(time_s, read, grid, half)
+    rate, (lag, std) = np.gradient(values, grid), lag_prior
+    return Airspeed(values + lag * rate, rate, lag, std)
+
+
 def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_prior: tuple[float, float]) -> Airspeed:
     """Airspeed from a lagging, noisy reading and the acceleration along the flight path that the IMU feels.
 

@@ -25,7 +25,7 @@ from sysid.signal_check.relation_misfit import OVER_GROUND, ForceBalance, Misfit
 from sysid.signal_check.remedies import named_cures
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
-from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GYRO, VANES
+from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GYRO, IMU, VANES
 from sysid.signals.sensor_layout import SensorLayout
 
 # A gain of a gyro counts from this error on, and up to a factor that is rather a unit.
@@ -81,7 +81,9 @@ def as_meant(
     kept = {*as_recorded, *vehicle.as_recorded}
     require_searched(kept)
     stop_at_unusable([one for one in impossible_values([flight], vehicle) if one.signal == "air_density"], signals.name)
-    found = decisive_corrections([stretch.data for stretch in flight.stretches], flight.layout, kept)
+    # Where an accelerometer or a gyro is missing, no relation of the motion can be held against the other sensors.
+    whole = set(IMU) <= signals.signals.keys()
+    found = decisive_corrections([one.data for one in flight.stretches], flight.layout, kept) if whole else []
     strong = [one for one in impossible_values([flight], vehicle) if one.signal == "thrust" and "thrust" not in kept]
     found += [
         Correction(one, Hypothesis(("thrust",), "unit", one.sentence, np.full((1, 1), one.found)))

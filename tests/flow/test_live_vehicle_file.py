@@ -44,31 +44,25 @@ class Ground:
 
     def __init__(self, url: str, port: int) -> None:
         self.url, self.port = url, port
-        self.flown: set[str] = set()
 
     def live(self) -> dict[str, Any]:
         told: dict[str, Any] = httpx.get(f"{self.url}/api/live", timeout=PATIENCE_S).json()
         return told
 
     def fly(self, seconds: float) -> dict[str, Any]:
-        """What the service says at the end of a flight, which is over when this returns."""
+        """What the service says of a flight once it is over and all of it is estimated."""
 
-        def ended() -> dict[str, Any] | None:
+        def known() -> dict[str, Any] | None:
             told = self.live()
-            new = told["flight"] is not None and told["flight"] not in self.flown
-            if not new or not told["identification"]:
-                return None
-            known = "value" in told["identification"]["coefficients"]["CL_alpha"]
-            return told if known and (told["time_s"] or 0.0) > seconds - 0.5 else None
+            found = told["identification"]
+            return told if told["flight"] is None and found and found["coefficients"]["CL_alpha"]["known"] else None
 
         arguments = ["fly", "--manoeuvre", "elevator-multisine", "--duration", seconds]
         with start("sim-vehicle", [*arguments, "--out", f"udpout:127.0.0.1:{self.port}"]) as flight:
-            told = wait_until(ended)  # asked while it flies: on a busy machine silence may end it soon afterwards
+            wait_until(lambda: self.live()["flight"])
             _, error = flight.communicate(timeout=PATIENCE_S)
             assert flight.returncode == 0, error
-        self.flown.add(told["flight"])
-        wait_until(lambda: self.live()["flight"] is None)
-        return told
+        return wait_until(known)
 
 
 def lift(told: dict[str, Any]) -> float:
@@ -88,19 +82,19 @@ def test_an_edited_vehicle_file_counts_from_the_next_flight_on_and_a_bad_one_doe
     with service(*links, "--vehicle", craft, "--data", data, "--no-identify", "--silence", 2) as url:
         ground = Ground(url, port)
         wait_until(lambda: ground.live()["process"]["state"] == "running")
-        before = ground.fly(20)
+        before = ground.fly(12)
         assert before["vehicle"] == "iitb-mav"
         assert before["identification"]["warnings"] == []
 
         craft.write_text(second, encoding="utf-8")
-        changed = ground.fly(20)
+        changed = ground.fly(12)
         assert changed["vehicle"] == "repainted"
         assert changed["identification"]["warnings"][0].startswith("iitb-mav.toml has changed: coefficients begin anew")
         assert lift(changed) == pytest.approx(2.0 * lift(before), rel=0.1)  # of twice the mass, under the same forces
         wait_until(lambda: "iitb-mav.toml has changed" in neighbour.heard)
 
         craft.write_text(second.replace("[mass]", "[mess]"), encoding="utf-8")
-        kept = ground.fly(20)
+        kept = ground.fly(12)
         assert kept["vehicle"] == "repainted"
         (note, *_) = kept["identification"]["warnings"]
         assert "the vehicle file cannot be used" in note

@@ -17,7 +17,7 @@ def test_coefficients_are_printed_while_everything_is_recorded(tmp_path: Path) -
     command = ["record", "--live", "--vehicle", "iitb-mav", "--connect", f"udpin:127.0.0.1:{port}", "-o", path]
     with start("gcs", command) as process:
         wait_until(path.exists)
-        flown = run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "20",
+        flown = run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "14",
                     "--out", f"udpout:127.0.0.1:{port}")  # fmt: skip
         assert flown.returncode == 0
         # The line of the last estimate comes within two seconds of it.
@@ -25,7 +25,7 @@ def test_coefficients_are_printed_while_everything_is_recorded(tmp_path: Path) -
         lines = []
         while not lines or "Cm_alpha" not in lines[-1]:
             lines.append(process.stdout.readline())
-        wait_until(lambda: messages_on_disk(path) >= 20 * 400)
+        wait_until(lambda: messages_on_disk(path) >= 14 * 400)
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error

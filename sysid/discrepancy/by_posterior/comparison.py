@@ -21,7 +21,8 @@ from sysid.discrepancy.identified_effect import reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
-from sysid.identification.posterior_method import effects_with, flown, meant
+from sysid.identification.flight_as_meant import meant
+from sysid.identification.posterior_method import effects_with, flown
 from sysid.identification.textbook import is_of_the_field
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse

@@ -11,6 +11,7 @@ from simulated import fly_mav
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
+from sysid.identification.flight_as_meant import attitude_rate
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightSignals, Signal
@@ -58,12 +59,51 @@ def test_two_samples_of_an_attitude_missing(gone: str, flight: FlightSignals) ->
     assert worst(found) < 4.0
 
 
-def test_a_dead_accelerometer_to_the_side_is_done_without(flight: FlightSignals) -> None:
-    dead = replace(flight.signals["ay"], values=np.zeros_like(flight.signals["ay"].values))
-    found = identify([changed(flight, ay=dead)], VEHICLE, systematic=False)
+@pytest.mark.parametrize(("name", "lost"), [("ay", {"CY"}), ("az", set()), ("ax", {"CD"})])
+def test_a_dead_accelerometer_is_done_without(name: str, lost: set[str], flight: FlightSignals) -> None:
+    dead = replace(flight.signals[name], values=np.zeros_like(flight.signals[name].values))
+    found = identify([changed(flight, **{name: dead})], VEHICLE, systematic=False)
     assert result_json(found)["method"] == "map"
     assert worst(found) < 4.0
-    assert any("ay repeats one value" in warning for warning in found.warnings)
+    assert any(f"no change of {name}: it is done without" in warning for warning in found.warnings)
+    assert {one.name[:2] for one in found.refused if one.name in TRUE} <= lost
+
+
+@pytest.mark.parametrize(("name", "change"), [("q", "dead"), ("p", "not there"), ("r", "not a number")])
+def test_the_attitude_stands_for_a_gyro_that_is_lost(name: str, change: str, flight: FlightSignals) -> None:
+    signals, one = dict(flight.signals), flight.signals[name]
+    if change == "not there":
+        del signals[name]
+    else:
+        signals[name] = replace(one, values=np.full_like(one.values, 0.0 if change == "dead" else np.nan))
+    found = identify([replace(flight, signals=signals)], VEHICLE, systematic=False)
+    assert worst(found) < 4.0
+    assert any(f"{name}: the attitude's rate of change is taken for it" in warning for warning in found.warnings)
+    assert not [one.name for one in found.refused if one.name in TRUE]
+
+
+def test_rates_of_an_attitude_are_those_of_the_body_in_a_turn_that_climbs(flight: FlightSignals) -> None:
+    time_s = np.arange(0.0, 10.0, 0.02)
+    angles = {
+        "phi": 0.5 + 0.1 * np.sin(time_s),
+        "theta": 0.2 + 0.05 * time_s / 10.0,
+        "psi": (0.4 * time_s) % (2 * np.pi),
+    }
+    turning = changed(flight, **{n: Signal(time_s, one, "rad", "ATTITUDE") for n, one in angles.items()})
+    dpsi, dtheta = 0.4, 0.005
+    for name, true in {
+        "p": lambda t: 0.1 * np.cos(t) - dpsi * np.sin(0.2 + dtheta * t),
+        "q": lambda t: (
+            dtheta * np.cos(0.5 + 0.1 * np.sin(t)) + dpsi * np.cos(0.2 + dtheta * t) * np.sin(0.5 + 0.1 * np.sin(t))
+        ),
+        "r": lambda t: (
+            dpsi * np.cos(0.2 + dtheta * t) * np.cos(0.5 + 0.1 * np.sin(t)) - dtheta * np.sin(0.5 + 0.1 * np.sin(t))
+        ),
+    }.items():
+        rate = attitude_rate(turning, name)
+        assert rate is not None
+        assert rate.values == pytest.approx(true(rate.time_s), abs=1e-4)
+    assert attitude_rate(replace(flight, signals={"psi": flight.signals["psi"]}), "q") is None
 
 
 @pytest.mark.parametrize(("surface", "axes"), [("da", ("CY", "Cl", "Cn")), ("de", ("CL", "CD", "Cm"))])

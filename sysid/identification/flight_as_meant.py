@@ -1,0 +1,187 @@
+"""A flight as its sensors meant it: what is lost is bridged, what is dead done without, what is misread mended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+from sysid.errors import SysidError
+from sysid.identification.request import Request
+from sysid.posterior.part import ESSENTIAL
+from sysid.signal_check.decisive import as_meant
+from sysid.signal_check.fault import Mistake
+from sysid.signals.flight import FlightSignals, Signal, repeats
+from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.record import SURFACES
+from sysid.signals.sensor_groups import ATTITUDE, GYRO, IMU
+
+# Lost samples over so long are bridged, s.
+_BRIDGED_S = 2.0
+# Samples below which there is no attitude.
+_FEWEST = 10
+_BY_ATTITUDE = "the attitude's rate of change"
+
+
+@dataclass(frozen=True)
+class Meant:
+    """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
+
+    signals: without accelerometers that are dead, and the attitude's rates for gyros that are. doubt: why it may not be
+    a flight, where all of it was taken.
+    """
+
+    signals: FlightSignals
+    prepared: Prepared
+    mistakes: tuple[Mistake, ...]
+    doubt: SysidError | None
+
+
+def meant(
+    flight: FlightSignals,
+    vehicle: Vehicle,
+    as_recorded: Sequence[str] = (),
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Meant:
+    """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
+    flight = without_dead(flight)
+    prepared, doubt = prepared_flight(flight, vehicle, start_s, stop_s)
+    try:
+        signals, mistakes = as_meant(flight, prepared, vehicle, as_recorded)
+        if signals is not flight:
+            prepared, doubt = prepared_flight(signals, vehicle, start_s, stop_s)
+    except SysidError as error:
+        raise (doubt or error) from error
+    return Meant(signals, prepared, tuple(mistakes), doubt)
+
+
+def read_as_meant(asked: Request) -> list[Meant]:
+    """The flights asked for. Raises SysidError where one lacks what is needed."""
+    asked.progress(0.05, "units, signs and axes")
+    return [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
+
+
+def bridged(signals: FlightSignals) -> FlightSignals:
+    """The flight with bursts of lost samples up to 2 s, and what comes between those of slower sensors than the gyros,
+    filled by straight lines, so that it stays in one part.
+
+    For finding the parts of a flight alone: what is fitted is compared at the stamps of the samples there are.
+    """
+    filled = {}
+    usual = min((float(np.median(np.diff(one.time_s))) for one in _imu(signals) if one.time_s.size > 10), default=0.0)
+    for name, one in signals.signals.items():
+        good = np.isfinite(one.time_s) & np.isfinite(one.values)
+        time_s, values = one.time_s[good], one.values[good]
+        if name in (*IMU, *ESSENTIAL, "alpha", "beta", *SURFACES, "throttle", "thrust") and time_s.size > 10:
+            time_s, values = _filled(time_s, values, usual if name in (*IMU, *ESSENTIAL) else 0.0)
+        filled[name] = Signal(time_s, values, one.unit, one.source, one.calibration)
+    return replace(signals, signals=filled)
+
+
+def _imu(signals: FlightSignals) -> list[Signal]:
+    return [signals.signals[name] for name in IMU if name in signals.signals]
+
+
+def _filled(time_s: Array, values: Array, least_s: float) -> tuple[Array, Array]:
+    """Samples with more of them on straight lines, at the usual interval of the signal or at `least_s`."""
+    steps = np.diff(time_s)
+    usual = least_s if least_s > 0.0 else float(np.median(steps))
+    more = [
+        np.linspace(time_s[i], time_s[i + 1], max(2, round(steps[i] / usual)) + 1)[1:-1]
+        for i in np.flatnonzero((steps > 1.5 * usual) & (steps < _BRIDGED_S))
+    ]
+    if not more:
+        return time_s, values
+    every = np.sort(np.concatenate((time_s, *more)))
+    return every, np.interp(every, time_s, values)
+
+
+def missing_inertial(signals: FlightSignals) -> list[str]:
+    """Accelerometers and gyros that a flight does not have."""
+    return [name for name in IMU if name not in signals.signals]
+
+
+def has_whole_imu(signals: FlightSignals) -> bool:
+    """Whether every accelerometer and gyro measured."""
+    return all(name in signals.signals and signals.signals[name].source != _BY_ATTITUDE for name in IMU)
+
+
+def without_dead(signals: FlightSignals) -> FlightSignals:
+    """The flight without accelerometers and gyros that are dead; the attitude's rates stand for gyros, where it has
+    them. What is missing of the IMU is told.
+    """
+    kept, told = dict(signals.signals), []
+    if not any(name in kept for name in IMU):
+        return signals
+    for name in IMU:
+        if name in kept and np.isfinite(kept[name].values).any() and not repeats(kept[name].values):
+            continue
+        why = "no signal" if name not in kept else "no change of"
+        rate = attitude_rate(signals, name)
+        if rate is not None:
+            told.append(f"{why} {name}: {_BY_ATTITUDE} is taken for it")
+            kept[name] = rate
+        else:
+            told.append(f"{why} {name}: it is done without")
+            kept.pop(name, None)
+    return replace(signals, signals=kept, warnings=(*signals.warnings, *told)) if told else signals
+
+
+def attitude_rate(signals: FlightSignals, rate: str) -> Signal | None:
+    """p, q or r [rad/s] between the samples of the attitude, by its change (Klein & Morelli 2016, eq. 3.21); None where
+    that is not measured, or no rate of the body's.
+
+    Differences over one interval pass 99 % of what moves at 3 Hz, and no noise below; what they make of noise above is
+    among what the estimate finds to be left.
+    """
+    angles = [signals.signals.get(name) for name in ATTITUDE]
+    if rate not in GYRO or any(one is None or np.isfinite(one.values).sum() < _FEWEST for one in angles):
+        return None
+    good = [(one.time_s[here], one.values[here]) for one in angles if one for here in (np.isfinite(one.values),)]
+    stamps, interval = good[1][0], np.diff(good[1][0])
+    phi, theta, psi = (np.interp(stamps, time_s, np.unwrap(values)) for time_s, values in good)
+    kept = interval > 0.0
+    middle = (stamps[:-1] + 0.5 * interval)[kept]
+    turn = [np.diff(one)[kept] / interval[kept] for one in (phi, theta, psi)]
+    phi, theta = (np.interp(middle, stamps, one) for one in (phi, theta))
+    values = {
+        "p": turn[0] - turn[2] * np.sin(theta),
+        "q": turn[1] * np.cos(phi) + turn[2] * np.cos(theta) * np.sin(phi),
+        "r": turn[2] * np.cos(theta) * np.cos(phi) - turn[1] * np.sin(phi),
+    }[rate]
+    return Signal(middle, np.asarray(values), "rad/s", _BY_ATTITUDE)
+
+
+def _with_stand_ins(signals: FlightSignals) -> FlightSignals:
+    """The flight with a signal for each accelerometer and gyro that is missing, of a slope far below any noise.
+
+    For finding the parts of a flight alone; the estimate does without them.
+    """
+    there, lost = _imu(signals), missing_inertial(signals)
+    if not there or not lost:
+        return signals
+    like = max(there, key=lambda one: one.time_s.size)
+    nothing = replace(like, values=1e-12 * np.arange(like.time_s.size, dtype=np.float64))
+    return replace(signals, signals={**signals.signals, **dict.fromkeys(lost, nothing)})
+
+
+def prepared_flight(
+    flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
+) -> tuple[Prepared, SysidError | None]:
+    """The flight prepared; where no part of it seems to be flight, all of it, and why not."""
+    whole = _with_stand_ins(bridged(flight))
+    whole.require(*IMU, *ESSENTIAL)
+    try:
+        return prepare(whole, vehicle, start_s, stop_s), None
+    except SysidError as error:
+        time_s = whole.signals["q"].time_s
+        if start_s is not None or stop_s is not None or time_s.size < 2:
+            raise
+        try:
+            return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1])), error
+        except SysidError:
+            raise error from None
