@@ -56,7 +56,7 @@ def load_flown(vehicle: Path, paths: Sequence[Path], system: int | None = None) 
     for parts in by_recording(paths):
         recording = Recording(parts)
         if found := parameters_of(recording, sender_of(recording, system).system):
-            return filled(craft, found)
+            return filled(craft, found, recording.messages())
     return craft
 
 

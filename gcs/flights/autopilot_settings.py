@@ -1,19 +1,20 @@
 """What the parameters of an autopilot say of its aircraft, for what the vehicle file leaves out.
 
-ArduPilot: SERVOn_FUNCTION, _MIN, _TRIM, _MAX, _REVERSED, INS_POS1_*, GPS_POS1_*, ARSPD_TYPE (ardupilot.org/plane,
-"Complete parameter list"). PX4: PWM_MAIN_FUNCn, _MINn, _MAXn, PWM_MAIN_REV, CA_SV_CSn_TYPE, EKF2_IMU_POS_*,
-EKF2_GPS_POS_* (docs.px4.io, "Parameter reference"). No parameter says how far a surface moves.
+ArduPilot: SERVOn_FUNCTION, _MIN, _TRIM, _MAX, _REVERSED, INS_POS1_*, GPS_POS1_*, INS_GYRO_FILTER, ARSPD_TYPE
+(ardupilot.org/plane, "Complete parameter list"). PX4: PWM_MAIN_FUNCn, _MINn, _MAXn, PWM_MAIN_REV, CA_SV_CSn_TYPE,
+EKF2_IMU_POS_*, EKF2_GPS_POS_* (docs.px4.io, "Parameter reference"). No parameter says how far a surface moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gcs.flights.streams import ColumnSource
 from sim_vehicle.vehicle.controls import CONTROL_NAMES, DEFLECTION_SIGNALS, LARGEST_PWM_US, Control, mixing_matrix
+from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 # Travel at the ends of the servo's range, rad, where nobody has measured it (usual throws of small aircraft are 15 to
@@ -36,6 +37,9 @@ _PX4: Mapping[int, Mix] = {
     5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL, 15: {"aileron": 1.0},
 }  # fmt: skip
 _PX4_MOTOR, _PX4_SURFACE = 101, 201
+# Messages whose rates and forces ArduPilot's low pass has gone through, as those of its log "IMU" have; by how much
+# sensors' own filters differ, s.
+_FILTERED, _FILTER_STD_S = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU"), 0.002
 _POSITIONS = {
     "accelerometer": ("INS_POS1_{}", "INS_POS_{}", "EKF2_IMU_POS_{}"),
     "gps": ("GPS1_POS_{}", "GPS_POS1_{}", "EKF2_GPS_POS_{}"),
@@ -55,9 +59,9 @@ def parameters_of(recording: ColumnSource, system: int) -> dict[str, float]:
     return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
-def filled(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vehicle:
-    """The vehicle with controls and places of sensors that its file leaves out by the autopilot's parameters; a warning
-    says of each what was taken.
+def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collection[str] = ()) -> Vehicle:
+    """The vehicle with what its file leaves out by the autopilot's parameters: controls, places of sensors, lateness of
+    the IMU; a warning says of each what was taken. messages: those that the recording has.
     """
     controls, warnings = dict(vehicle.controls), list(vehicle.warnings)
     taken = {servo for control in controls.values() for servo in control.servos}
@@ -87,10 +91,23 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vehicle:
         if any(place) and not any(vehicle.sensors[sensor].position):
             moved[sensor] = replace(vehicle.sensors[sensor], position=place)
             warnings.append(f"[sensors.{sensor}] position is not given: {list(place)} m by the log's parameters")
+    timing = dict(vehicle.timing)
+    late_s = filter_delay(parameters.get("INS_GYRO_FILTER", 0.0))
+    for message in (one for one in _FILTERED if late_s > 0.0 and one in messages and one not in timing):
+        timing[message] = Known(late_s, _FILTER_STD_S)
+        warnings.append(
+            f"[timing] {message} is not given: {1e3 * late_s:.1f} ms late by the log's parameters (INS_GYRO_FILTER ="
+            f" {parameters['INS_GYRO_FILTER']:g} Hz)"
+        )
     if parameters.get("ARSPD_TYPE") == 0.0:
         warnings.append("ARSPD_TYPE is 0: no airspeed sensor; an airspeed in the log is the autopilot's own guess")
     sensors = replace(vehicle.sensors, **moved)
-    return replace(vehicle, controls=controls, sensors=sensors, warnings=tuple(warnings))
+    return replace(vehicle, controls=controls, sensors=sensors, timing=timing, warnings=tuple(warnings))
+
+
+def filter_delay(cutoff_hz: float) -> float:
+    """By how much Butterworth's low pass of second order delays what is slow, s: sqrt(2) / w; 0 where there is none."""
+    return 2.0**0.5 / (2.0 * np.pi * cutoff_hz) if cutoff_hz > 0.0 else 0.0
 
 
 def _position(parameters: Mapping[str, float], names: tuple[str, ...]) -> tuple[float, float, float]:

@@ -30,6 +30,8 @@ def build_parser() -> argparse.ArgumentParser:
     add("--effect", action="append", default=[], metavar="NAME[:KEY=VALUE...]", help="add an effect to the model")
     add("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
         help="a coefficient (CL_alpha), manoeuvre.amplitude, sensors.accel_bias_x, flight.airspeed ...")  # fmt: skip
+    add("--fail", action="append", default=[], metavar="NAME[=SIZE]@SECONDS",
+        help="break a surface, a wing, a sensor in flight, as elevator=0.5@40; see docs/simulator.md")  # fmt: skip
     add("--seed", type=int, default=0, metavar="N", help="seed of noise and gusts (default 0)")
     add("--duration", type=float, metavar="S", help="repeat or cut the manoeuvres to this many seconds")
     add("--wind", default="0,0,0", metavar="N,E,D", help="velocity of the air, m/s")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.errors import ModelFileError, PlanError, SimVehicleError, SinkError
+from sim_vehicle.flight.failures import Failure, parse_failure
 from sim_vehicle.manoeuvres.plan import Plan, plan_of, read_plan
 from sim_vehicle.mavlink.outputs import check_link
 from sim_vehicle.model.model_file import BUILT_IN, Model, read_model
@@ -137,6 +138,14 @@ def model_of(given: argparse.Namespace, vehicle: Vehicle, settings: Settings) ->
         demand = " ".join(f"--set {name}=VALUE" for name in names)
         raise ModelFileError(f"the model has no value for {', '.join(names)} ({reason}); give {demand}")
     return model
+
+
+def failures_of(given: argparse.Namespace) -> list[Failure]:
+    """What is to break in flight. Raises UsageError."""
+    try:
+        return [parse_failure(text) for text in given.fail]
+    except SimVehicleError as error:
+        raise UsageError(f"--fail {error}") from None
 
 
 def flight_plan(given: argparse.Namespace, settings: Settings) -> Plan:

@@ -14,6 +14,7 @@ from sim_vehicle.cli.options import (
     Settings,
     UsageError,
     check_numbers,
+    failures_of,
     flight_plan,
     model_of,
     read_settings,
@@ -23,6 +24,7 @@ from sim_vehicle.cli.options import (
 from sim_vehicle.cli.writable import unwritable
 from sim_vehicle.errors import SimVehicleError, SinkError
 from sim_vehicle.flight.arming import Arming
+from sim_vehicle.flight.failures import Failures
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.flight_loop import fly, wind_of
 from sim_vehicle.flight.plant import Plant
@@ -48,12 +50,16 @@ class _Flight:
     def __init__(self, given: argparse.Namespace, settings: Settings, plan: Plan, number: int) -> None:
         self.system = given.system + number
         self.vehicle = vehicle_of(given, settings, quiet=number > 0)
-        self.plant = Plant(self.vehicle, model_of(given, self.vehicle, settings))
+        model, failing = model_of(given, self.vehicle, settings), failures_of(given)
+        self._failures = Failures(failing)
+        self.plant = Plant(self.vehicle, Failures.flyable(model) if failing else model)
         self.arming = Arming(wait=given.wait_arm)
         sensor_seed, gust_seed, self.link_seed = np.random.SeedSequence(given.seed + number).spawn(3)
         generator = np.random.default_rng(sensor_seed)
         try:
-            self._suite = SensorSuite(self.vehicle, noise=given.noise, generator=generator, changes=settings.sensors)
+            self._suite = SensorSuite(
+                self.vehicle, noise=given.noise, generator=generator, changes=settings.sensors, failures=self._failures
+            )
         except SimVehicleError as error:
             raise UsageError(str(error)) from None
         self._gusts = np.random.default_rng(gust_seed)
@@ -71,6 +77,7 @@ class _Flight:
             taxi=self._taxi,
             on_tick=on_tick,
             arming=self.arming,
+            failures=self._failures,
         )
 
 

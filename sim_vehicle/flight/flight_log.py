@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ class FlownFlight:
     output number -> (N,) us. wind_ned, gust_body: (N, 3) m/s, the wind of the step that ends at each tick, and the gust
     that a sensor meets there.
     measured: signal -> (times, values), as a recording carries them. sensor_errors: the true ones, by the
-    names of an identification's result.
+    names of an identification's result. failures: what broke, its size and when, s.
     """
 
     time_s: Array
@@ -46,6 +47,7 @@ class FlownFlight:
     sensor_errors: dict[str, float]
     segments: tuple[FlownSegment, ...]
     airborne: NDArray[np.bool_]
+    failures: tuple[Mapping[str, object], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The truth as JSON values; measurements are left to the recording."""
@@ -59,6 +61,7 @@ class FlownFlight:
             "sensor_errors": self.sensor_errors,
             "segments": [segment.__dict__ for segment in self.segments],
             "airborne": self.airborne.tolist(),
+            **({"failures": [dict(one) for one in self.failures]} if self.failures else {}),
         }
 
     def write_truth(self, path: str | Path) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sim_vehicle.errors import FlightError, PlanError
 from sim_vehicle.flight.arming import Arming
 from sim_vehicle.flight.autopilot import Autopilot, Targets
+from sim_vehicle.flight.failures import Failures
 from sim_vehicle.flight.flight_log import FlownFlight, FlownSegment
 from sim_vehicle.flight.ground_roll import ROLL_ACCELERATION, Roll, ideal_readings
 from sim_vehicle.flight.plant import CHANNELS, OUTPUTS, Plant, PlantState
@@ -47,17 +48,20 @@ def fly(
     taxi: bool = False,
     on_tick: Callable[[Tick], None] | None = None,
     arming: Arming | None = None,
+    failures: Failures | None = None,
 ) -> FlownFlight:
     """Fly `plan` and return truth and measurements.
 
     suite: the sensors. generator: source of gusts. wind: the moving air; without it what the model's
     environment effects say. duration: s, repeats or cuts the plan. taxi: begin and end standing on the
-    ground. on_tick: called once in each tick. arming: when a vehicle that stands is to arm. The flight in the
-    air starts in trim and has round(duration / dt) + 1 ticks. Raises TrimError, PlanError, FlightError.
+    ground. on_tick: called once in each tick. arming: when a vehicle that stands is to arm. failures: what breaks,
+    which the suite must have been given too; the plant stays broken. The flight in the air starts in trim and has
+    round(duration / dt) + 1 ticks. Raises TrimError, PlanError, FlightError.
     """
     if duration is not None:
         plan = plan.fitted(duration)
-    flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick, arming or Arming())
+    flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick, arming or Arming(),
+                     failures or Failures())  # fmt: skip
     if taxi:
         flight.taxi_out()
         flight.climb()
@@ -89,10 +93,11 @@ class _Flight:
         dt: float,
         on_tick: Callable[[Tick], None] | None,
         arming: Arming,
+        failures: Failures,
     ) -> None:
         self.plant, self.plan, self.suite, self.wind, self.dt = plant, plan, suite, wind, dt
         self._on_tick = on_tick
-        self._arming = arming
+        self._arming, self._failures = arming, failures
         self._servos = ServoOutputs(plant.vehicle)
         self._trim = plant.trim()
         self._reference = dict(zip(CHANNELS, plant.read(self._trim.state).tolist(), strict=True))
@@ -136,16 +141,19 @@ class _Flight:
         self, altitude: float, speed_change: float, freed: tuple[bool, bool], added: Array, *, last: bool
     ) -> None:
         """Read, command, tell; then fly to the next tick unless this is the `last`."""
+        time_s = self._count * self.dt
+        self._failures.begin(time_s, self.plant)
         truth = self.plant.outputs(self._state)
         self._check(truth)
         ideal = dict(zip(CHANNELS, self.plant.read(self._state).tolist(), strict=True))
         ideal["rpm"], ideal["rho"] = float(truth[OUTPUTS.index("rpm")]), float(truth[OUTPUTS.index("rho")])
-        reading = self.suite.sample(self._count * self.dt, ideal)
+        reading = self.suite.sample(time_s, ideal)
         targets = Targets(self._reference["airspeed"] + speed_change, altitude, 0.0)
         wanted = self._autopilot.command(reading.values, targets, freed, added)
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)
-        self._tell(truth, command, self._servos.told(pulses, self._state.surfaces), reading, True, True)
+        told = self._failures.told(time_s, self._servos.told(pulses, self._state.surfaces))
+        self._tell(truth, command, told, reading, True, True)
         if last:
             return
         wind = self.wind.at(float(-self._state.x[2]))
@@ -153,7 +161,8 @@ class _Flight:
         self._air_ticks += 1
         self._air = (wind, next_gust)
         # A gust goes on while the aircraft flies to the next tick: between its value here and the one sensed there.
-        self.plant.step(self._state, command, self.dt, wind, 0.5 * (gust + next_gust), next_gust)
+        obeyed = self._failures.obeyed(time_s, command, float(truth[OUTPUTS.index("alpha")]))
+        self.plant.step(self._state, obeyed, self.dt, wind, 0.5 * (gust + next_gust), next_gust)
 
     def _check(self, truth: Array) -> None:
         """Stop an aircraft that flies apart: its numbers would mean nothing, and some fit into no message."""
@@ -282,6 +291,7 @@ class _Flight:
             sensor_errors=errors,
             segments=tuple(self._segments),
             airborne=np.array(self._rows["airborne"], dtype=np.bool_),
+            failures=tuple(one.to_json() for one in self._failures.every),
         )
 
     def _measured(self) -> dict[str, tuple[Array, Array]]:

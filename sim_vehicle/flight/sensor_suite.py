@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.flight.failures import Failures
 from sim_vehicle.physics import atmosphere
 from sim_vehicle.vehicle.adc_curves import AnalogueBoard, load_analogue
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -143,7 +144,7 @@ class SensorSuite:
 
     vehicle: decides what the airspeed sensor tells, and its analogue board. noise: "table2" or "none" (exact values).
     generator: source of all noise, or its seed. changes: as for `error_table`.
-    rates_hz: sample rates of groups, instead of RATES_HZ.
+    rates_hz: sample rates of groups, instead of RATES_HZ. failures: what breaks.
     """
 
     def __init__(
@@ -155,11 +156,13 @@ class SensorSuite:
         dt: float = 0.02,
         changes: Mapping[str, float] | None = None,
         rates_hz: Mapping[str, float] | None = None,
+        failures: Failures | None = None,
     ) -> None:
         self._errors = error_table(noise, changes or {})
         self._exact = noise == "none"
         self._generator = np.random.default_rng(generator)
         self._dt = dt
+        self._failures = failures or Failures()
         self._airspeed_is_true = vehicle.sensors.airspeed.kind == "true"
         self.board: AnalogueBoard | None = load_analogue(vehicle.path)
         self._rates = {**RATES_HZ, **(rates_hz or {})}
@@ -202,9 +205,10 @@ class SensorSuite:
         read = self._gain * self._lagged + self._bias + noise
         coarse = self._coarse
         read[coarse] = np.round(read[coarse] / self._quantum[coarse]) * self._quantum[coarse]
-        fresh = dict(zip(self._channels, read.tolist(), strict=True))
+        fresh = {**dict(zip(self._channels, read.tolist(), strict=True)), "north": ideal["north"]}
+        self._failures.read(time_s, fresh)
         self._derive(fresh, ideal)
-        due = frozenset(group for group in self._rates if self._is_due(group, time_s))
+        due = frozenset(group for group in self._rates if self._is_due(group, time_s)) - self._failures.lost(time_s)
         for group in due:
             names = self._adc_names() if group == "adc" else _GROUPS[group]
             self._values.update({name: fresh[name] for name in names})
@@ -240,7 +244,7 @@ class SensorSuite:
         decay = float(np.exp(-self._dt / GPS_CORRELATION_S))
         drive = 0.0 if self._exact else GPS_POSITION_NOISE * np.sqrt(1.0 - decay**2)
         self._gps_error = decay * self._gps_error + drive * self._generator.standard_normal(3)
-        north, east = ideal["north"] + self._gps_error[0], ideal["east"] + self._gps_error[1]
+        north, east = fresh["north"] + self._gps_error[0], ideal["east"] + self._gps_error[1]
         fresh["lat"] = HOME[0] + float(np.degrees(north / _EARTH_RADIUS))
         fresh["lon"] = HOME[1] + float(np.degrees(east / (_EARTH_RADIUS * np.cos(np.radians(HOME[0])))))
         fresh["gps_north"], fresh["gps_east"] = float(north), float(east)

@@ -35,13 +35,20 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
 
-# What the estimate tells beside coefficients that a simulation lacks: said where it is so many standard errors off.
-_SEEN = 3.0
+# What the estimate tells beside coefficients that a simulation lacks: said where it is so many standard errors off, and
+# where the flight tells it so much better than was known before.
+_SEEN, _TELLING = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
-_SERVO_WORDS = {
-    "servo_delay": ("the servos answer {:.0f} ms late", 1e3),
-    "servo_lag": ("the servos lag by {:.0f} ms", 1e3),
-    "servo_backlash": ("the linkages have {:.2f} deg of play to either side", 180.0 / np.pi),
+# Name -> what is said where it is above its null and below it, "" for nothing, the null, the factor to the unit said.
+_BESIDE = {
+    "servo_delay": ("the servos answer {:.0f} ms late", "", 0.0, 1e3),
+    "servo_lag": ("the servos lag by {:.0f} ms", "", 0.0, 1e3),
+    "servo_backlash": ("the linkages have {:.2f} deg of play to either side", "", 0.0, 180.0 / np.pi),
+    "airspeed_error": ("the airspeed reads {:.1f} % too much", "the airspeed reads {:.1f} % too little", 0.0, 100.0),
+    "alpha_scale": ("the alpha vane turns {:.0f} % too far", "the alpha vane turns {:.0f} % too little", 1.0, 100.0),
+    "beta_scale": ("the beta vane turns {:.0f} % too far", "the beta vane turns {:.0f} % too little", 1.0, 100.0),
+    "vane_clock": ("the vanes are stamped {:.0f} ms late", "the vanes are stamped {:.0f} ms early", 0.0, 1e3),
+    "thrust_error": ("the thrust reads {:.0f} % too much", "the thrust reads {:.0f} % too little", 0.0, 100.0),
 }
 
 
@@ -195,10 +202,13 @@ def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:
 
 
 def _nuisances(base: PosteriorEstimate) -> list[str]:
-    """What servos do that the model does not hold, in words, the surer group of each."""
-    surest = {one.name: one for one in sorted(base.nuisances, key=lambda one: -one.std) if one.name in _SERVO_WORDS}
-    return [
-        f"{words.format(factor * surest[name].value)} (± {factor * surest[name].std:.2g}), beside the model"
-        for name, (words, factor) in _SERVO_WORDS.items()
-        if name in surest and surest[name].value > _SEEN * surest[name].std
-    ]
+    """What servos and sensors do that the model does not hold, in words, the surer group of each."""
+    surest = {one.name: one for one in sorted(base.nuisances, key=lambda one: -one.std)}
+    told = []
+    for name, (more, less, null, factor) in _BESIDE.items():
+        one = surest.get(name)
+        if one is None or abs(one.value - null) < _SEEN * one.std or one.std > _TELLING * one.prior_std:
+            continue
+        if words := more if one.value > null else less:
+            told.append(f"{words.format(factor * abs(one.value - null))} (± {factor * one.std:.2g}), beside the model")
+    return told

@@ -14,10 +14,12 @@ from field_flight import Plan, fly_plan, textbook
 from field_plant import Air, Hold, Servo
 from field_wire import BOOT, START, write_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import butter, group_delay
 
 from gcs.cli import main
 from gcs.flights.autopilot_settings import USUAL_TRAVEL, filled
 from sim_vehicle.vehicle.controls import servo_pwm
+from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
 PLANE = {
@@ -87,6 +89,19 @@ def test_px4_reverses_by_a_mask_and_places_its_sensors() -> None:
     assert craft.controls["aileron"].deflection_from_pwm(2000.0) == pytest.approx(-USUAL_TRAVEL)
     assert craft.sensors.accelerometer.position == (0.05, 0.0, -0.01)
     assert any("position is not given" in line for line in craft.warnings)
+
+
+def test_the_low_pass_of_the_gyros_is_known_to_come_late_where_the_file_says_nothing_of_it() -> None:
+    craft = filled(bare(), {"INS_GYRO_FILTER": 20.0}, ("RAW_IMU", "ATTITUDE", "SERVO_OUTPUT_RAW"))
+    # The phase of the filter that ArduPilot runs, by another implementation, at 1 Hz of 1000 Hz.
+    numerator, denominator = butter(2, 20.0, fs=1000.0)
+    _, delay_samples = group_delay((numerator, denominator), [1.0], fs=1000.0)
+    assert set(craft.timing) == {"RAW_IMU"}
+    assert craft.timing["RAW_IMU"].value == pytest.approx(1e-3 * float(delay_samples[0]), rel=0.02)
+    assert any("11.3 ms late by the log's parameters" in line for line in craft.warnings)
+    stated = replace(bare(), timing={"RAW_IMU": Known(0.004, 0.001)})
+    assert filled(stated, {"INS_GYRO_FILTER": 20.0}, ("RAW_IMU",)) == stated
+    assert filled(bare(), {"INS_GYRO_FILTER": 0.0}, ("RAW_IMU",)) == bare()
 
 
 def test_a_log_with_parameters_needs_no_controls_in_the_vehicle_file(tmp_path: Path) -> None:
