@@ -14,7 +14,7 @@ from sysid.identification.request import Request
 from sysid.posterior.part import ESSENTIAL
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
-from sysid.signals.flight import FlightSignals, Signal, repeats
+from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ATTITUDE, GYRO, IMU
@@ -23,7 +23,6 @@ from sysid.signals.sensor_groups import ATTITUDE, GYRO, IMU
 _BRIDGED_S = 2.0
 # Samples below which there is no attitude.
 _FEWEST = 10
-_BY_ATTITUDE = "the attitude's rate of change"
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def missing_inertial(signals: FlightSignals) -> list[str]:
 
 def has_whole_imu(signals: FlightSignals) -> bool:
     """Whether every accelerometer and gyro measured."""
-    return all(name in signals.signals and signals.signals[name].source != _BY_ATTITUDE for name in IMU)
+    return all(name in signals.signals and signals.signals[name].source != BY_ATTITUDE for name in IMU)
 
 
 def without_dead(signals: FlightSignals) -> FlightSignals:
@@ -123,7 +122,7 @@ def without_dead(signals: FlightSignals) -> FlightSignals:
         why = "no signal" if name not in kept else "no change of"
         rate = attitude_rate(signals, name)
         if rate is not None:
-            told.append(f"{why} {name}: {_BY_ATTITUDE} is taken for it")
+            told.append(f"{why} {name}: {BY_ATTITUDE} is taken for it")
             kept[name] = rate
         else:
             told.append(f"{why} {name}: it is done without")
@@ -153,7 +152,7 @@ def attitude_rate(signals: FlightSignals, rate: str) -> Signal | None:
         "q": turn[1] * np.cos(phi) + turn[2] * np.cos(theta) * np.sin(phi),
         "r": turn[2] * np.cos(theta) * np.cos(phi) - turn[1] * np.sin(phi),
     }[rate]
-    return Signal(middle, np.asarray(values), "rad/s", _BY_ATTITUDE)
+    return Signal(middle, np.asarray(values), "rad/s", BY_ATTITUDE)
 
 
 def _with_stand_ins(signals: FlightSignals) -> FlightSignals:

@@ -15,11 +15,13 @@ from sysid.errors import SignalError
 from sysid.numerics.smoothing import noise_sigma
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
 from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
-from sysid.signals.flight import FlightSignals, repeats
+from sysid.signals.flight import BY_ATTITUDE, FlightSignals, repeats
 from sysid.signals.preparation import Prepared
 
 _IMU = ("p", "q", "r", "ax", "ay", "az")
 _SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+# What is known less well without each of them.
+_SHOWN_BY = {"ax": ("CD",), "ay": ("CY",), "az": ("CL",), "p": LATERAL, "q": LONGITUDINAL, "r": LATERAL}
 _MOVED_BY = {LONGITUDINAL: ("de",), LATERAL: ("da", "dr")}
 
 
@@ -172,7 +174,12 @@ def _excitation(seen: SeenFlight) -> Iterator[Reason]:
 
 
 def _sensors(seen: SeenFlight) -> Iterator[Reason]:
-    there = {name for name, one in seen.signals.signals.items() if one.values.size > 1 and not repeats(one.values)}
+    signals = seen.signals.signals.items()
+    there = {name for name, one in signals if _is_alive(one.values) and one.source != BY_ATTITUDE}
+    for name, axes in _SHOWN_BY.items():
+        if name not in there:
+            text = f"no {'accelerometer' if name.startswith('a') else 'gyro'} {name[-1]}: it is done without"
+            yield Reason(CARE, text, "see whether its sensor is dead, and whether it is logged", axes)
     for name, axes, words in (("alpha", ("CL", "Cm"), "attack"), ("beta", LATERAL, "sideslip")):
         if name not in there:
             text = f"no vane of the angle of {words}: it is taken from the kinematics"
@@ -185,6 +192,11 @@ def _sensors(seen: SeenFlight) -> Iterator[Reason]:
         yield Reason(CARE, f"thrust is taken {seen.prepared.thrust_source}", "measure it", ("CD",))
 
 
+def _is_alive(values: Array) -> bool:
+    """Whether a signal is measured at all."""
+    return bool(np.isfinite(values).sum() > 1) and not repeats(values)
+
+
 def _air(seen: SeenFlight) -> Iterator[Reason]:
     if seen.gusts > LIMITS.gusts:
         yield Reason(CARE, f"gusts of {seen.gusts:.1f} m/s", "fly at dawn, or with larger inputs")
@@ -192,6 +204,8 @@ def _air(seen: SeenFlight) -> Iterator[Reason]:
 
 def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
     """Whether this is the aircraft of the vehicle file: weight against lift."""
+    if not _is_alive(seen.samples("az")[1]):
+        return
     speed = np.concatenate([stretch.data["airspeed"] for stretch in seen.prepared.stretches])
     force = np.concatenate([np.abs(stretch.data["az"]) for stretch in seen.prepared.stretches])
     density = np.concatenate([stretch.record.rho for stretch in seen.prepared.stretches])

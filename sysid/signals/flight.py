@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from sysid.signals.calibration import Calibration
 
 
+# Source of a rate that no gyro measured.
+BY_ATTITUDE = "the attitude's rate of change"
+
+
 def repeats(values: Array) -> bool:
     """Whether a signal is one value throughout: its sensor is dead or not connected, or nobody fills its field."""
     known = values[np.isfinite(values)]

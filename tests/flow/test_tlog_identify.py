@@ -114,7 +114,6 @@ def test_a_log_cut_off_anywhere_gives_what_is_in_it(folder: Path, capsys: pytest
     [
         ("VFR_HUD", "no signal airspeed"),
         ("ATTITUDE", "no signal phi, theta"),
-        ("HIGHRES_IMU", "no signal ax, ay, az"),
         ("SERVO_OUTPUT_RAW", "no control surface is known"),
         ("HEARTBEAT", "no vehicle's HEARTBEAT"),
     ],

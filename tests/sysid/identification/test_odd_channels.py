@@ -82,6 +82,18 @@ def test_the_attitude_stands_for_a_gyro_that_is_lost(name: str, change: str, fli
     assert not [one.name for one in found.refused if one.name in TRUE]
 
 
+@pytest.mark.parametrize("lost", [("ax", "ay", "az"), ("p", "q", "r")])
+def test_no_accelerometer_or_no_gyro_at_all_leaves_an_answer_that_holds(
+    lost: tuple[str, ...], flight: FlightSignals
+) -> None:
+    left = {name: one for name, one in flight.signals.items() if name not in lost}
+    found = identify([replace(flight, signals=left)], VEHICLE, systematic=False)
+    assert worst(found) < 4.5
+    assert sum(entry.value is not None for entry in found.model.coefficients.values()) > 14
+    assert found.quality.verdict == "care"
+    assert any("done without" in reason.text for reason in found.quality.reasons)
+
+
 def test_rates_of_an_attitude_are_those_of_the_body_in_a_turn_that_climbs(flight: FlightSignals) -> None:
     time_s = np.arange(0.0, 10.0, 0.02)
     angles = {
