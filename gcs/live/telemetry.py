@@ -27,6 +27,7 @@ class EstimateTelemetry:
         self._say = say
         self._voice = StationVoice(key, COMPONENT)
         self._said_s: float | None = None
+        self._values: dict[str, Any] = {}
         self._texts: dict[str, None] = {}
         self._number = 0
 
@@ -36,13 +37,12 @@ class EstimateTelemetry:
             self._said_s = None
             self._texts.clear()
         frames = [frame for text, severity in _texts(report) for frame in self._text(text, severity)]
-        if self._said_s is None or time_s - self._said_s >= _EVERY_S:
-            self._said_s = time_s
-            frames += [
-                self._value(name, entry["value"], time_s)
-                for name, entry in report["coefficients"].items()
-                if entry["known"]
-            ]
+        values = {name: entry["value"] for name, entry in report["coefficients"].items() if entry["known"]}
+        # Time stands still once a flight is over, and what it ended with is told all the same.
+        last = time_s == self._said_s and values != self._values
+        if self._said_s is None or last or time_s - self._said_s >= _EVERY_S:
+            self._said_s, self._values = time_s, values
+            frames += [self._value(name, value, time_s) for name, value in values.items()]
         self._say(frames)
 
     def _value(self, name: str, value: float, time_s: float) -> bytes:

@@ -114,6 +114,7 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
         wait_until(lambda: running(url))
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "14", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: estimated(url))
+        wait_until(lambda: any(m.get_type() == "NAMED_VALUE_FLOAT" for m in neighbour.heard))
     events.join(PATIENCE_S)
     neighbour.done.set()
     neighbour.join(PATIENCE_S)

@@ -42,3 +42,13 @@ def test_a_change_is_said_as_critical() -> None:
     EstimateTelemetry(said.extend).take({"coefficients": {}, "changes": [change], "warnings": []}, 42.0)
     (message,) = decode(b"".join(said))
     assert (message.text, message.severity) == (change["text"], mavlink.MAV_SEVERITY_CRITICAL)
+
+
+def test_what_a_flight_ended_with_is_said_though_its_time_stands_still() -> None:
+    said: list[bytes] = []
+    telemetry = EstimateTelemetry(said.extend)
+    report = {"coefficients": {}, "changes": [], "warnings": []}
+    telemetry.take(report, 14.0)
+    for value in (2.4, 2.4, 2.5):
+        telemetry.take({**report, "coefficients": {"CL_alpha": {"known": True, "value": value}}}, 14.0)
+    assert [m.value for m in decode(b"".join(said))] == pytest.approx([2.4, 2.5])
