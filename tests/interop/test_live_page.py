@@ -19,7 +19,7 @@ from processes import free_port, start
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import Vehicle, wait_until
 
-COEFFICIENTS = ".wide:has(caption:text-matches('^Coefficients in flight'))"
+COEFFICIENTS = ".wide:has(caption:text-matches('^Coefficients of the last'))"
 LINKS = ".wide:has(th:text-is('Stray bytes'))"
 # What hangs on an element staying in the page: the focus, how far it is moved sideways, where its row stands.
 PLACE = """region => [document.activeElement === region, region.scrollLeft,
