@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-field clean
+.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -153,6 +153,10 @@ campaign-discrepancy: setup
 # Live identification over many flights: about 20 s each and worker; what is there is kept. POST=1 compares with post-flight.
 campaign-live: setup
 	$(BIN)/python tests/campaign/live.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) $(if $(POST),--post)
+
+# Aircraft and sensors that fail in flight, and flights in which nothing does: 4 s each, 124 with SEEDS=1.
+campaign-live-failures: setup
+	$(BIN)/python tests/campaign/live_failures.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS))
 
 # Live estimates behind the sensors of the field: half a minute a flight. make campaign-live-field FAMILIES=mild SEEDS=2
 campaign-live-field: setup

@@ -40,8 +40,8 @@ class LiveLines:
             self._said.clear()  # another flight, or the vehicle was switched on again
         self._time_s = time_s
         yield coefficients_line(state.identification["coefficients"], time_s)
-        for change in state.identification["changes"]:
-            yield from self._once(change["text"])
+        for found in (*state.identification["failures"], *state.identification["changes"]):
+            yield from self._once(found["text"])
         for warning in state.identification["warnings"]:
             yield from self._once(warning)
 

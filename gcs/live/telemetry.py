@@ -69,5 +69,6 @@ class EstimateTelemetry:
 
 
 def _texts(report: dict[str, Any]) -> list[tuple[str, int]]:
-    changes = [(change["text"], common.MAV_SEVERITY_CRITICAL) for change in report["changes"]]
-    return [*changes, *((text, common.MAV_SEVERITY_WARNING) for text in report["warnings"])]
+    told = [*report["changes"], *report["failures"]]
+    short = [(one["short"], common.MAV_SEVERITY_CRITICAL) for one in told]
+    return [*short, *((text, common.MAV_SEVERITY_WARNING) for text in report["warnings"])]

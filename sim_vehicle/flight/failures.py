@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sim_vehicle.effects import slot
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
+from sim_vehicle.model.icing import HEAVY_COAT
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.model.terms import parse_term
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, CURVE_COEFFICIENTS, CURVE_SEGMENTS, CURVE_SIZE, SURFACES, Par
@@ -24,12 +25,6 @@ Array = NDArray[np.float64]
 
 # Coefficients at rest that a failure may change, flown as 0 where the model has none.
 _AT_REST = ("CL_0", "CD_0", "CY_0", "Cl_0", "Cm_0", "Cn_0")
-# Of ice all over an aircraft, change of each coefficient (Bragg et al., AIAA 2002-0813: a Twin Otter's, rounded).
-_ICE = {
-    "CL_alpha": -0.10, "CL_de": -0.10, "CD_0": 0.50, "Cm_alpha": -0.10, "Cm_q": -0.035, "Cm_de": -0.10,
-    "CY_beta": -0.20, "CY_dr": -0.08, "Cl_beta": -0.10, "Cl_p": -0.10, "Cl_da": -0.10, "Cl_dr": -0.08,
-    "Cn_beta": -0.20, "Cn_r": -0.06, "Cn_dr": -0.08,
-}  # fmt: skip
 _TAIL = ("Cm_q", "Cm_de", "CL_de", "CL_q")
 _FIN = ("CY_beta", "CY_r", "CY_dr", "Cl_dr", "Cn_beta", "Cn_r", "Cn_dr")
 # Cm_alpha of a tailplane over its Cm_q: half of (1 - downwash slope) over its lever in chords (Etkin & Reid 1996, 5.3).
@@ -71,7 +66,7 @@ def _one_aileron(plant: Plant, degrees: float) -> None:
 
 
 def _ice(plant: Plant, severity: float) -> None:
-    for name, change in _ICE.items():
+    for name, change in HEAVY_COAT.items():
         _scaled(plant, (name,), 1.0 + severity * change)
 
 
@@ -121,7 +116,7 @@ def _centre_of_gravity(plant: Plant, back: float) -> None:
 
 
 @dataclass(frozen=True)
-class Reading:
+class BrokenReading:
     """What a broken sensor is known by: its reading when it broke, its last one, and how long ago both were, s."""
 
     at_first: float
@@ -130,22 +125,22 @@ class Reading:
     step_s: float
 
 
-SensorLaw = Callable[[float, float, Reading], float]
+SensorLaw = Callable[[float, float, BrokenReading], float]
 
 
-def _stays(value: float, size: float, seen: Reading) -> float:
+def _stays(value: float, size: float, seen: BrokenReading) -> float:
     return seen.at_first
 
 
-def _off(value: float, size: float, seen: Reading) -> float:
+def _off(value: float, size: float, seen: BrokenReading) -> float:
     return value + size
 
 
-def _turned(value: float, size: float, seen: Reading) -> float:
+def _turned(value: float, size: float, seen: BrokenReading) -> float:
     return value + math.radians(size)
 
 
-def _slow(value: float, size: float, seen: Reading) -> float:
+def _slow(value: float, size: float, seen: BrokenReading) -> float:
     return seen.last + (1.0 - math.exp(-seen.step_s / size)) * (value - seen.last)
 
 
@@ -261,7 +256,7 @@ class Failures:
         self._waiting = [one for one in self.every if one.kind.plant is not None]
         # What broken surfaces stand at, what broken sensors read, what dead channels of the telemetry tell.
         self._stands: dict[str, float] = {}
-        self._read: dict[Failure, Reading] = {}
+        self._read: dict[Failure, BrokenReading] = {}
         self._told: dict[int, int] = {}
 
     @staticmethod
@@ -299,7 +294,7 @@ class Failures:
             if law is None or channel not in readings:
                 continue
             value = readings[channel]
-            before = self._read.get(one, Reading(value, value, time_s - one.time_s, 0.0))
+            before = self._read.get(one, BrokenReading(value, value, time_s - one.time_s, 0.0))
             age_s = time_s - one.time_s
             seen = replace(before, age_s=age_s, step_s=age_s - before.age_s)
             readings[channel] = law(value, one.size, seen)

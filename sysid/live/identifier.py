@@ -27,9 +27,11 @@ from sysid.live.signals.airborne import Airborne
 from sysid.live.signals.low_rate_buffer import SparseSamples
 from sysid.live.signals.noise_estimator import WhiteNoise
 from sysid.live.signals.row_alignment import Rows, TimeBase
+from sysid.live.signals.sensor_failures import SensorFailure
 from sysid.live.signals.stuck_vanes import StuckVanes
 from sysid.live.signals.thrust_source import LiveThrust
 from sysid.live.sliding_window import Runner, SlidingWindow
+from sysid.live.watch import Watch
 from sysid.live.wording import change_sentence, sensor_warnings
 from sysid.posterior.analysis import NuisanceEstimate
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre
@@ -59,7 +61,7 @@ _FAILING_S = 3.0
 class LiveReport:
     """What is known at `time_s`. Dictionaries are by name.
 
-    nuisances: what stands between aircraft and log, by the newest window.
+    nuisances: what stands between aircraft and log, by the newest window. failures: sensors that have failed.
     """
 
     time_s: float
@@ -68,6 +70,7 @@ class LiveReport:
     changes: tuple[Change, ...]
     warnings: tuple[str, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
+    failures: tuple[SensorFailure, ...] = ()
 
     def sentences(self) -> list[str]:
         """Each change in words."""
@@ -108,7 +111,7 @@ class LiveIdentifier:
         self._stuck = StuckVanes()
         bending = (*_RATES, *_ACCELERATIONS)
         self._noise = {name: WhiteNoise(name in bending) for name in (*VANES, "airspeed", *bending)}
-        self._changes: list[Change] = []
+        self._watch = Watch(vehicle)
         self._settled: dict[str, float] = {}
         self._sparse = SparseSamples(_SPARSE)
         self._worked = self._refreshed = self._checked = -np.inf
@@ -184,6 +187,8 @@ class LiveIdentifier:
             self._work()
         errors = self._refresh()
         self._hand_on()
+        if self._stuck.failed:
+            self._judge()  # without rows nothing else asks
         statuses = self._judged(errors) if self._window is None else self._window.statuses()
         coefficients = {**self._unknown(), **statuses}
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
@@ -199,7 +204,9 @@ class LiveIdentifier:
         moving = {name: error for name, error in sensors.items() if not name.startswith(self._stuck.names or ("?",))}
         warnings = (*sensor_warnings(moving), *self._lost(), *self._faults.values(), *problem)
         self._faults.clear()
-        return LiveReport(self.time_s, ordered, sensors, tuple(self._changes), warnings, nuisances)
+        return LiveReport(
+            self.time_s, ordered, sensors, tuple(self._watch.changes), warnings, nuisances, tuple(self._watch.failures)
+        )
 
     def _judged(self, errors: Mapping[str, AirDataError]) -> dict[str, CoefficientStatus]:
         """What the recursive regression knows of each coefficient."""
@@ -237,6 +244,7 @@ class LiveIdentifier:
         checked = self.time_s > self._checked + _CHECK_S - _EARLY_S
         if checked:
             self._hand_on()
+            self._judge()
         for axis, one in list(self._axes.items()):
             if axis in self._standing:
                 continue
@@ -250,6 +258,34 @@ class LiveIdentifier:
         if self._equations is not None:
             self._equations.learn_jumps(self._settled)
         return errors
+
+    def _judge(self) -> None:
+        """Judge sensors, and what has changed beside them; what fails in it is left out."""
+        detectors = {axis: one.detector for axis, one in self._axes.items()}
+        try:
+            news = self._watch.judge(self.time_s, self._stuck.failed, detectors)
+        except _FAULTS as error:
+            self._watch.begin_anew()
+            self._faults["sensors"] = f"what watches the sensors begins anew: {_in_words(error)}"
+            return
+        if news.changed_s is not None:
+            self._begin_anew(news.changed_s)
+        elif news.failed_s is not None:
+            if self._window is not None:
+                self._window.leave_out_before(news.failed_s)
+            self._restart_axes()
+
+    def _begin_anew(self, time_s: float) -> None:
+        """What was before counts no more, in any axis."""
+        if self._window is not None:
+            self._window.begin_anew(time_s)
+        self._restart_axes()
+
+    def _restart_axes(self) -> None:
+        for one in self._axes.values():
+            one.estimator.restart()
+            one.detector.restart()
+            one.estimate = None
 
     def _fault(self, axis: str, one: Axis, error: Exception) -> None:
         """An axis whose arithmetic fails is left out of one report; where it goes on failing it begins anew."""
@@ -361,6 +397,7 @@ class LiveIdentifier:
         """Wind and sensor errors, where attitude is known."""
         if not rows.continues:
             self._air.restart_motion()
+            self._watch.sensors.restart()
         columns, ground = rows.columns, self._sparse.at(rows)
         if any(name not in columns for name in ("phi", "theta", "psi")):
             return
@@ -369,6 +406,7 @@ class LiveIdentifier:
         unknown = np.full(rows.time_s.size, np.nan)
         table = np.column_stack([known.get(name, unknown) for name in ROW])
         self._air.take(table, rows.interval_s, self._known_noise())
+        self._watch.sensors.take(rows.time_s, known, rows.interval_s)
 
     def _watch_noise(self, rows: Rows) -> None:
         lengths = {"p": self._vehicle.geometry.b, "q": self._vehicle.geometry.c, "r": self._vehicle.geometry.b}
@@ -396,14 +434,10 @@ class LiveIdentifier:
             return
         left = self._slow.white_noise_left if self._slow is not None else 1.0
         noise = np.array([left * known.get(name, 0.0) for name in one.estimator.noisy])
+        detectors = {axis: one.detector for axis, one in self._axes.items()}
         change = one.detector.check(self.time_s, one.estimate.values, one.estimate.covariance, noise)
-        if change is not None:
-            self._changes.append(change)
-            if self._window is not None:
-                self._window.begin_anew(change.time_s)
-            one.estimator.restart()
-            one.detector.restart()
-            one.estimate = None
+        if change is not None and self._watch.notice(self.time_s, change, detectors):
+            self._begin_anew(change.time_s)
 
     def _unknown(self) -> dict[str, CoefficientStatus]:
         """Every coefficient before anything is known of it."""

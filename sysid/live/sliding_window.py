@@ -174,9 +174,13 @@ class SlidingWindow:
             self._begin = begin_s
         self._end = end_s
 
+    def leave_out_before(self, time_s: float) -> None:
+        """What came before is not to be estimated with what comes; what is known stays."""
+        self._begin = max(self._begin, time_s)
+
     def begin_anew(self, time_s: float) -> None:
         """The aircraft has changed: what was before counts no more."""
-        self._begin = max(self._begin, time_s)
+        self.leave_out_before(time_s)
         self._known.clear()
         self.found = None
 

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim_vehicle.model.terms import parse_term
+from sysid.live.estimators.causes import CauseFound
 from sysid.live.estimators.change_detection import Change
 from sysid.live.signals.air_data_ekf import AirDataError
+from sysid.live.signals.sensor_failures import SensorFailure
 
-_SURFACES = {"de": "elevator", "da": "ailerons", "dr": "rudder", "throttle": "throttle"}
-# What a coefficient is to a pilot, and what may have changed it.
-_MEANING = {
-    "CL_alpha": ("the lift slope", ", as with ice or damage of the wing,"),
-    "CD_0": ("the drag at no lift", ", as with ice, damage or something that hangs out,"),
-    "Cm_alpha": ("the stability in pitch", ", as with a moved centre of gravity or ice,"),
-    "Cm_q": ("the damping in pitch", ""),
-    "Cn_beta": ("the stability in yaw", ", as with damage of the fin or a moved centre of gravity,"),
-    "Cl_beta": ("the dihedral effect", ""),
-    "Cl_p": ("the damping in roll", ", as with damage of the wing,"),
-    "Cn_r": ("the damping in yaw", ", as with damage of the fin,"),
-}
+# What moves with a coefficient, to a pilot.
+_MOTION = {"CL": "lift", "CD": "drag", "CY": "side force", "Cl": "roll", "Cm": "pitch", "Cn": "yaw"}
+# A cause is named from this probability on, another beside it from that on.
+_NAMED, _BESIDE = 0.5, 0.1
 # An error that a pilot should know of, by its sensor.
 _WORTH_TELLING = {
     "airspeed_scale": 0.03,
@@ -32,25 +25,68 @@ _WORTH_TELLING = {
     **dict.fromkeys(("accel_bias_x", "accel_bias_y", "accel_bias_z"), 0.6),
     **dict.fromkeys(("gyro_bias_p", "gyro_bias_q", "gyro_bias_r"), 0.02),
 }
+_SENSORS = {
+    "airspeed": "AIRSPEED", "alpha": "ALPHA VANE", "beta": "BETA VANE", "psi": "HEADING",
+    **{rate: f"GYRO {rate.upper()}" for rate in "pqr"}, **{f"a{axis}": f"ACCEL {axis.upper()}" for axis in "xyz"},
+}  # fmt: skip
 # Standard errors. A flight looks at all of them again and again, so that three come by chance.
 _SURE = 4.0
 
 
 def change_sentence(change: Change) -> str:
-    """As "elevator answers at half since 40.2 s (Cm_de 1.59 -> 0.80)"."""
-    share = change.after / change.before
+    """As "the elevator: 52 % ± 6 since 40.1 s (Cm_de 1.59 -> 0.82)", of a change whose cause is not known "something
+    has changed in pitch since 40.1 s (Cm_de 1.59 -> 0.82)".
+    """
     numbers = f"since {change.time_s:.1f} s ({change.coefficient} {change.before:.3g} -> {change.after:.3g})"
-    for factor in parse_term(change.coefficient).factors:
-        if factor in _SURFACES:
-            name = _SURFACES[factor]
-            verb, verbs = ("answer", "do") if name.endswith("s") else ("answers", "does")
-            if abs(share) < 0.15:
-                return f"{name} {verbs} not answer {numbers}"
-            if 0.4 <= share <= 0.6:
-                return f"{name} {verb} at half {numbers}"
-            return f"{name} {verb} at {share:.0%} {numbers}"
-    meaning, why = _MEANING.get(change.coefficient, (f"{change.coefficient} of the aircraft", ""))
-    return f"{meaning} is at {share:.0%}{why} {numbers}"
+    named = _named(change)
+    likely = [one.cause.name for one in change.causes if one.probability > _BESIDE]
+    if named is None:
+        perhaps = f": perhaps {_or(likely)}" if likely else ""
+        return f"something has changed in {_MOTION[change.axis]} {numbers}{perhaps}"
+    others = f"; or {_or(likely[1:])}" if likely[1:] else ""
+    return f"{named.cause.name}: {_size(named)} {numbers}{others}"
+
+
+def change_text(change: Change) -> str:
+    """The same for a text of 50 characters, as "ELEVATOR 52% +-6 since 40.1s"."""
+    named = _named(change)
+    if named is None:
+        return f"{_MOTION[change.axis].upper()} CHANGED since {change.time_s:.1f}s"
+    unit = named.cause.unit.replace(" of a heavy coat", "")
+    size = f"{_figure(named.size, named.std)}{'' if unit == '%' else ' '}{unit}"
+    return f"{named.cause.short} {size} +-{named.std:.2g} since {change.time_s:.1f}s"
+
+
+def _named(change: Change) -> CauseFound | None:
+    return change.causes[0] if change.causes and change.causes[0].probability > _NAMED else None
+
+
+def _size(found: CauseFound) -> str:
+    unit = found.cause.unit
+    return f"{_figure(found.size, found.std)} {unit} ± {found.std:.2g}"
+
+
+def _figure(value: float, std: float) -> str:
+    """A value to the second figure of its standard error."""
+    places = min(max(1 - int(np.floor(np.log10(std))), 0), 4) if 0.0 < std < np.inf else 2
+    return f"{value:.{places}f}"
+
+
+def _or(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def failure_sentence(failure: SensorFailure) -> str:
+    """As "the alpha vane jumped by +4.0 deg since 40.2 s: check the sensor"."""
+    return f"{failure.text} since {failure.time_s:.1f} s: check the sensor, not the aircraft"
+
+
+def failure_text(failure: SensorFailure) -> str:
+    """The same for a text of 50 characters, as "AIRSPEED -2.5 m/s since 24.0s"."""
+    name = _SENSORS.get(failure.signal, failure.signal.upper())
+    kind = failure.name.rpartition("_")[2].upper()
+    size = f"{failure.size:+.2g} {failure.unit}" if failure.unit else {"STILL": "STUCK"}.get(kind, kind)
+    return f"{name} {size} since {failure.time_s:.1f}s"
 
 
 def sensor_warnings(errors: Mapping[str, AirDataError]) -> list[str]:

@@ -34,6 +34,7 @@ ORDER = {
         "signal_requirements",
         "bias_correction",
         "sliding_window",
+        "watch",
         "wording",
         "identifier",
     ),

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.arrays import Array
+from sysid.live.estimators.causes import AxisEquations, CauseFound, KnownAxis
 from sysid.live.estimators.decimation import RATE_HZ
 
 WINDOW_S = 2.5
@@ -39,13 +40,18 @@ _SETTLES_S = 0.2
 
 @dataclass(frozen=True)
 class Change:
-    """A coefficient that has changed. before, after: its values. time_s: since when."""
+    """A coefficient that has changed. before, after: its values. time_s: since when. std: standard error of `after`.
+
+    causes: what may have done it, the likeliest first.
+    """
 
     time_s: float
     axis: str
     coefficient: str
     before: float
     after: float
+    std: float
+    causes: tuple[CauseFound, ...] = ()
 
 
 class ChangeDetector:
@@ -92,7 +98,7 @@ class ChangeDetector:
         if found is None:
             self._suspect = ""
             return None
-        j, step = found
+        j, step, std = found
         suspect, self._suspect = self._suspect, self._names[j]
         if suspect != self._names[j]:
             return None
@@ -101,7 +107,25 @@ class ChangeDetector:
         x, e = _about_means(self._names[j], *(values[times > since + _SETTLES_S] for values in (X[:, j], residuals)))
         if float(x @ x) > 0.2 * float(X[recent, j] @ X[recent, j]):
             step = float(x @ e) / float(x @ x)
-        return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step))
+        return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step), std)
+
+    def known_before(self, time_s: float) -> KnownAxis | None:
+        """What was known before a change, and what that left; None where nothing was."""
+        known = [values for at, values, _ in self._known if at <= time_s] or [one[1] for one in self._known]
+        if not known or not np.isfinite(self._variance) or self._begun > time_s - _LEARNED_S:
+            return None
+        X, y = self._since_samples(-np.inf, time_s)
+        left = y - X @ known[-1]
+        return KnownAxis(self._names, known[-1], self._variance, float(np.mean(left)) if left.size else 0.0)
+
+    def equations(self, known: KnownAxis, after_s: float) -> AxisEquations:
+        """What has come since a change."""
+        return AxisEquations(known, *self._since_samples(after_s + _SETTLES_S, np.inf))
+
+    def _since_samples(self, after_s: float, before_s: float) -> tuple[Array, Array]:
+        rows = [columns for at, columns in self._samples if after_s < at <= before_s]
+        table = np.array(rows).reshape(len(rows), len(self._names) + 2)
+        return table[:, :-2], table[:, -1]
 
     def _learn_noise(self, residuals: Array) -> None:
         if residuals.size < RATE_HZ:
@@ -109,7 +133,9 @@ class ChangeDetector:
         now = float(np.mean(residuals**2))
         self._variance = now if np.isnan(self._variance) else self._variance + (now - self._variance) / _NOISE_MEMORY
 
-    def _likeliest(self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array) -> tuple[int, float] | None:
+    def _likeliest(
+        self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array
+    ) -> tuple[int, float, float] | None:
         total = float(residuals @ residuals)
         best: tuple[float, int, float, float] = (_RATIO, -1, 0.0, 0.0)
         for j, name in enumerate(self._names):
@@ -129,11 +155,13 @@ class ChangeDetector:
                 best = (ratio, j, step, explained)
         # The likeliest one is told or none: beside a small change of one coefficient a large one of another whose
         # motion is alike explains nearly as much.
-        _, j, step, explained = best
+        ratio, j, step, explained = best
         if j < 0 or total < 4.0 * self._variance * residuals.size:
             return None
         share = _DRAG_SHARE if self._names[j] == _DRAG else _SHARE
-        return (j, step) if abs(step) > share * abs(theta[j]) and explained > _EXPLAINED else None
+        if abs(step) <= share * abs(theta[j]) or explained <= _EXPLAINED:
+            return None
+        return j, step, abs(step) / float(np.sqrt(ratio))
 
     def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
         gain = residuals**2 - (residuals - step * x) ** 2 - self._variance

@@ -15,6 +15,7 @@ REPORT = {
         "Cl_r": {"known": False, "why": "r has hardly moved", "fly": "rudder-multisine"},
     },
     "changes": [],
+    "failures": [],
     "warnings": ["airspeed reads 8% low: check the pitot tube and its calibration"],
 }
 
@@ -38,16 +39,19 @@ def test_known_coefficients_are_said_once_a_second_and_each_text_once() -> None:
 
 def test_a_change_is_said_as_critical() -> None:
     said: list[bytes] = []
-    change = {"time_s": 40.2, "axis": "Cm", "coefficient": "Cm_de", "text": "elevator answers at half since 40.2 s"}
-    EstimateTelemetry(said.extend).take({"coefficients": {}, "changes": [change], "warnings": []}, 42.0)
-    (message,) = decode(b"".join(said))
-    assert (message.text, message.severity) == (change["text"], mavlink.MAV_SEVERITY_CRITICAL)
+    change = {"text": "the elevator: 52 % ± 6 since 40.1 s", "short": "ELEVATOR 52% +-6 since 40.1s"}
+    failure = {"text": "the alpha vane is stuck since 12.0 s: check it", "short": "ALPHA VANE STUCK since 12.0s"}
+    report = {"coefficients": {}, "changes": [change], "failures": [failure], "warnings": []}
+    EstimateTelemetry(said.extend).take(report, 42.0)
+    messages = decode(b"".join(said))
+    assert [m.text for m in messages] == [change["short"], failure["short"]]
+    assert {m.severity for m in messages} == {mavlink.MAV_SEVERITY_CRITICAL}
 
 
 def test_what_a_flight_ended_with_is_said_though_its_time_stands_still() -> None:
     said: list[bytes] = []
     telemetry = EstimateTelemetry(said.extend)
-    report = {"coefficients": {}, "changes": [], "warnings": []}
+    report = {"coefficients": {}, "changes": [], "failures": [], "warnings": []}
     telemetry.take(report, 14.0)
     for value in (2.4, 2.4, 2.5):
         telemetry.take({**report, "coefficients": {"CL_alpha": {"known": True, "value": value}}}, 14.0)

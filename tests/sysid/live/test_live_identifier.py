@@ -112,7 +112,10 @@ def test_an_elevator_that_answers_at_half_is_told_with_its_time() -> None:
     assert 14.0 < told[0] < 17.0
     assert (change.axis, change.coefficient) == ("Cm", "Cm_de")
     assert abs(change.time_s - 14.0) < 0.6
-    assert report.sentences()[0].startswith("elevator answers at half since 1")
+    assert report.sentences()[0].startswith("the elevator: ")
+    named = report.changes[0].causes[0]
+    assert named.cause.short == "ELEVATOR"
+    assert named.size == pytest.approx(50.0, abs=max(3.0 * named.std, 2.0))
 
 
 def first_known(signals: FlightSignals) -> dict[str, tuple[float, float]]:

@@ -1,0 +1,111 @@
+"""Sensors that fail and aircraft that change in flight: sensors are judged first, then the change, then its cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.live.estimators.causes import KnownAxis, Lengths, likeliest
+from sysid.live.estimators.change_detection import Change, ChangeDetector
+from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
+
+# A change of the aircraft waits so long where sensors disagree by so much of what tells a failure of one: doubt -> s.
+_WAITS_S = {0.7: 5.0, 0.4: 1.6}
+# One within so long of a sensor's failure is that, and of another one the same, s.
+_BLAMED_S, _SAME_S = 3.0, 3.0
+# The cause of a change is named so long after it, s, or from so soon on where it is so sure.
+_CAUSE_S, _SOON_S, _SURE = 5.0, 1.5, 0.95
+
+Detectors = Mapping[str, ChangeDetector]
+
+
+@dataclass(frozen=True)
+class News:
+    """changed_s: since when the aircraft is another; failed_s: since when a sensor is; None where neither is news."""
+
+    changed_s: float | None = None
+    failed_s: float | None = None
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A change of the aircraft, when it was seen, and the axes as they were before it."""
+
+    since_s: float
+    change: Change
+    known: Mapping[str, KnownAxis]
+
+
+class Watch:
+    """What has failed and changed in a flight. sensors: takes the rows. Detectors are by axis."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self.changes: list[Change] = []
+        self.failures: list[SensorFailure] = []
+        # Changes that wait while a sensor may be to blame; axes before the last one, while its cause is looked for.
+        self._doubted: list[_Seen] = []
+        self._open: Mapping[str, KnownAxis] = {}
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget what sensors have shown; what was told stands."""
+        self.sensors = SensorMonitor(self._vehicle.environment.gravity)
+        self._open = {}
+
+    def notice(self, time_s: float, change: Change, detectors: Detectors) -> bool:
+        """Take a change of the aircraft that a detector sees; whether it is told."""
+        if any(change.time_s < one.time_s + _BLAMED_S for one in self.failures[-1:]) or self._is_told(change):
+            return False
+        known = {axis: one.known_before(change.time_s) for axis, one in detectors.items()}
+        seen = _Seen(time_s, change, {axis: one for axis, one in known.items() if one is not None})
+        if not self._waits_s:
+            self._tell(seen)
+            return True
+        self._doubted.append(seen)
+        detectors[change.axis].restart()
+        return False
+
+    def judge(self, time_s: float, stuck: Sequence[str], detectors: Detectors) -> News:
+        """What is news by now. stuck: vanes that repeat one reading, whose rows are left out."""
+        failed_s = None
+        if new := [vane for vane in stuck if vane not in self.sensors.told]:
+            self.failures.append(self.sensors.stands_still(new[0], time_s))
+        elif (failure := self.sensors.check()) is not None:
+            self.failures.append(failure)
+            failed_s = failure.time_s
+            self._doubted = [one for one in self._doubted if one.change.time_s < failed_s - _BLAMED_S]
+        self._look_for_cause(time_s, detectors)
+        waits_s = self._waits_s
+        waited = [one for one in self._doubted if time_s > one.since_s + waits_s]
+        self._doubted = [one for one in self._doubted if time_s <= one.since_s + waits_s]
+        told = [one for one in waited[:1] if not self._is_told(one.change)]
+        for one in told:
+            self._tell(one)
+        return News(told[0].change.time_s if told else None, failed_s)
+
+    def _is_told(self, change: Change) -> bool:
+        """Whether it is another side of what was told last."""
+        return any(abs(change.time_s - one.time_s) < _SAME_S for one in self.changes[-1:])
+
+    @property
+    def _waits_s(self) -> float:
+        return next((seconds for doubt, seconds in _WAITS_S.items() if self.sensors.doubt > doubt), 0.0)
+
+    def _tell(self, seen: _Seen) -> None:
+        self._open = seen.known
+        self.changes.append(seen.change)
+
+    def _look_for_cause(self, time_s: float, detectors: Detectors) -> None:
+        """Name the cause of the last change by what has come since, until it has settled."""
+        if not self._open or not self.changes:
+            return
+        change, geometry = self.changes[-1], self._vehicle.geometry
+        axes = [detectors[axis].equations(one, change.time_s) for axis, one in self._open.items() if axis in detectors]
+        causes = tuple(likeliest(axes, Lengths(geometry.b, geometry.c)))
+        late = time_s > change.time_s + _CAUSE_S
+        sure = time_s > change.time_s + _SOON_S and bool(causes) and causes[0].probability > _SURE
+        if late or sure:
+            self.changes[-1] = replace(change, causes=causes)
+            self._open = {}
