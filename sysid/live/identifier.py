@@ -187,7 +187,7 @@ class LiveIdentifier:
             self._work()
         errors = self._refresh()
         self._hand_on()
-        if self._stuck.failed:
+        if self._stuck.failed and isfinite(self.time_s):
             self._judge()  # without rows nothing else asks
         statuses = self._judged(errors) if self._window is None else self._window.statuses()
         coefficients = {**self._unknown(), **statuses}

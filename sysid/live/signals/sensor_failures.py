@@ -265,8 +265,9 @@ class SensorMonitor:
             self._drift[name] = self._drift.get(name, 0.0) + share * (slope - self._drift.get(name, 0.0))
             power = float(np.var(flat[name][here]))
             self._usual[name] = self._usual.get(name, 0.0) + share * (power - self._usual.get(name, 0.0))
-            if name in _LEAST_JUMP:
-                jump = float(np.nanmean(_jumps(gap) ** 2))
+            jumps = _jumps(gap) if name in _LEAST_JUMP else np.zeros(0)
+            if np.isfinite(jumps).any():
+                jump = float(np.nanmean(jumps**2))
                 self._jumps[name] = self._jumps.get(name, 0.0) + share * (jump - self._jumps.get(name, 0.0))
 
     def _jumped(self, times: Array, gaps: Mapping[str, Array]) -> SensorFailure | None:
