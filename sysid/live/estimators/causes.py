@@ -28,6 +28,8 @@ Direction = dict[str, float]
 _TEMPER = 6.0
 # Linkages and servos fail more often than what they move is torn off.
 _OFTEN = 4.0
+# What is lost of a part is between nothing and all of it.
+_LOST = (0.0, 1.0)
 _TAIL_STIFFNESS = 0.1  # of damping in pitch, what a tailplane gives of stability
 
 
@@ -44,7 +46,7 @@ class Cause:
     """name: in words. short: for a text of 50 characters. directions: by values of the coefficients and the lengths, of
     each size the change of the coefficients that a size of 1 is. std: of each size before, 1 sigma. fixed: a change
     that goes with it whatever its sizes. often: how often it happens beside others. shown: the first size as a person
-    reads it, in `unit`.
+    reads it, in `unit`. possible: first sizes that there are.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Cause:
     unit: str
     fixed: Callable[[Values, Lengths], Direction] = lambda values, lengths: {}
     often: float = 1.0
+    possible: tuple[float, float] = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
@@ -164,16 +167,16 @@ def _of_one(size: float) -> float:
 
 
 CAUSES: tuple[Cause, ...] = (
-    Cause("the elevator", "ELEVATOR", _weak("de"), (0.6,), _left, "%", often=_OFTEN),
-    Cause("the ailerons", "AILERONS", _weak("da"), (0.6,), _left, "%", often=_OFTEN),
-    Cause("the rudder", "RUDDER", _weak("dr"), (0.6,), _left, "%", often=_OFTEN),
+    Cause("the elevator", "ELEVATOR", _weak("de"), (0.6,), _left, "%", often=_OFTEN, possible=_LOST),
+    Cause("the ailerons", "AILERONS", _weak("da"), (0.6,), _left, "%", often=_OFTEN, possible=_LOST),
+    Cause("the rudder", "RUDDER", _weak("dr"), (0.6,), _left, "%", often=_OFTEN, possible=_LOST),
     Cause("the elevator, stuck", "ELEVATOR STUCK", _stands("de"), (0.15,), _degrees, "deg", _lost("de")),
     Cause("the ailerons, stuck", "AILERONS STUCK", _stands("da"), (0.15,), _degrees, "deg", _lost("da")),
     Cause("the rudder, stuck", "RUDDER STUCK", _stands("dr"), (0.15,), _degrees, "deg", _lost("dr")),
     Cause("one aileron", "ONE AILERON OFF", _stands("da"), (0.15,), _of_one, "deg", _one_aileron),
-    Cause("the tailplane", "TAILPLANE", _tail, (0.4,), _left, "%"),
-    Cause("the fin", "FIN", _fin, (0.4,), _left, "%"),
-    Cause("a wing tip", "WING", _wing, (0.2, 0.01), _left, "%"),
+    Cause("the tailplane", "TAILPLANE", _tail, (0.4,), _left, "%", possible=_LOST),
+    Cause("the fin", "FIN", _fin, (0.4,), _left, "%", possible=_LOST),
+    Cause("a wing tip", "WING", _wing, (0.2, 0.01), _left, "%", possible=_LOST),
     Cause("ice", "ICE", _ice, (1.5,), lambda size: 100.0 * size, "% of a heavy coat"),
     Cause("the mass", "MASS", _mass, (0.2,), lambda size: 100.0 / (1.0 + size), "%"),
     Cause("the centre of gravity", "CG", _gravity, (0.02,), lambda size: 1e3 * size, "mm back"),
@@ -191,6 +194,9 @@ def likeliest(axes: Sequence[AxisEquations], lengths: Lengths) -> list[CauseFoun
         told = _evidence(cause, axes, values, lengths)
         if told is not None:
             score, size, std = told
+            low, high = cause.possible
+            if size + 2.0 * std < low or size - 2.0 * std > high:
+                continue
             shown = cause.shown(size)
             scores.append(score + float(np.log(cause.often)))
             found.append((cause, shown, abs(cause.shown(size + std) - shown)))

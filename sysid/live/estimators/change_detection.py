@@ -110,13 +110,15 @@ class ChangeDetector:
         return Change(since, self._axis, self._names[j], float(theta[j]), float(theta[j] + step), std)
 
     def known_before(self, time_s: float) -> KnownAxis | None:
-        """What was known before a change, and what that left; None where nothing was."""
-        known = [values for at, values, _ in self._known if at <= time_s] or [one[1] for one in self._known]
-        if not known or not np.isfinite(self._variance) or self._begun > time_s - _LEARNED_S:
+        """What was known before a change, as it was some seconds ago: what is known since holds some of it; and what
+        that left. None where nothing was.
+        """
+        if not self._known or not np.isfinite(self._variance) or self._begun > time_s - _LEARNED_S:
             return None
-        X, y = self._since_samples(-np.inf, time_s)
-        left = y - X @ known[-1]
-        return KnownAxis(self._names, known[-1], self._variance, float(np.mean(left)) if left.size else 0.0)
+        at, values, _ = self._known[0]
+        X, y = self._since_samples(-np.inf, at)
+        left = y - X @ values
+        return KnownAxis(self._names, values, self._variance, float(np.mean(left)) if left.size else 0.0)
 
     def equations(self, known: KnownAxis, after_s: float) -> AxisEquations:
         """What has come since a change."""

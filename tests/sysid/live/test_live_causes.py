@@ -113,3 +113,8 @@ def test_without_a_likely_cause_the_motion_alone_is_named() -> None:
     doubtful = [CauseFound(one, 0.2, 50.0, 5.0) for one in CAUSES[:3]]
     told = change_sentence(replace(change, causes=tuple(doubtful)))
     assert told.endswith(": perhaps the elevator, the ailerons or the rudder")
+
+
+def test_a_surface_that_does_more_than_before_is_no_cause() -> None:
+    after = scaled(("CL_de", "Cm_de"), 1.25)
+    assert "ELEVATOR" not in [one.cause.short for one in likeliest(equations(after), BODY)]
