@@ -65,7 +65,7 @@ def _identification(result: Result) -> str:
         ),
         section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                 tables.sensor_errors(result)),
-        section("Mistakes and delays", _mistakes(result), tables.delays(result), tables.nuisances(result),
+        section("Mistakes and delays", _mistakes(result), tables.nuisances(result),
                 *figures.noise_spectra(result.get("noise_spectrum") or [])),
         section("Measured and predicted", paragraph(_series_words(series)), *figures.flights(series)),
         section("Residuals", *figures.residual_statistics(series)),
@@ -191,13 +191,9 @@ def _correlated(result: Result) -> str:
 
 def _mistakes(result: Result) -> str:
     found = result.get("mistakes", [])
-    if not found and result.get("method") == "map":
-        return (
-            "<p>No unit, sign or axis was found wrong beyond doubt, and no signal was changed. Delays are among what is"
-            " estimated beside the coefficients, below.</p>"
-        )
     if not found:
-        return "<p>No unit, sign, axis, scale or delay mistake was found in the signals.</p>"
+        delays = "Delays are among what is estimated beside the coefficients, below." if result.get("nuisances") else ""
+        return f"<p>No unit, sign or axis was found wrong beyond doubt, and no signal was changed. {delays}</p>"
     return listing([f"{text(one['signal'])} ({text(one['kind'])}): {text(one['sentence'])}" for one in found])
 
 

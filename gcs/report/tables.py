@@ -178,12 +178,6 @@ def _score(key: str, value: float | None) -> str:
     return p_value(value, 3) if key == "gaussian_p" else number(value, 3)
 
 
-def delays(result: Result) -> str:
-    """Delays found, ms."""
-    rows = [[text(name), _plus_minus(entry, 1e3)] for name, entry in (result.get("delays") or {}).items()]
-    return table("Delays", ["signal", "delay, ms"], rows)
-
-
 def nuisances(result: Result) -> str:
     """What was estimated beside coefficients, and what was known of it before the flight."""
     rows = []

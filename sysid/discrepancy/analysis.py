@@ -24,6 +24,7 @@ from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.summary import sentence
 from sysid.errors import SysidError
+from sysid.identification.flight_as_meant import judges_as_meant, meant
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.decisive import require_searched
@@ -68,18 +69,21 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    if method == "fe":
-        return by_filter_error.compare(asked)
     from sysid.discrepancy.by_posterior.comparison import compare  # slow to import
 
-    if (found := compare(asked, always=method == "map")) is not None:
+    asked.progress(0.02, "units, signs and axes")
+    read = [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
+    judges = judges_as_meant(asked.validate_on, asked.vehicle, asked.as_recorded)
+    if method == "fe":
+        return by_filter_error.compare(asked, read, judges)
+    if (found := compare(asked, read, judges, always=method == "map")) is not None:
         return found
     try:
-        return by_filter_error.compare(asked)
+        return by_filter_error.compare(asked, read, judges)
     except SysidError as error:
         # Sensors of the textbooks, but a burst lost or a flight that the filter loses: no textbook's after all.
         try:
-            found = compare(asked, always=True)
+            found = compare(asked, read, judges, always=True)
         except SysidError:
             found = None
         if found is None:

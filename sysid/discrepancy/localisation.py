@@ -11,7 +11,7 @@ from scipy import special
 
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import AXES
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.filters import correlation
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.problem.coefficient_residuals import CoefficientPath

@@ -17,7 +17,7 @@ from sysid.equation_error.coefficients import Body
 from sysid.equation_error.equations import Equations
 from sysid.equation_error.least_squares import regress
 from sysid.errors import SysidError
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.signals.flight import FlightData
 
 # Rich in what lift may follow, so that a missing term of the model is not taken for timing.

@@ -18,7 +18,7 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.filter_error.linearised_flight import FilteredFlight, Pass
 from sysid.filter_error.path import Path
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.filters import convolved
 from sysid.numerics.normal_equations import solve

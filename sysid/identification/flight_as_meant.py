@@ -10,14 +10,12 @@ import numpy as np
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.request import Request
-from sysid.posterior.part import ESSENTIAL
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
-from sysid.signals.sensor_groups import ATTITUDE, GYRO, IMU
+from sysid.signals.sensor_groups import ATTITUDE, ESSENTIAL, GYRO, IMU
 
 # Lost samples over so long are bridged, s.
 _BRIDGED_S = 2.0
@@ -30,13 +28,23 @@ class Meant:
     """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
 
     signals: without accelerometers that are dead, and the attitude's rates for gyros that are. doubt: why it may not be
-    a flight, where all of it was taken.
+    a flight, where all of it was taken. whole: whether nothing was lost that had to be bridged.
     """
 
     signals: FlightSignals
     prepared: Prepared
     mistakes: tuple[Mistake, ...]
     doubt: SysidError | None
+    whole: bool
+
+    def as_measured(self, vehicle: Vehicle, start_s: float | None = None, stop_s: float | None = None) -> Prepared:
+        """The flight prepared with the gaps that it has, for methods that take every sample for a measurement.
+
+        Raises SysidError where no part of it is flight.
+        """
+        if self.doubt is not None:
+            raise self.doubt
+        return self.prepared if self.whole else prepare(self.signals, vehicle, start_s, stop_s)
 
 
 def meant(
@@ -48,20 +56,25 @@ def meant(
 ) -> Meant:
     """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
     flight = without_dead(flight)
-    prepared, doubt = prepared_flight(flight, vehicle, start_s, stop_s)
+    found = prepared_flight(flight, vehicle, start_s, stop_s)
     try:
-        signals, mistakes = as_meant(flight, prepared, vehicle, as_recorded)
+        signals, mistakes = as_meant(flight, found.prepared, vehicle, as_recorded)
         if signals is not flight:
-            prepared, doubt = prepared_flight(signals, vehicle, start_s, stop_s)
+            found = replace(prepared_flight(signals, vehicle, start_s, stop_s), mistakes=tuple(mistakes))
+        elif mistakes:
+            found = replace(found, mistakes=tuple(mistakes))
     except SysidError as error:
-        raise (doubt or error) from error
-    return Meant(signals, prepared, tuple(mistakes), doubt)
+        raise (found.doubt or error) from error
+    return found
 
 
-def read_as_meant(asked: Request) -> list[Meant]:
-    """The flights asked for. Raises SysidError where one lacks what is needed."""
-    asked.progress(0.05, "units, signs and axes")
-    return [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
+def judges_as_meant(flights: Sequence[FlightSignals], vehicle: Vehicle, as_recorded: Sequence[str]) -> list[Meant]:
+    """Flights that a model is judged by. Raises SysidError where one lacks what is needed, or is no flight."""
+    read = [meant(one, vehicle, as_recorded) for one in flights]
+    for one in read:
+        if one.doubt is not None:
+            raise one.doubt
+    return read
 
 
 def bridged(signals: FlightSignals) -> FlightSignals:
@@ -78,6 +91,8 @@ def bridged(signals: FlightSignals) -> FlightSignals:
         if name in (*IMU, *ESSENTIAL, "alpha", "beta", *SURFACES, "throttle", "thrust") and time_s.size > 10:
             time_s, values = _filled(time_s, values, usual if name in (*IMU, *ESSENTIAL) else 0.0)
         filled[name] = Signal(time_s, values, one.unit, one.source, one.calibration)
+    if all(filled[name].time_s.size == one.time_s.size for name, one in signals.signals.items()):
+        return signals
     return replace(signals, signals=filled)
 
 
@@ -168,19 +183,18 @@ def _with_stand_ins(signals: FlightSignals) -> FlightSignals:
     return replace(signals, signals={**signals.signals, **dict.fromkeys(lost, nothing)})
 
 
-def prepared_flight(
-    flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
-) -> tuple[Prepared, SysidError | None]:
-    """The flight prepared; where no part of it seems to be flight, all of it, and why not."""
-    whole = _with_stand_ins(bridged(flight))
-    whole.require(*IMU, *ESSENTIAL)
+def prepared_flight(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None) -> Meant:
+    """The flight prepared as recorded; where no part of it seems to be flight, all of it, and why not."""
+    filled = _with_stand_ins(bridged(flight))
+    filled.require(*IMU, *ESSENTIAL)
     try:
-        return prepare(whole, vehicle, start_s, stop_s), None
+        return Meant(flight, prepare(filled, vehicle, start_s, stop_s), (), None, filled is flight)
     except SysidError as error:
-        time_s = whole.signals["q"].time_s
+        time_s = filled.signals["q"].time_s
         if start_s is not None or stop_s is not None or time_s.size < 2:
             raise
         try:
-            return prepare(whole, vehicle, float(time_s[0]), float(time_s[-1])), error
+            whole = prepare(filled, vehicle, float(time_s[0]), float(time_s[-1]))
         except SysidError:
             raise error from None
+        return Meant(flight, whole, (), error, filled is flight)

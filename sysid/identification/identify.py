@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.model.model_file import Coefficient, Model
@@ -15,6 +15,7 @@ from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
+from sysid.identification.flight_as_meant import Meant, has_whole_imu, judges_as_meant, meant
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
 from sysid.identification.maximum_likelihood import systematic as systematic_effects
@@ -27,28 +28,25 @@ from sysid.identification.result_model import (
     validity_of,
     with_extra,
 )
-from sysid.numerics.parallel import begun
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_rules import flights_quality
-from sysid.quality.verdict import CARE, NOTHING_SEEN, Quality, Reason, once
-from sysid.signal_check.check import SignalCheck, check_signals, in_time, suspected
-from sysid.signals.delay import Delay, delay_sentence
+from sysid.quality.verdict import NOTHING_SEEN, Quality
+from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals
-from sysid.signals.preparation import MAX_STRETCH_S, Prepared, prepare, require_thrust, unmeasured_thrust
+from sysid.signals.preparation import MAX_STRETCH_S, Prepared, require_thrust, unmeasured_thrust
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors
 from sysid.uncertainty.reconstruction_errors import held_errors
-from sysid.validation.held_out import comparison, judge, validation_of
+from sysid.validation.held_out import comparison, validation_of
 from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
 if TYPE_CHECKING:
-    from sysid.identification.flight_as_meant import Meant
     from sysid.posterior.analysis import PosteriorEstimate
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
@@ -78,7 +76,7 @@ class Identification:
     equation_error: EquationEstimate | None
     linear: LinearModel | str
     warnings: tuple[str, ...]
-    check: SignalCheck = field(default_factory=SignalCheck)
+    mistakes: tuple[Mistake, ...] = ()
     compared: ModelComparison | None = None
     posterior: PosteriorEstimate | None = None
     quality: Quality = NOTHING_SEEN
@@ -97,7 +95,6 @@ def identify(
     sensors: Sequence[str] | None = None,
     systematic: bool = True,
     progress: Progress = lambda share, text: None,
-    check: SignalCheck | None = None,
     as_recorded: Sequence[str] = (),
 ) -> Identification:
     """Identify a model.
@@ -107,11 +104,10 @@ def identify(
     before the flight, with its correlations (sysid.numerics.gaussian); start values alone where it has none.
     method: "map" output error with an estimated noise spectrum and priors, "ee" equation error, "oe" output error, "fe"
     filter error. "auto" is "oe" where that leaves nothing but white noise, as in flights of the textbooks, for its bars
-    are narrower there; "map" everywhere else, and "fe" where the free motion of the aircraft diverges. Where sensors or
-    check are given "auto" is "oe": the other knows none of them.
+    are narrower there; "map" everywhere else, and "fe" where the free motion of the aircraft diverges. Where sensors
+    are given "auto" is "oe": the other knows none of them.
     start_s, stop_s: the part to take, s.
     sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight tells.
-    check: what is known of mistakes in the signals already; None looks for them.
     as_recorded: signals that are taken as they are, whatever seems ("ax", ...).
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
@@ -120,84 +116,73 @@ def identify(
         raise EstimationError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
     asked = Request(
         tuple(flights), vehicle, tuple(validate_on), structure, prior, start_s, stop_s,
-        None if sensors is None else tuple(sensors), systematic, check, tuple(as_recorded), progress,
+        None if sensors is None else tuple(sensors), systematic, tuple(as_recorded), progress,
     )  # fmt: skip
+    progress(0.05, "units, signs and axes")
+    read = _Read(
+        [meant(one, vehicle, as_recorded, start_s, stop_s) for one in flights],
+        judges_as_meant(validate_on, vehicle, as_recorded),
+    )
     if method == "map":
-        found = _by_posterior(asked)
+        found = _by_posterior(asked, read)
     elif method != "auto":
-        found = _by_the_books(asked, method)
-    elif sensors is None and check is None:
-        found = _by_the_flight(asked)
+        found = _by_the_books(asked, method, read)
+    elif sensors is None:
+        found = _by_the_flight(asked, read)
     else:
-        found = _by_the_books(asked, "oe")
+        found = _by_the_books(asked, "oe", read)
     progress(1.0, "done")
     return found
 
 
-def _by_the_flight(asked: Request) -> Identification:
-    """`identify` with the method that the flight asks for."""
-    from sysid.identification.flight_as_meant import read_as_meant  # slow to import
-    from sysid.identification.posterior_method import reconstructed
-    from sysid.identification.textbook import is_textbook
+@dataclass(frozen=True)
+class _Read:
+    """The flights asked for as their sensors meant them, and those to judge by."""
 
-    read = read_as_meant(asked)
-    compatible = reconstructed(read)
+    flights: Sequence[Meant]
+    judges: Sequence[Meant]
+
+    def mistakes(self) -> tuple[Mistake, ...]:
+        """What was mended in the flights that are fitted."""
+        return tuple({one.sentence: one for each in self.flights for one in each.mistakes}.values())
+
+    def judged_warnings(self) -> list[str]:
+        """What is said of the flights to judge by."""
+        each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
+        return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
+
+
+def _by_the_flight(asked: Request, read: _Read) -> Identification:
+    """`identify` with the method that the flight asks for."""
+    from sysid.identification.posterior_method import reconstructed  # slow to import
+
+    compatible = reconstructed(read.flights)
     # Where kinematics see calm air and one motion, the flight may be as the textbooks have them.
     calm = compatible is not None and compatible.compatible and compatible.gust_sigma == 0.0
     found = _as_of_textbooks(asked.within(0.1, 0.4), read, compatible) if calm else None
-    if found is None:
-        try:
-            found = _by_posterior(asked.within(0.4 if calm else 0.1, 0.8), read, compatible)
-        except DivergedError as error:
-            mended = replace(asked, flights=[one.signals for one in read])
-            books = _by_the_books(mended.within(0.8, 1.0), "fe")
-            return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
-        if found.posterior is not None and is_textbook(found.posterior):
-            # A sensor that is misread or comes late looks like gusts, another motion, or what no model explains.
-            explained = None if calm else _as_of_textbooks(asked.within(0.8, 1.0), read, compatible)
-            found = explained or _with_findings(found, asked)
-    return found
+    if found is not None:
+        return found
+    try:
+        return _by_posterior(asked.within(0.4 if calm else 0.1, 0.8), read, compatible)
+    except DivergedError as error:
+        books = _by_the_books(asked.within(0.8, 1.0), "fe", read)
+        return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
 
 
-def _with_findings(found: Identification, asked: Request) -> Identification:
-    """The same with what may be wrong with its signals, in words: nothing that is sure enough to be acted on."""
-    mistakes = [
-        replace(one, sentence=delay_sentence(Delay(one.signals, one.found, one.std), False))
-        if one.kind == "delay"
-        else one
-        for one in suspected(found.flights, asked.vehicle, asked.as_recorded)
-    ]
-    words = [f"perhaps {one.sentence}" for one in mistakes]
-    check = replace(found.check, mistakes=(*found.check.mistakes, *mistakes))
-    quality = replace(found.quality, reasons=once((*found.quality.reasons, *(Reason(CARE, text) for text in words))))
-    return replace(found, check=check, quality=quality, warnings=(*words, *found.warnings))
-
-
-def _as_of_textbooks(
-    asked: Request, read: Sequence[Meant], compatible: CompatibilityResult | None
-) -> Identification | None:
+def _as_of_textbooks(asked: Request, read: _Read, compatible: CompatibilityResult | None) -> Identification | None:
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
-    from sysid.identification.flight_as_meant import has_whole_imu, meant
-
     # Only the other method's bars hold what the vehicle file says of its own errors.
     if asked.vehicle.mass.doubted:
         return None
-    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read):
+    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.flights):
         return None
-    judges = tuple(meant(one, asked.vehicle, asked.as_recorded).signals for one in asked.validate_on)
-    mended = replace(asked, flights=[one.signals for one in read], validate_on=judges)
     try:
-        books = _by_the_books(mended, "oe", compatible)
+        books = _by_the_books(asked, "oe", read, compatible)
     except SysidError:
         return None
     if books.likeliest is None or books.likeliest.left_over or _pulled(books):
         return None
-    mistakes = [mistake for one in read for mistake in one.mistakes]
-    return replace(
-        books,
-        check=replace(books.check, mistakes=(*mistakes, *books.check.mistakes)),
-        warnings=tuple(dict.fromkeys((*(one.sentence for one in mistakes), *books.warnings))),
-    )
+    return books
 
 
 def _pulled(books: Identification) -> bool:
@@ -212,93 +197,70 @@ def _pulled(books: Identification) -> bool:
     )
 
 
-def _by_the_books(asked: Request, method: str, known: CompatibilityResult | None = None) -> Identification:
-    """`identify` with equation error, output error or filter error. known: data compatibility of signals in time."""
-    vehicle, progress, check = asked.vehicle, asked.progress, asked.check
-    progress(0.02, "signals on one time base")
-    prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
+def _by_the_books(asked: Request, method: str, read: _Read, known: CompatibilityResult | None = None) -> Identification:
+    """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
+    vehicle, progress = asked.vehicle, asked.progress
+    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.flights]
     require_thrust(prepared)
-    compatible = None
-    if check is None:
-        progress(0.05, "units, signs, axes and delays")
-        # Of signals that come in time, as they mostly do, it is the one that is wanted.
-        with begun(lambda: known if _is_of(known, prepared) else check_compatibility(prepared)) as ahead:
-            check = check_signals(prepared, vehicle, asked.as_recorded)
-            compatible = None if check.delays else ahead.result()
-    posed = _pose(asked, prepared, check, compatible)
+    posed = _pose(asked, prepared, known if all(one.whole for one in read.flights) else None)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
-    warnings = [*posed.warnings, *found.warnings, *(one.sentence for one in check.findings())]
+    mistakes = read.mistakes()
+    sentences = [one.sentence for one in mistakes]
     progress(0.88, "validation")
-    judges = [judge(flight, vehicle, check, warnings, asked.as_recorded) for flight in asked.validate_on]
-    compared = comparison(judges or posed.prepared, vehicle, found.model, found.errors, posed.problem.command_first)
+    judges = [one.as_measured(vehicle) for one in read.judges]
+    compared = comparison(judges or prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
     compatible = posed.compatible
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
-    seen = SeenEstimate(
-        found.model, found.refused, validation, {}, misfit, left_over, [one.sentence for one in check.findings()]
-    )
+    seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
+    signals = [one.signals for one in read.flights]
     return Identification(
-        tuple(posed.prepared), compatible, found.model, found.errors,
+        tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
-        linear_model(vehicle, found.model, posed.prepared, compatible, found.likeliest),
-        tuple(dict.fromkeys(warnings)), check, compared, None,
-        with_estimate(flights_quality(asked.flights, posed.prepared, vehicle, compatible.gust_sigma), seen),
+        linear_model(vehicle, found.model, prepared, compatible, found.likeliest),
+        tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
+        compared, None, with_estimate(flights_quality(signals, prepared, vehicle, compatible.gust_sigma), seen),
     )  # fmt: skip
 
 
-def _is_of(known: CompatibilityResult | None, prepared: Sequence[Prepared]) -> bool:
-    """Whether a compatibility is that of these flights, and not of others with their gaps bridged."""
-    stretches = [stretch for flight in prepared for stretch in flight.stretches]
-    return known is not None and [one["V"].size for one in known.states] == [s.record.length for s in stretches]
-
-
-def _by_posterior(
-    asked: Request, read: Sequence[Meant] = (), known: CompatibilityResult | None = None
-) -> Identification:
-    """`identify` with the method "map". read, known: the flights as meant and their compatibility, if at hand."""
-    from sysid.identification.flight_as_meant import meant, read_as_meant  # slow to import
-    from sysid.identification.posterior_method import identify_by_posterior
+def _by_posterior(asked: Request, read: _Read, known: CompatibilityResult | None = None) -> Identification:
+    """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
+    from sysid.identification.posterior_method import identify_by_posterior  # slow to import
     from sysid.posterior.analysis import PRIOR_SHARE
     from sysid.posterior.replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
-    found = identify_by_posterior(read or read_as_meant(asked), asked, known)
-    check = SignalCheck(mistakes=found.mistakes)
+    found = identify_by_posterior(read.flights, asked, known)
     # Kinematics tell zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
         **found.estimate.sensor_errors(PRIOR_SHARE),
     }
-    warnings = [one.sentence for one in found.mistakes]
-    warnings += [*found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
+    mistakes = read.mistakes()
+    sentences = [one.sentence for one in mistakes]
+    warnings = [*sentences, *found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
     progress(0.88, "validation")
-    others = [meant(flight, vehicle, asked.as_recorded) for flight in asked.validate_on]
-    if doubts := [one.doubt for one in others if one.doubt is not None]:
-        raise doubts[0]
-    judges = [one.prepared for one in others]
-    for one in others:
-        warnings += [*one.prepared.warnings, *(mistake.sentence for mistake in one.mistakes)]
+    judges = [one.prepared for one in read.judges]
     # What the kinematics say of sensors is not what this estimate takes them for.
     flights = as_moved(
-        judges or found.prepared, [one.signals for one in others] or found.signals, vehicle, found.estimate
+        judges or found.prepared, [one.signals for one in read.judges] or found.signals, vehicle, found.estimate
     )
     compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
     groups = found.estimate.results.items()
     seen = SeenEstimate(
-        found.model, found.refused, validation, {group: one.feedback for group, one in groups}, "", "",
-        [one.sentence for one in found.mistakes],
-    )  # fmt: skip
+        found.model, found.refused, validation, {group: one.feedback for group, one in groups}, "", "", sentences
+    )
     return Identification(
         found.prepared, found.compatible, found.model, errors,
         unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
         tuple(flight.name for flight in asked.validate_on), None, None,
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
-        tuple(dict.fromkeys(warnings)), check, compared, found.estimate,
+        tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
         with_estimate(flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma), seen),
     )  # fmt: skip
 
@@ -334,12 +296,9 @@ class _Found:
     equations: EquationEstimate | None = None
 
 
-def _pose(
-    asked: Request, prepared: Sequence[Prepared], check: SignalCheck, compatible: CompatibilityResult | None
-) -> _Posed:
+def _pose(asked: Request, prepared: Sequence[Prepared], compatible: CompatibilityResult | None) -> _Posed:
     """compatible: what the data compatibility of the prepared flights is known to be."""
     vehicle, progress, structure = asked.vehicle, asked.progress, asked.structure
-    prepared = in_time(prepared, vehicle, check)
     progress(0.10, "data compatibility")
     if compatible is None:
         compatible = check_compatibility(prepared)

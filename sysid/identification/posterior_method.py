@@ -24,7 +24,6 @@ from sysid.posterior.part import FlightPart, make_part
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
-from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
@@ -49,7 +48,6 @@ class PosteriorIdentification:
     refused: tuple[Refusal, ...]
     estimate: PosteriorEstimate
     warnings: tuple[str, ...]
-    mistakes: tuple[Mistake, ...]
 
 
 def reconstructed(read: Sequence[Meant]) -> CompatibilityResult | None:
@@ -67,7 +65,7 @@ def identify_by_posterior(
 ) -> PosteriorIdentification:
     """Estimate a model from one or more flights.
 
-    read: `read_as_meant` of what is asked. known: `reconstructed` of that, if at hand. Raises SysidError where no
+    read: what is asked, as its sensors meant it. known: `reconstructed` of that, if at hand. Raises SysidError where no
     flight has what is needed.
     """
     try:
@@ -78,7 +76,6 @@ def identify_by_posterior(
 
 def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResult | None) -> PosteriorIdentification:
     vehicle, structure, progress = asked.vehicle, asked.structure, asked.progress
-    mistakes = tuple({one.sentence: one for each in read for one in each.mistakes}.values())
     progress(0.15, "data compatibility")
     seen = flown(read, vehicle, known)
     prepared, compatible, parts, warnings = seen.prepared, seen.compatible, seen.parts, list(seen.warnings)
@@ -95,7 +92,7 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     told = tuple(dict.fromkeys((*warnings, *found.warnings)))
     return PosteriorIdentification(
-        tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, told, mistakes
+        tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, told
     )
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.problem.problem import Progress
-from sysid.signal_check.check import SignalCheck
 from sysid.signals.flight import FlightSignals
 
 
@@ -25,7 +24,6 @@ class Request:
     stop_s: float | None
     sensors: Sequence[str] | None
     systematic: bool
-    check: SignalCheck | None
     as_recorded: Sequence[str]
     progress: Progress
 

@@ -43,12 +43,9 @@ def result_json(found: Identification) -> dict[str, Any]:
             "compatible": compatible.compatible,
             "incompatible": compatible.incompatible,
             "turbulence": compatible.gust_sigma,
-            "verdicts": [
-                one.to_json() for one in verdicts(_finally(found), found.check.findings(), found.posterior is None)
-            ],
+            "verdicts": [one.to_json() for one in verdicts(_finally(found), found.mistakes, found.posterior is None)],
         },
-        "mistakes": [one.to_json() for one in found.check.findings()],
-        "delays": {one.name: {"value": one.value, "std": one.std, "unit": "s"} for one in found.check.delays},
+        "mistakes": [one.to_json() for one in found.mistakes],
         **_method(found),
         "model": found.model.to_json(),
         **_linear(found.linear),

@@ -21,7 +21,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.flight_as_meant import Meant, prepared_flight, without_dead
+from sysid.identification.flight_as_meant import prepared_flight, without_dead
 from sysid.identification.posterior_method import flown, refusals_of
 from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
@@ -134,9 +134,7 @@ def _parts(flight: FlightSignals, vehicle: Vehicle, begin_s: float, end_s: float
         return [make_part(flight, vehicle, begin_s, end_s, {})]
     there = {name: one for name, one in flight.signals.items() if name not in _ANGLES or name in vanes}
     flight = replace(flight, signals=there)
-    flight = without_dead(flight)
-    prepared, doubt = prepared_flight(flight, vehicle, begin_s, end_s)
-    return flown([Meant(flight, prepared, (), doubt)], vehicle).parts
+    return flown([prepared_flight(without_dead(flight), vehicle, begin_s, end_s)], vehicle).parts
 
 
 def _goes_on(stamps: Array, end_s: float) -> bool:

@@ -14,7 +14,7 @@ from scipy.ndimage import convolve1d
 
 from sysid.arrays import Array, IntArray
 from sysid.errors import EstimationError
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.filters import convolved
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import add_squares, damped_step, gram, inverse, require_numbers

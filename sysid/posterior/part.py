@@ -20,7 +20,7 @@ from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through
 from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
-from sysid.signals.sensor_groups import IMU
+from sysid.signals.sensor_groups import ESSENTIAL, IMU
 from sysid.signals.thrust_source import dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
@@ -37,8 +37,6 @@ _THRUST_HALF_S = 0.1
 
 _CONTROLS = {signal: control for control, signal in DEFLECTION_SIGNALS.items()} | {"throttle": "throttle"}
 MEASURED = (*IMU, "alpha", "beta")
-# What nothing can stand for.
-ESSENTIAL = ("phi", "theta", "airspeed")
 
 
 @dataclass(frozen=True)

@@ -16,23 +16,26 @@ import numpy as np
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
-from sysid.signal_check.check import impossible_values, stop_at_unusable
 from sysid.signal_check.fault import Mistake
 from sysid.signal_check.fault_hypotheses import SI, Hypothesis, hypotheses, scale_hypothesis
-from sysid.signal_check.fault_search import Columns, known, longest
-from sysid.signal_check.kinematic_residuals import AIR, GROUND, Window
+from sysid.signal_check.impossible_values import impossible_thrust, require_possible_density
+from sysid.signal_check.kinematic_relations import AIR, GROUND, Columns, Window
 from sysid.signal_check.relation_misfit import OVER_GROUND, ForceBalance, Misfit
 from sysid.signal_check.remedies import named_cures
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
-from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GYRO, IMU, VANES
+from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES, group_name
 from sysid.signals.sensor_layout import SensorLayout
 
 # A gain of a gyro counts from this error on, and up to a factor that is rather a unit.
 _GAIN, _LARGEST_GAIN = 0.2, 20.0
+# Angles and the rates that turn them.
+_TURNS = (("phi", "p"), ("theta", "q"), ("psi", "r"))
 _MOST = 4
 # What a reading must leave less of than a simpler one, in shares, a unit of its penalty.
 _SIMPLER = 0.02
+_FEWEST = 100  # samples of a part
+_LONGEST_S = 60.0
 _SPEEDS = frozenset((*GROUND, "airspeed"))
 # Two units are told apart where one leaves so many times the other's misfit.
 _TOLD_APART = 1.15
@@ -80,26 +83,25 @@ def as_meant(
     """
     kept = {*as_recorded, *vehicle.as_recorded}
     require_searched(kept)
-    stop_at_unusable([one for one in impossible_values([flight], vehicle) if one.signal == "air_density"], signals.name)
+    require_possible_density(flight)
     # Where an accelerometer or a gyro is missing, no relation of the motion can be held against the other sensors.
     whole = set(IMU) <= signals.signals.keys()
-    found = decisive_corrections([one.data for one in flight.stretches], flight.layout, kept) if whole else []
-    strong = [one for one in impossible_values([flight], vehicle) if one.signal == "thrust" and "thrust" not in kept]
-    found += [
-        Correction(one, Hypothesis(("thrust",), "unit", one.sentence, np.full((1, 1), one.found)))
-        for one in strong
-        if np.isfinite(one.found)
-    ]
+    parts = [one.data for one in flight.stretches] if whole else []
+    found, gains = decisive_corrections(parts, flight.layout, kept)
+    strong = None if "thrust" in kept else impossible_thrust(flight, vehicle)
+    if strong is not None and np.isfinite(strong.found):
+        reading = Hypothesis(("thrust",), "unit", strong.sentence, np.full((1, 1), strong.found))
+        found.append(Correction(strong, reading))
     for one in found:
         if one.others:
             _require_one_unit(one)
         signals = one.apply(signals)
-    if any(not np.isfinite(one.found) for one in strong):
-        signals = replace(signals, signals={n: one for n, one in signals.signals.items() if n != "thrust"})
-    cured = named_cures([each.mistake for each in found], [flight], vehicle)
+    cured = named_cures([each.mistake for each in found], flight, vehicle)
     told = [_told(one, each.others) for one, each in zip(cured, found, strict=True)]
-    told += [replace(one, sentence=f"{one.sentence}; it is left out") for one in strong if not np.isfinite(one.found)]
-    return signals, told
+    if strong is not None and not np.isfinite(strong.found):
+        signals = replace(signals, signals={n: one for n, one in signals.signals.items() if n != "thrust"})
+        told.append(replace(strong, sentence=f"{strong.sentence}; it is left out"))
+    return signals, [*told, *gains]
 
 
 def _require_one_unit(found: Correction) -> None:
@@ -128,16 +130,18 @@ def _at(flight: FlightSignals, name: str, time_s: Array) -> Array:
 
 def decisive_corrections(
     parts: Sequence[FlightData], layout: SensorLayout, as_recorded: Collection[str] = ()
-) -> list[Correction]:
-    """Mistakes of uniform parts without NaN in IMU, attitude and airspeed, the surest first.
+) -> tuple[list[Correction], list[Mistake]]:
+    """Mistakes of uniform parts without NaN in IMU, attitude and airspeed, the surest first; and those of which it is
+    not sure whose they are, which nothing mends.
 
     as_recorded: signals that are never taken for wrong.
     """
     # What the accelerometers' lever arm adds is small beside any mistake, and takes longer than all else.
     layout = replace(layout, accelerometer=(0.0, 0.0, 0.0))
-    windows = [Window(half, layout) for part in longest(parts) for half in _halves(part)]
-    columns = [{name: window.data[name] for name in known(window.data)} for window in windows]
+    windows = [Window(half, layout) for part in _longest(parts) for half in _halves(part)]
+    columns = [{name: window.data[name] for name in _examined(window.data)} for window in windows]
     found: list[Correction] = []
+    gains: list[Mistake] = []
     with np.errstate(all="ignore"):  # readings far from any motion overflow, and then win nothing
         while windows and len(found) < _MOST:
             before, forces = Misfit.of(windows, columns), ForceBalance(windows, columns)
@@ -148,11 +152,25 @@ def decisive_corrections(
             ]
             mending = [(one, after) for one, after in tried if before.mended_by(after, forces.asks_for(one))]
             if not mending:
+                gains = [
+                    _gain_mistake(angle, rate, before.gain(angle))
+                    for angle, rate in _TURNS
+                    if angle in before.gains and before.is_small_gain(angle) and not {angle, rate} & {*as_recorded}
+                ]
                 break
             best = _best(mending)
             found.append(Correction(best.as_mistake(), best, _as_likely(best, tried)))
             columns = [best.apply(c) for c in columns]
-    return found
+    return found, gains
+
+
+def _gain_mistake(angle: str, rate: str, gain: float) -> Mistake:
+    text = (
+        f"{angle} turns {gain:.2f} times as far as {rate} says, all flight long: one of them has a wrong scale, and the"
+        f" coefficients may be as far off; both are taken as recorded (scale the wrong one in [signals] of the vehicle"
+        " file)"
+    )
+    return Mistake(group_name((angle, rate)), "scale", gain, "", text, (angle, rate))
 
 
 def _best(mending: Sequence[tuple[Hypothesis, Misfit]]) -> Hypothesis:
@@ -201,7 +219,36 @@ def _tried(
     for one in hypotheses(set.union(*(set(c) for c in columns)), windows[0].layout.gravity):
         if doubted.issuperset(one.signals) or forces.asks_for(one):
             yield one
-    for name, rate in (("phi", "p"), ("theta", "q")):
-        gain = before.gains[name]
+    for name, rate in _TURNS[:2]:
+        gain = before.gain(name)
         if name in failing and abs(gain - 1.0) > _GAIN and 1.0 / _LARGEST_GAIN < gain < _LARGEST_GAIN:
             yield scale_hypothesis((rate,), 1.0 / gain - 1.0)
+
+
+def _longest(parts: Sequence[FlightData]) -> list[FlightData]:
+    """The longest parts, together at most some minutes: more of the same tells nothing new."""
+    kept: list[FlightData] = []
+    total = 0.0
+    for part in sorted(map(_whole, parts), key=lambda one: -one.time_s.size):
+        if part.time_s.size < _FEWEST or (kept and total > 2.0 * _LONGEST_S):
+            break
+        kept.append(part)
+        total += part.time_s.size * part.interval_s
+    return kept
+
+
+def _whole(part: FlightData) -> FlightData:
+    """The longest run in which vanes and heading, where they are there at all, carry values."""
+    good = np.ones(part.time_s.size, dtype=np.bool_)
+    for name in (*VANES, "psi"):
+        if name in part and np.isfinite(part[name]).mean() > 0.5:
+            good &= np.isfinite(part[name])
+    edges = np.concatenate(([-1], np.flatnonzero(~good), [good.size]))
+    run = int(np.argmax(np.diff(edges)))
+    return part.window(int(edges[run]) + 1, int(edges[run + 1]))
+
+
+def _examined(part: FlightData) -> list[str]:
+    """Signals that are examined and carry values."""
+    names = [name for group in GROUPS.values() for name in group]
+    return [name for name in dict.fromkeys(names) if name in part and np.isfinite(part[name]).any()]

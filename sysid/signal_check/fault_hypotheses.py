@@ -43,7 +43,7 @@ class Hypothesis:
     signals: which. kind: "unit", "sign", "axis", "scale". sentence: what is found and what to do, one line.
     matrix: true readings of `signals` as combinations of those recorded, (n, n). offset: (n,) added, in SI.
     gravity: m/s^2, what to add to ax ay az along the body axes of the vertical, downwards positive.
-    penalty: what it must gain over simpler ones, in log likelihood.
+    penalty: how much less simple it is than a unit or a sign.
     """
 
     signals: tuple[str, ...]
@@ -83,14 +83,7 @@ class Hypothesis:
     def as_mistake(self) -> Mistake:
         """The mistake that this reading is free of."""
         name = group_name(self.signals)
-        return Mistake(name, self.kind, self.factor, float("nan"), self.unit, self.sentence, self.signals, False)
-
-    def shrinks(self, name: str) -> float:
-        """Logarithm of the factor by which a signal's own density is stretched."""
-        if name not in self.signals:
-            return 0.0
-        row = self.matrix[self.signals.index(name)]
-        return float(np.log(np.max(np.abs(row))))
+        return Mistake(name, self.kind, self.factor, self.unit, self.sentence, self.signals)
 
 
 def _verb(names: Sequence[str], one: str, more: str) -> str:

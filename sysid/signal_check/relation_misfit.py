@@ -1,7 +1,7 @@
 """How badly the kinematic relations between the sensors hold, in either half of a flight.
 
 A relation is measured against what the other sensors say of the same motion: the integrals of
-sysid.signal_check.kinematic_residuals, and the velocity over ground against the airspeed turned by the attitude, which
+sysid.signal_check.kinematic_relations, and the velocity over ground against the airspeed turned by the attitude, which
 differ by a wind that hardly changes.
 """
 
@@ -14,8 +14,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.signal_check.fault_hypotheses import Hypothesis
-from sysid.signal_check.fault_search import Columns
-from sysid.signal_check.kinematic_residuals import AIR, Window, integrate
+from sysid.signal_check.kinematic_relations import AIR, Columns, Window, integrate
 from sysid.signals.sensor_groups import ACCEL, GROUND
 
 # The velocity over ground against that through the air.
@@ -29,6 +28,9 @@ _SAY = 0.2
 # Factor between the two sides of a relation, whichever of them has the noise: wrong from the first on, right to the
 # second; the smallest of a unit is 1.94 (knots), and two of one kind lie a factor of 1.1 apart.
 _GAIN_FAILS, _GAIN_HOLDS = float(np.log(1.3)), float(np.log(1.1))
+# A gain near 1 of one side of a relation against the other: from this error on, where the halves of the flight agree so
+# well and both sides are so much alike (squared correlation). Flights as the field gives them show 1 to 2 %.
+_SMALL_GAIN, _GAINS_ALIKE, _ALIKE = 0.05, 0.02, 0.98
 # Mean specific force that attitude and motion leave unexplained, m/s^2: impossible as recorded, ordinary as corrected.
 _FORCE = (4.0, 1.5)
 # Angles, rad, that 19 of 20 samples stay below: impossible as recorded, ordinary as corrected.
@@ -43,13 +45,14 @@ class Misfit:
     """How badly the relations hold, in either half of the flight.
 
     shares: relation -> energy of measured less integrated over that of both, slow motions left out; 0 to 2. gains:
-    relation -> measured over integrated, by least squares. factors: of OVER_GROUND, logarithm of the least factor
-    between its sides. levels: name of a level -> its size.
+    relation -> measured over integrated, by least squares. alike: relation -> squared correlation of both. factors: of
+    OVER_GROUND, logarithm of the least factor between its sides. levels: name of a level -> its size.
     """
 
     energies: dict[str, tuple[float, float]]
     shares: dict[str, tuple[float, float]]
-    gains: dict[str, float]
+    gains: dict[str, tuple[float, float]]
+    alike: dict[str, tuple[float, float]]
     factors: dict[str, tuple[float, float]]
     levels: dict[str, tuple[float, float]]
 
@@ -58,8 +61,8 @@ class Misfit:
         sums: dict[str, Array] = {}
         forces, angles = np.zeros((2, 3)), {name: ([0.0], [0.0]) for name in _ANGLES}
         for i, (window, one) in enumerate(zip(windows, columns, strict=True)):
-            states, half = window.states(one, {}), i % 2
-            measured, gaps = window.fast(window.measured(states, one)), window.gaps_of(states, one)
+            states, half = window.states(one), i % 2
+            measured, gaps = window.fast(window.measured(states, one)), window.gaps(states, one)
             for name, gap in gaps.items():
                 told = measured[name]
                 sums.setdefault(name, np.zeros((2, 4)))[half] += _products(told, told - gap)
@@ -75,11 +78,12 @@ class Misfit:
         lengths = np.maximum([sum(w.size for w in windows[half::2]) for half in (0, 1)], 1)
         energies = {name: _pair(s[:, 1] + s[:, 2]) for name, s in sums.items()}
         shares = {name: _pair(s[:, 0] / np.maximum(s[:, 1] + s[:, 2], 1e-300)) for name, s in sums.items()}
-        gains = {name: float(s[:, 3].sum() / max(float(s[:, 2].sum()), 1e-300)) for name, s in sums.items()}
+        gains = {name: _pair(s[:, 3] / np.maximum(s[:, 2], 1e-300)) for name, s in sums.items()}
+        alike = {name: _pair(s[:, 3] ** 2 / np.maximum(s[:, 1] * s[:, 2], 1e-300)) for name, s in sums.items()}
         factors = {name: (_factor(s[0]), _factor(s[1])) for name, s in sums.items() if name in OVER_GROUND}
         levels = {name: (max(first), max(second)) for name, (first, second) in angles.items()}
         levels["force"] = _pair(np.linalg.norm(forces, axis=1) / lengths)
-        return cls(energies, shares, gains, factors, levels)
+        return cls(energies, shares, gains, alike, factors, levels)
 
     def impossible(self) -> set[str]:
         """Levels that no flight has, in either half."""
@@ -132,6 +136,17 @@ class Misfit:
         names = (*OVER_GROUND, *(AIR if "airspeed" in signals else ()))
         return float(sum(sum(halves) for name, halves in self.shares.items() if name in names))
 
+    def gain(self, name: str) -> float:
+        """Measured over integrated, the halves by how much they move."""
+        return float(np.average(self.gains[name], weights=np.maximum(self.energies[name], 1e-300)))
+
+    def is_small_gain(self, name: str) -> bool:
+        """Whether the measured side is a multiple of the integrated one near 1 in each half, and clearly not 1."""
+        first, second = self.gains[name]
+        least = min(abs(first - 1.0), abs(second - 1.0))
+        same = (first > 1.0) == (second > 1.0) and abs(first - second) < _GAINS_ALIKE
+        return same and least > _SMALL_GAIN and min(self.alike[name]) > _ALIKE
+
     def _wrong_factor(self, name: str) -> bool:
         return name in self.factors and min(self.factors[name]) > _GAIN_FAILS
 
@@ -152,7 +167,7 @@ class ForceBalance:
             integrate(forces, window.interval_s, integrals)
             integrals = window.quick(integrals)
             sums, square = self._products[i % 2], integrals @ integrals.T
-            for name, gap in window.gaps(one, {}).items():
+            for name, gap in window.gaps(window.states(one), one).items():
                 if name in AIR:
                     e, f, g = sums.get(name, (0.0, 0.0, 0.0))
                     sums[name] = (e + float(gap @ gap), f + integrals @ gap, g + square)

@@ -16,10 +16,9 @@ from sysid.signals.sensor_groups import joined
 _NEAR = 0.1
 
 
-def named_cures(found: Sequence[Mistake], prepared: Sequence[Prepared], vehicle: Vehicle) -> list[Mistake]:
+def named_cures(found: Sequence[Mistake], flight: Prepared, vehicle: Vehicle) -> list[Mistake]:
     """The mistakes, those of calibrated signals with the keys of the vehicle file that mend them."""
-    calibrated = {name for flight in prepared for name in flight.calibrations}
-    return [_cured(one, vehicle) if calibrated.issuperset(one.signals) else one for one in found]
+    return [_cured(one, vehicle) if set(one.signals) <= set(flight.calibrations) else one for one in found]
 
 
 def _cured(mistake: Mistake, vehicle: Vehicle) -> Mistake:

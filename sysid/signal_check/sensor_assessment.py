@@ -40,7 +40,7 @@ def verdicts(result: CompatibilityResult, mistakes: Sequence[Mistake] = (), corr
 def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake], corrects: bool) -> Verdict:
     wrong = [one for one in mistakes if name in one.signals]
     if wrong:
-        return Verdict(name, "; ".join(one.sentence for one in wrong), _status(wrong))
+        return Verdict(name, "; ".join(one.sentence for one in wrong), "mistake")
     if name in result.incompatible:
         gap, noise = result.after[name].rms, result.noise.get(name, math.nan)
         return Verdict(name, f"{name} disagrees with the other sensors by {gap:.2g} (noise {noise:.2g})", "mistake")
@@ -64,10 +64,6 @@ def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake]
     if _WIND.get(name) in {entry.name for entry in untold}:
         return Verdict(name, f"{name}: without the wind it says nothing of the air data", "unknown")
     return Verdict(name, f"{name} agrees within its noise", "ok")
-
-
-def _status(wrong: Sequence[Mistake]) -> str:
-    return "corrected" if all(one.kind == "delay" for one in wrong) else "mistake"
 
 
 def _seen(error: SensorError) -> bool:

@@ -8,6 +8,8 @@ ACCEL, GYRO, ATTITUDE, VANES, GROUND = (
     ("ax", "ay", "az"), ("p", "q", "r"), ("phi", "theta", "psi"), ("alpha", "beta"), ("vn", "ve", "vd"),
 )  # fmt: skip
 IMU = (*ACCEL, *GYRO)
+# What no estimate of an aircraft does without, beside an IMU of any axes.
+ESSENTIAL = ("phi", "theta", "airspeed")
 GROUPS: dict[str, tuple[str, ...]] = {
     "accelerometers": ACCEL, "gyros": GYRO, "imu": IMU, "attitude": ATTITUDE, "vanes": VANES,
     "air_data": ("airspeed",), "gps": GROUND,

@@ -12,22 +12,11 @@ from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.problem.coefficient_residuals import residual_noise
 from sysid.problem.free_run import Fixed
-from sysid.signal_check.check import SignalCheck, check_signals, in_time
-from sysid.signals.flight import FlightSignals
-from sysid.signals.preparation import Prepared, prepare
+from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 from sysid.validation.largest_residual import ResidualHistory, largest_residual
 from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation, validate
-
-
-def judge(
-    signals: FlightSignals, vehicle: Vehicle, check: SignalCheck, warnings: list[str], as_recorded: Sequence[str] = ()
-) -> Prepared:
-    """A flight to judge the model by, in time, its mistakes told but for those in signals taken as recorded."""
-    flight = prepare(signals, vehicle)
-    warnings += [*flight.warnings, *(one.sentence for one in check_signals([flight], vehicle, as_recorded).mistakes)]
-    return in_time([flight], vehicle, check)[0]
 
 
 def comparison(

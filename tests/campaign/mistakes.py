@@ -80,7 +80,7 @@ def told(flight: FlightSignals, vehicle: str) -> Told:
             found = identify([flight], load_vehicle(vehicle), systematic=False)
     except SysidError as error:
         return Told(str(error).partition(": ")[2], [], {})
-    findings = [one.to_json() for one in found.check.findings()]
+    findings = [one.to_json() for one in found.mistakes]
     for name, (value, std, _) in found.sensor_errors.items():
         if name.endswith("_scale") and abs(value) > max(2.0 * std, SCALE_TOLD):
             findings.append(_finding("scale", name.removesuffix("_scale"), f"reads {1.0 + value:.3g} of true"))

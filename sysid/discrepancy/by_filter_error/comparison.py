@@ -45,14 +45,14 @@ from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
+from sysid.identification.flight_as_meant import Meant
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
 from sysid.output_error.fit import fit
 from sysid.problem.free_run import Fixed
 from sysid.problem.problem import Estimates, Problem
 from sysid.quality.flight_rules import flights_quality
-from sysid.signal_check.check import told_mistakes
-from sysid.signals.preparation import Prepared, prepare, require_thrust
+from sysid.signals.preparation import Prepared, require_thrust
 
 _AIRSPEED = "airspeed_error"
 # Chance of coefficients as far from those given, below which those are wrong.
@@ -65,16 +65,16 @@ _WIDER = 1.1
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
 
 
-def compare(asked: Asked) -> Outcome:
-    """What the flights say of the model. Raises SysidError subclasses in one line."""
+def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant]) -> Outcome:
+    """What the flights say of the model. read, judges: the flights and those held out, as their sensors meant them.
+
+    Raises SysidError subclasses in one line.
+    """
     progress, vehicle, model = asked.progress, asked.vehicle, asked.model
-    progress(0.02, "signals on one time base")
-    prepared = [prepare(flight, vehicle, asked.start_s, asked.stop_s) for flight in asked.flights]
-    held_out = [prepare(flight, vehicle) for flight in asked.validate_on]
+    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read]
+    held_out = [one.as_measured(vehicle) for one in judges]
     require_thrust([*prepared, *held_out])
-    progress(0.05, "units, signs and axes")
-    groups = [group for group in (prepared, held_out) if group]
-    told = [line for group in groups for line in told_mistakes(group, vehicle, asked.as_recorded)]
+    mended = [mistake.sentence for one in (*read, *judges) for mistake in one.mistakes]
     progress(0.08, "data compatibility")
     used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
@@ -95,8 +95,8 @@ def compare(asked: Asked) -> Outcome:
         "fe", verdict, tuple(reasons), tuple(search.named), search.model, base.ruled_out,
         Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
         max(air.horizontal, air.vertical),
-        flights_quality(asked.flights, prepared, vehicle, used.compatible.gust_sigma),
-        (*(w for one in (*prepared, *held_out) for w in one.warnings), *told),
+        flights_quality([one.signals for one in read], prepared, vehicle, used.compatible.gust_sigma),
+        (*(w for one in (*prepared, *held_out) for w in one.warnings), *mended),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.filter_error.estimation import build_filter
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.problem.problem import Problem
 from sysid.signals.record import OUTPUTS
 

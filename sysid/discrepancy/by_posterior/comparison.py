@@ -13,6 +13,7 @@ from sim_vehicle.effects.thrust_scale import THRUST_SCALE
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.discrepancy.by_posterior.field_flights import is_of_the_field
 from sysid.discrepancy.by_posterior.group_fits import fit_of
 from sysid.discrepancy.by_posterior.rules import RULES
 from sysid.discrepancy.by_posterior.search import Found, search
@@ -21,9 +22,8 @@ from sysid.discrepancy.identified_effect import reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
-from sysid.identification.flight_as_meant import meant
+from sysid.identification.flight_as_meant import Meant
 from sysid.identification.posterior_method import effects_with, flown
-from sysid.identification.textbook import is_of_the_field
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.analysis import PosteriorEstimate, estimate
@@ -52,14 +52,12 @@ _BESIDE = {
 }
 
 
-def compare(asked: Asked, always: bool = False) -> Outcome | None:
+def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant], always: bool = False) -> Outcome | None:
     """What the flights say of the model; None where they are of the textbooks, unless `always`.
 
-    Raises SysidError subclasses in one line.
+    read, judges: the flights and those held out, as their sensors meant them. Raises SysidError subclasses in one line.
     """
     progress, vehicle = asked.progress, asked.vehicle
-    progress(0.02, "units, signs and axes")
-    read = [meant(one, vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
     seen = flown(read, vehicle)
     require_thrust(seen.prepared)
     effects = [
@@ -102,13 +100,10 @@ def compare(asked: Asked, always: bool = False) -> Outcome | None:
         found.named, after = [], before
         used = replace(used, stages={**used.stages, "after": used.stages["before"]})
     judged = None
-    if asked.validate_on:
-        others = [meant(flight, vehicle, asked.as_recorded) for flight in asked.validate_on]
-        if doubts := [one.doubt for one in others if one.doubt is not None]:
-            raise doubts[0]
-        kinematics = flown(others, vehicle).compatible
+    if judges:
+        kinematics = flown(judges, vehicle).compatible
         judged = _beside(
-            [one.prepared for one in others], [one.signals for one in others], asked, motion, (base, before),
+            [one.prepared for one in judges], [one.signals for one in judges], asked, motion, (base, before),
             (best, after), kinematics,
         )  # fmt: skip
     warnings = [*seen.warnings, *(m.sentence for one in read for m in one.mistakes), *base.warnings]

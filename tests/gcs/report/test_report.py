@@ -94,7 +94,9 @@ def identification() -> dict[str, Any]:
              "sensor": sensor}
             for name, unit, sensor in (("q", "rad/s/sqrt(Hz)", 0.0012), ("beta", "rad/sqrt(Hz)", None))
         ],
-        "delays": {"vanes": {"value": 0.0402, "std": 0.0011, "unit": "s"}},
+        "nuisances": [
+            {"name": "vane_clock", "group": "both", "value": 0.0402, "std": 0.0011, "prior_std": 0.02, "unit": "s"}
+        ],
         "model": {
             "schema": "model/1",
             "name": "mav",
@@ -205,7 +207,7 @@ def test_numbers_are_those_of_the_file(page: Page) -> None:
     degrees = set(result["model"]["validity"]["alpha"])
     for value, text in page.data:
         assert value in of_file or round(value, 9) in derived
-        factor = 180.0 / np.pi if value in degrees else 1e3 if value in {0.0402, 0.0011} else 1.0
+        factor = 180.0 / np.pi if value in degrees else 1e3 if value in {0.0402, 0.0011, 0.02} else 1.0
         read, half = shown_number(text)
         assert read == pytest.approx(value * factor, abs=1.001 * half)
     there = {value for value, _ in page.data}
@@ -240,7 +242,7 @@ def test_warnings_stand_before_what_they_make_doubtful(page: Page) -> None:
 
 def test_an_older_result_without_curves_or_modes_is_a_page_too(tmp_path: Path) -> None:
     result = identification()
-    for name in ("series", "frequency_responses", "made", "delays", "mistakes"):
+    for name in ("series", "frequency_responses", "made", "mistakes"):
         del result[name]
     result |= {"validation": None, "modes": {"refused": "CL_alpha is not known"}}
     text = Page(make(tmp_path, result)).text

@@ -29,7 +29,6 @@ from sysid.identify import Identification, identify
 from sysid.numerics.dryden import Turbulence, gust_system
 from sysid.problem.formulation import make_problem
 from sysid.problem.problem import free_coefficients
-from sysid.signal_check.check import SignalCheck
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 
@@ -231,10 +230,7 @@ def test_steps_through_sheared_wind_have_the_slopes_of_its_predictions() -> None
 
 @pytest.fixture(scope="module")
 def rough() -> list[Identification]:
-    return [
-        identify([gusty_flight(0.3, 41)], VEHICLE, method=method, systematic=False, check=SignalCheck())
-        for method in ("fe", "oe")
-    ]
+    return [identify([gusty_flight(0.3, 41)], VEHICLE, method=method, systematic=False) for method in ("fe", "oe")]
 
 
 def test_a_flight_in_gusts_is_identified_by_filter_error_more_accurately_than_by_output_error(

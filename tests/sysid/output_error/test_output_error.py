@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.errors import EstimationError
-from sysid.numerics.autoregression import pooled_autocorrelation
+from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.normal_equations import damped_step
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.problem.predictor import FreeParameter, Predictor, coefficient, effect_parameter, sensor_error

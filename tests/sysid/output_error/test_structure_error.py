@@ -17,7 +17,6 @@ from sysid.output_error.structure_error import _GAIN, _likeliest_variances
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure
 from sysid.problem.problem import free_coefficients
-from sysid.signal_check.check import SignalCheck
 from sysid.signals.preparation import prepare
 
 pytestmark = pytest.mark.whole_flight
@@ -65,7 +64,7 @@ def test_bars_count_what_the_structure_leaves_over(curved) -> None:
     zero = Model("zero", {name: Coefficient(0.0) for name in STRUCTURE})
     start = {name: value for name, value in truth.items() if name in STRUCTURE}
     plain = fit(problem, zero, free_coefficients(STRUCTURE, problem.motion), start=start)
-    found = identify([signals], vehicle, check=SignalCheck())
+    found = identify([signals], vehicle, method="oe")
     assert found.likeliest is not None
     assert found.likeliest.wider is not None
     assert {"CL", "Cm", "Cn"} <= set(found.likeliest.wider.shown)
@@ -85,7 +84,7 @@ def test_bars_count_what_the_structure_leaves_over(curved) -> None:
 def test_a_flight_of_the_structure_itself_keeps_its_estimate() -> None:
     vehicle = load_vehicle("iitb-mav")
     signals, _ = fly_mav("multisine", 42)
-    found = identify([signals], vehicle, systematic=False, check=SignalCheck())
+    found = identify([signals], vehicle, systematic=False, method="oe")
     assert found.likeliest is not None
     assert found.likeliest.wider is None
     assert not [warning for warning in found.warnings if "structure" in warning]

@@ -93,6 +93,20 @@ def test_mistakes_are_found_behind_the_sensors_of_the_field(name: str, field_fli
         assert len(told) == 1
 
 
+@pytest.mark.parametrize("name", ["scale:p:0.9", "scale:q:1.1", "scale:phi:1.1", "scale:theta:1.1"])
+def test_a_small_gain_of_a_gyro_or_of_an_angle_is_said_and_left(
+    name: str, flight: FlightSignals, vehicle: Vehicle
+) -> None:
+    one = KINDS[name]
+    wrong = one.apply(flight)
+    found, told = mended(wrong, vehicle)
+    assert found is wrong
+    assert len(told) == 1
+    assert one.signals[0] in told[0]
+    assert "both are taken as recorded" in told[0]
+    assert mended(wrong, vehicle, one.signals[0]) == (wrong, [])
+
+
 def named_units(wrong: FlightSignals, flown: FieldFlight) -> tuple[FlightSignals | None, str]:
     """The flight as mended, None where it is not, and what is said."""
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import pytest
 
@@ -23,12 +23,12 @@ def told(mistake: Mistake, **calibration: str) -> str:
     """The sentence where these signals are calibrated in these units."""
     tables = {key: CalibrationSource("adc0", "linear", (), unit) for key, unit in calibration.items()}
     vehicle = replace(load_vehicle("iitb-mav"), calibration=tables)
-    (one,) = named_cures([mistake], cast(list[Prepared], [cast(Any, Flight())]), vehicle)
+    (one,) = named_cures([mistake], cast(Prepared, Flight()), vehicle)
     return one.sentence
 
 
 def mistake(kind: str, found: float, *signals: str) -> Mistake:
-    return Mistake(signals[0], kind, found, 0.0, "", "scale it in [signals]", signals, False)
+    return Mistake(signals[0], kind, found, "", "scale it in [signals]", signals)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_intervals_hold_where_the_bench_is_the_largest_error() -> None:
 def test_what_a_bench_leaves_is_no_mistake_of_another_sensor() -> None:
     """Thrust and airspeed that are per cents off move the whole motion, and feign scales of well-read sensors."""
     flown, _ = fly_mav("multisine", 61)
-    assert identify([with_bench(flown, 0)], load_vehicle("iitb-mav"), systematic=False).check.findings() == []
+    assert identify([with_bench(flown, 0)], load_vehicle("iitb-mav"), systematic=False).mistakes == ()
 
 
 def test_a_linkage_that_is_known_to_one_per_cent_widens_what_it_moves_and_nothing_else() -> None:
