@@ -96,6 +96,8 @@ def _lay_out() -> tuple[dict[tuple[str, str], int], int]:
 
 
 _SLOTS, _OWN = _lay_out()
+# Effects by which sensors lag, each by a lag of the first order of its own, and the readings that they act on.
+SENSOR_LAGS = {one.name: one.outputs for one in EFFECTS.values() if one.memory is Remembers.LAG and one.outputs}
 # Behind the effects' own: the time at the first sample that is flown, s from the flight's first stamp.
 START_TIME = _OWN
 # And how measured thrust changes where the motion's airspeed is another than the one it was measured at: about this
@@ -153,6 +155,7 @@ def pack_effects(effects: Mapping[str, Mapping[str, float]]) -> list[float]:
 
 __all__ = [
     "EFFECTS",
+    "SENSOR_LAGS",
     "SLOT_COUNT",
     "START_TIME",
     "THRUST_AIRSPEED",

@@ -6,28 +6,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.effects import slot
+from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.actuator import after_backlash
 from sim_vehicle.effects.sensor import ramp_lag
 from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit
-from sim_vehicle.physics.layout import Aux, Par
+from sim_vehicle.physics.layout import CHANNELS, THRUST_PLAY_PLACE, Aux, Par
 from sim_vehicle.physics.rotation import euler_angles, rotation_matrix
 
 Array = NDArray[np.float64]
 
-_VANE, _VANE_TAU = slot("vane_lag"), slot("vane_lag", "tau")
 _UP, _UP_K, _UP_B = slot("vane_upwash"), slot("vane_upwash", "scale"), slot("vane_upwash", "bias")
 _ARM, _ARM_X, _ARM_Y = slot("vane_rate_error"), slot("vane_rate_error", "x"), slot("vane_rate_error", "y")
 _AIR, _AIR_K, _AIR_B = slot("airspeed_error"), slot("airspeed_error", "scale"), slot("airspeed_error", "bias")
-_PITOT, _PITOT_TAU = slot("pitot_lag"), slot("pitot_lag", "tau")
 _MIS = slot("accelerometer_misalignment")
 _MIS_P, _MIS_R = slot("accelerometer_misalignment", "pitch"), slot("accelerometer_misalignment", "roll")
 _OFF, _OFF_X = slot("accelerometer_offset"), slot("accelerometer_offset", "x")
 _GYRO, _GYRO_K, _GYRO_B = slot("imu_scale"), slot("imu_scale", "scale"), slot("imu_scale", "bias")
-_ATT, _ATT_TAU = slot("attitude_lag"), slot("attitude_lag", "tau")
 _HYST, _HYST_W = slot("thrust_sensor_hysteresis"), slot("thrust_sensor_hysteresis", "width")
 _TSC, _TSC_K = slot("thrust_scale"), slot("thrust_scale", "scale")
+# Of every lag: its switch, its time constant, the channel that lags.
+_LAGS = np.array(
+    [
+        (slot(name), slot(name, "tau"), CHANNELS.index(output))
+        for name, outputs in SENSOR_LAGS.items()
+        for output in outputs
+    ]
+)
 _SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
 _PD, _QD, _RD, _T, _RHO = (int(i) for i in (Aux.p_dot, Aux.q_dot, Aux.r_dot, Aux.thrust, Aux.rho))
@@ -63,7 +68,8 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     """Readings from the state and the by-products of the equations of motion.
 
     x: (14,) state; W: work array that `derivatives` left there; interval: s since the last reading, 0 at the start.
-    sensor: (12,) memory of lags and of the thrust sensor, changed in place. y: (19,) readings in the order of CHANNELS.
+    sensor: (SENSOR_SIZE,) memory of lags and of the thrust sensor, changed in place. y: (19,) readings in the order of
+    CHANNELS.
     """
     p, q, r = x[10], x[11], x[12]
     V, alpha = W[_V], W[_ALPHA]
@@ -77,16 +83,11 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     beta += bx_arm * r / V - bz_arm * p / V
     if E[_UP] != 0.0:
         alpha = (1.0 + E[_UP_K]) * alpha + E[_UP_B]
-    if E[_VANE] != 0.0:
-        alpha = _lagged(sensor, 0, alpha, interval, E[_VANE_TAU])
-        beta = _lagged(sensor, 1, beta, interval, E[_VANE_TAU])
     airspeed = V
     if P[_CALIBRATED] != 0.0:
         airspeed *= math.sqrt(W[_RHO] / SEA_LEVEL_DENSITY)
     if E[_AIR] != 0.0:
         airspeed = (1.0 + E[_AIR_K]) * airspeed + E[_AIR_B]
-    if E[_PITOT] != 0.0:
-        airspeed = _lagged(sensor, 2, airspeed, interval, E[_PITOT_TAU])
 
     rx, ry, rz = P[_ACC], P[_ACC + 1], P[_ACC + 2]
     if E[_OFF] != 0.0:
@@ -105,9 +106,6 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
         p, q, r = scale * p + bias, scale * q + bias, scale * r + bias
 
     phi, theta, psi = euler_angles(x[6], x[7], x[8], x[9])
-    if E[_ATT] != 0.0:
-        phi = _lagged(sensor, 3, phi, interval, E[_ATT_TAU])
-        theta = _lagged(sensor, 4, theta, interval, E[_ATT_TAU])
     u, v, w = x[3], x[4], x[5]
     y[0], y[1], y[2] = airspeed, alpha, beta
     y[3], y[4], y[5], y[6], y[7], y[8] = p, q, r, phi, theta, psi
@@ -116,7 +114,7 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     thrust = W[_T] / (1.0 + E[_TSC_K]) if E[_TSC] != 0.0 else W[_T]
     y[12] = thrust - P[_MOVING] * W[_AX]
     if E[_HYST] != 0.0:
-        y[12] = _played(sensor, 5, y[12], interval, E[_HYST_W])
+        y[12] = _played(sensor, THRUST_PLAY_PLACE, y[12], interval, E[_HYST_W])
     y[13] = -x[2]
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = rotation_matrix(x[6], x[7], x[8], x[9])
     y[14] = r11 * u + r21 * v + r31 * w
@@ -125,3 +123,7 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     y[15] = r12 * u + r22 * v + r32 * w
     y[16] = r13 * u + r23 * v + r33 * w
     y[17], y[18] = x[0], x[1]
+    for index in range(_LAGS.shape[0]):
+        if E[_LAGS[index, 0]] != 0.0:
+            channel = _LAGS[index, 2]
+            y[channel] = _lagged(sensor, index, y[channel], interval, E[_LAGS[index, 1]])

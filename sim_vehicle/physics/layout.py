@@ -2,6 +2,7 @@
 
 from enum import IntEnum, auto
 
+from sim_vehicle.effects import SENSOR_LAGS
 from sim_vehicle.model.terms import REGRESSORS
 
 # State: position north east down [m], velocity u v w of the aircraft over ground in body axes [m/s], attitude
@@ -96,18 +97,10 @@ CHANNELS = (
 )  # fmt: skip
 
 
-class Lag(IntEnum):
-    """Channels with a memory (lags, play); two values each in the sensor state: last input, last output."""
-
-    alpha = 0
-    beta = 1
-    airspeed = 2
-    phi = 3
-    theta = 4
-    thrust = 5
-
-
-SENSOR_SIZE = 2 * len(Lag)
+# Memory of sensors, two values each (last input, last output): of every lag in the order of SENSOR_LAGS, then of the
+# thrust sensor's play.
+THRUST_PLAY_PLACE = sum(len(outputs) for outputs in SENSOR_LAGS.values())
+SENSOR_SIZE = 2 * (THRUST_PLAY_PLACE + 1)
 
 # Per surface: position of the servo, output behind free play. Then the lagged throttle, and the commands that the
 # servos have accepted.

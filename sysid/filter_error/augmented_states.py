@@ -14,15 +14,13 @@ from math import exp
 import numpy as np
 
 from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
-from sim_vehicle.effects import EFFECTS, Remembers, slot
+from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array, IntArray
 from sysid.signals.record import OUTPUT_PLACES, OUTPUTS, Record
 
-# Effects that lag, and the outputs that they act on.
-_LAGS = {name: effect.outputs for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG and effect.outputs}
 _GROUP = slot("sensor_time_skew", "group")
 _SLOW, _SLOW_TAU = slot("unsteady_lift"), slot("unsteady_lift", "tau")
 _ALPHA = OUTPUTS.index("alpha")
@@ -64,7 +62,7 @@ def lags(effects: Array, interval_s: float) -> list[OutputLag]:
     for column, place in enumerate(OUTPUT_PLACES):
         if part > 0.0 and is_late(int(place), float(effects[_GROUP])):
             found[column] = OutputLag(column, 0.0, part, 1.0 - part)
-    for name, outputs in _LAGS.items():
+    for name, outputs in SENSOR_LAGS.items():
         tau = float(effects[slot(name, "tau")]) if effects[slot(name)] != 0.0 else 0.0
         if tau > 0.0:
             decay = exp(-interval_s / tau)

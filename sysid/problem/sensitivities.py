@@ -10,15 +10,13 @@ import numpy as np
 from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.derivatives.sensor_jacobian import READINGS
 from sim_vehicle.derivatives.tangent_simulation import simulate_tangents
-from sim_vehicle.effects import EFFECTS, Remembers, slot
+from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array
 
 _STILL_AIR = np.zeros((0, 3))
-# Lag of a sensor -> what it reads.
-_LAGS = {name: effect.outputs for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG and effect.outputs}
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ def tangents(
     )  # fmt: skip
     for place in np.nonzero(shares != 1.0)[0]:
         out[:, :, place] *= shares[place]
-    for effect, names in _LAGS.items():
+    for effect, names in SENSOR_LAGS.items():
         if flat.E[slot(effect)] != 0.0:
             for name in names:
                 if name in outputs:
