@@ -16,7 +16,7 @@ from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.sliding_window import Runner
 from sysid.live.wording import change_text, failure_sentence, failure_text
-from sysid.posterior.analysis import NuisanceEstimate
+from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import usual_size
 
 # A report has words and is told to whoever listens; in between only values and standard errors are.

@@ -47,7 +47,7 @@ from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
 
 if TYPE_CHECKING:
-    from sysid.posterior.analysis import PosteriorEstimate
+    from sysid.posterior.estimates import PosteriorEstimate
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
 _PULLED = 4.0
@@ -229,7 +229,7 @@ def _by_the_books(asked: Request, method: str, read: _Read, known: Compatibility
 def _by_posterior(asked: Request, read: _Read, known: CompatibilityResult | None = None) -> Identification:
     """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
-    from sysid.posterior.analysis import PRIOR_SHARE
+    from sysid.posterior.estimates import PRIOR_SHARE
     from sysid.posterior.replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 

@@ -18,8 +18,9 @@ from sysid.errors import SignalError, SysidError
 from sysid.identification.flight_as_meant import Meant, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
-from sysid.posterior.analysis import PRIOR_SHARE, PosteriorEstimate, estimate
+from sysid.posterior.analysis import estimate
 from sysid.posterior.declared import unused_timing
+from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
 from sysid.posterior.part import FlightPart, make_part
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before

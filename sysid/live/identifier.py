@@ -33,7 +33,7 @@ from sysid.live.signals.thrust_source import LiveThrust
 from sysid.live.sliding_window import Runner, SlidingWindow
 from sysid.live.watch import Watch
 from sysid.live.wording import change_sentence, sensor_warnings
-from sysid.posterior.analysis import NuisanceEstimate
+from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre
 
 _HEIGHT = ("altitude",)  # tells the ground from the air, where there is one

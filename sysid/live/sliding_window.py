@@ -25,7 +25,8 @@ from sysid.identification.flight_as_meant import prepared_flight, without_dead
 from sysid.identification.posterior_method import flown, refusals_of
 from sysid.live.estimators.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
-from sysid.posterior.analysis import NuisanceEstimate, estimate, excited
+from sysid.posterior.analysis import estimate, excited
+from sysid.posterior.estimates import NuisanceEstimate
 from sysid.posterior.part import FlightPart, make_part
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
 from sysid.signals.flight import FlightSignals, Signal

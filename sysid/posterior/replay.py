@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.posterior.analysis import PosteriorEstimate
+from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.inputs import InputSignal, surface_means
 from sysid.posterior.part import inputs_of
 from sysid.posterior.unknowns import GROUPS, SURFACES_OF

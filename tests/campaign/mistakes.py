@@ -41,7 +41,9 @@ BIG = 5.0
 KINDS = ("delay", "scale", "axis", "sign", "unit")
 # What the estimate finds between aircraft and log: kind of mistake, signals, value of none, least that is told.
 NUISANCES = {
-    "servo_delay": ("delay", ("de", "da", "dr"), 0.01, 0.012), "vane_clock": ("delay", ("alpha", "beta"), 0.0, 0.004),
+    "servo_delay": ("delay", ("de", "da", "dr"), 0.01, 0.012),
+    "command_clock": ("delay", ("de", "da", "dr"), 0.0, 0.004),
+    "vane_clock": ("delay", ("alpha", "beta"), 0.0, 0.004),
     "airspeed_lag": ("delay", ("airspeed",), 0.0, 0.004), "alpha_scale": ("scale", ("alpha",), 1.0, 0.03),
     "beta_scale": ("scale", ("beta",), 1.0, 0.03), "airspeed_error": ("scale", ("airspeed",), 0.0, 0.03),
 }  # fmt: skip

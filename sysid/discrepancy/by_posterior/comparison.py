@@ -26,7 +26,8 @@ from sysid.identification.flight_as_meant import Meant
 from sysid.identification.posterior_method import effects_with, flown
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.analysis import PosteriorEstimate, estimate
+from sysid.posterior.analysis import estimate
+from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.replay import as_moved
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.posterior.analysis import NuisanceEstimate, PosteriorEstimate
+from sysid.posterior.estimates import NuisanceEstimate, PosteriorEstimate
 from sysid.posterior.noise_spectrum import NoiseSpectrum
 
 # A servo's lag and delay, s, and half its play, rad, from which on they are none of a textbook: a delay of more than

@@ -1,0 +1,221 @@
+"""What the posterior tells of flights: coefficients with their covariance, and what stands beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_vehicle.model.terms import parse_term
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sysid.numerics.gaussian import Gaussian
+from sysid.posterior.doubts import Doubt
+from sysid.posterior.estimator import Posterior, PosteriorResult
+from sysid.posterior.group import SERVO
+from sysid.posterior.noise_spectrum import NoiseSpectrum
+from sysid.signals.sensor_errors import SENSOR_ERRORS
+
+_SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
+# The rate that a surface commands.
+_COMMANDED = {"de": "q", "da": "p", "dr": "r"}
+_UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
+# What stands for an output's scale factor, and its null.
+_GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
+# Above this share of its prior a flight has told nothing of a number.
+PRIOR_SHARE = 0.7
+
+# A nuisance beyond so many of its prior standard deviations is none.
+_BELIEVED = 4.0
+# Of what is told by the flight itself, for its prior is narrower than what a pitot's hoses may do, s.
+_REALISTIC = {"airspeed_lag": 0.03}
+# Beginnings of the names of what such a one spoils, where it is not the whole group.
+_SPOILED = {"thrust_error": ("CD",)}
+# What a law moves can be told from damping by how late it comes alone: at the 1 Hz of a Dutch roll 20 deg of phase, s.
+_TOLD_APART_S = 0.05
+
+
+@dataclass(frozen=True)
+class NuisanceEstimate:
+    """An unknown beside the coefficients, as estimated."""
+
+    name: str
+    group: str
+    value: float
+    std: float
+    prior_std: float
+    unit: str
+    flight: str
+
+    def to_json(self) -> dict[str, float | str]:
+        """The entry of a result file; `flight` stands in it where each flight has its own."""
+        return {
+            "name": self.name, "group": self.group, "value": self.value, "std": self.std,
+            "prior_std": self.prior_std, "unit": self.unit, **({"flight": self.flight} if self.flight else {}),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GroupEstimate:
+    """One group of axes, estimated."""
+
+    posterior: Posterior
+    result: PosteriorResult
+    doubts: Sequence[Doubt]
+
+    def nuisances(self, flight: str) -> dict[str, float]:
+        """All nuisances of a flight by name, those that are held included."""
+        model, theta = self.posterior.model, self.result.theta
+        return model.unknowns.values(theta[len(model.parameters) :], flight)
+
+
+@dataclass(frozen=True)
+class PosteriorEstimate:
+    """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
+
+    prior_std: of those. groups: of axes that were estimated. nuisances: of both groups. noise: what is left of every
+    output. unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated.
+    not_believed: coefficient -> why its estimate is not. warnings: one line each.
+    """
+
+    joint: Gaussian
+    prior_std: Mapping[str, float]
+    groups: Mapping[str, GroupEstimate]
+    nuisances: tuple[NuisanceEstimate, ...]
+    noise: tuple[NoiseSpectrum, ...]
+    unexcited: tuple[str, ...]
+    left_out: Mapping[str, str]
+    not_believed: Mapping[str, str]
+    warnings: tuple[str, ...]
+
+    def of(self, groups: Mapping[str, GroupEstimate]) -> PosteriorEstimate:
+        """The same flights with other estimates of their groups of axes."""
+        joint, prior_std = joint_of(groups)
+        return replace(
+            self, joint=joint, prior_std=prior_std, groups=groups, nuisances=nuisances_of(groups),
+            not_believed=not_believed_of(groups),
+        )  # fmt: skip
+
+    @property
+    def results(self) -> dict[str, PosteriorResult]:
+        """By group of axes."""
+        return {group: one.result for group, one in self.groups.items()}
+
+    def servos(self, group: str, flight: str) -> tuple[float, ...] | None:
+        """Delay [s], lag [s] and backlash [rad] of a group's servos, those of a flight that was not among the estimated
+        the mean of all; None where the group was not estimated.
+        """
+        if group not in self.groups:
+            return None
+        model, theta = self.groups[group].posterior.model, self.groups[group].result.theta
+        flown = list(dict.fromkeys(part.flight for part in model.parts))
+        every = [
+            model.unknowns.values(theta[len(model.parameters) :], one)
+            for one in ([flight] if flight in flown else flown)
+        ]
+        return tuple(float(np.mean([one[key] for one in every])) for key in SERVO)
+
+    def sensor_errors(self, share: float = np.inf) -> dict[str, tuple[float, float, str]]:
+        """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that
+        it told better than `share` of what was known before.
+        """
+        # Of two groups that tell the same one, the surer counts.
+        every = sorted(self.nuisances, key=lambda one: -one.std)
+        told = {one.name: one for one in every if one.std < share * one.prior_std}
+        found = {}
+        for error, (output, form, unit, _) in SENSOR_ERRORS.items():
+            name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
+            if name in told:
+                found[error] = (told[name].value - null, told[name].std, unit)
+        return found
+
+    def systematic(self) -> dict[str, dict[str, float]]:
+        """Change of each coefficient and effect parameter under each error of what was taken as known."""
+        return {
+            name: {doubt: float(shift[i]) for doubt, shift in one.result.systematic.items()}
+            for one in self.groups.values()
+            for i, name in enumerate(one.result.names[: len(one.posterior.model.parameters)])
+        }
+
+
+def joint_of(found: Mapping[str, GroupEstimate]) -> tuple[Gaussian, dict[str, float]]:
+    """Coefficients of all groups, and their prior standard deviations. What the structure never holds is in it."""
+    names: list[str] = []
+    values, blocks = [], []
+    prior: dict[str, float] = {}
+    for model, result in ((one.posterior.model, one.result) for one in found.values()):
+        count = len(model.parameters)
+        theta = result.theta[:count]
+        names += list(result.names[:count])
+        values.append(theta)
+        blocks.append(result.covariance[:count, :count])
+        prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
+    covariance = np.zeros((len(names), len(names)))
+    begin = 0
+    for block in blocks:
+        here = slice(begin, begin + block.shape[0])
+        covariance[here, here] = block
+        begin += block.shape[0]
+    return Gaussian(tuple(names), np.concatenate(values), covariance), prior
+
+
+def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
+    """Coefficients of groups whose fit asks for what no sensor or servo does: it stands for something else then."""
+    reasons: dict[str, str] = {}
+    for one in found.values():
+        model, theta = one.posterior.model, one.result.theta
+        count = len(model.parameters)
+        for nuisance, value in zip(model.unknowns, theta[count:], strict=True):
+            sizes = abs(float(value) - nuisance.mean) / max(nuisance.std, _REALISTIC.get(nuisance.name, 0.0))
+            if sizes > _BELIEVED:
+                reason = (
+                    f"the fit asks for {nuisance.name} = {value:.2g} {nuisance.unit}, {sizes:.0f} times its"
+                    " realistic size: something that is not in the model stands behind it"
+                )
+                # Who flies by what is wrong answers with every surface: in a loop nothing stays on its own axis.
+                spoiled = ("",) if one.result.feedback > 0.0 else _SPOILED.get(nuisance.name, ("",))
+                reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
+        servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
+        if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _TOLD_APART_S:
+            for surface in one.result.laws:
+                hidden = {surface, _COMMANDED[surface]}
+                reasons |= {
+                    name: f"the {_SURFACE_WORDS[surface]} did nothing but follow a law of the motion, at once"
+                    for name in one.result.names[:count]
+                    if "." not in name and hidden & set(parse_term(name).factors)
+                }
+    return reasons
+
+
+def nuisances_of(found: Mapping[str, GroupEstimate]) -> tuple[NuisanceEstimate, ...]:
+    estimates = []
+    for group, (model, result) in ((group, (one.posterior.model, one.result)) for group, one in found.items()):
+        for i, one in enumerate(model.unknowns, len(model.parameters)):
+            value, std = float(result.theta[i]), float(np.sqrt(result.covariance[i, i]))
+            name = one.name
+            if name == "servo_delay" and value < 0.0:
+                # Nothing follows before its cause: it is the stamp that is late.
+                name, value = "command_clock", -value
+            estimates.append(NuisanceEstimate(name, group, value, std, one.std, one.unit, one.flight))
+        for output, (value, std) in result.zeros.items():
+            prior, unit = found[group].posterior.zeros[output], _UNIT_OF[output]
+            estimates.append(NuisanceEstimate(f"{output}_zero", group, value, std, prior, unit, ""))
+    return tuple(estimates)
+
+
+def warnings_of(groups: Mapping[str, GroupEstimate], left_out: Mapping[str, str]) -> list[str]:
+    """What makes the estimates doubtful, one line each."""
+    warnings = [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
+    for group, result in ((group, one.result) for group, one in groups.items()):
+        warnings += [
+            f"{_SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
+            " what it does is told from damping by its lateness alone; fly test inputs on it"
+            for name in result.laws
+        ]
+        if result.feedback > 0.0:
+            warnings.append(
+                f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an"
+                " autopilot or pilot in the loop; bars are wider by that, and narrow where test inputs are flown that"
+                " answer nothing"
+            )
+    return warnings
