@@ -35,8 +35,6 @@ from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresi
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Place in the state vector of each row of a tangent.
-TANGENT_ROWS = (3, 4, 5, 10, 11, 12, 6, 7, 8, 9)
 _GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
 _SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)

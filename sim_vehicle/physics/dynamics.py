@@ -63,7 +63,6 @@ _S, _B, _C, _G, _VREF = int(Par.S), int(Par.b), int(Par.c), int(Par.gravity), in
 _ROT, _DIA = int(Par.rotation), int(Par.diameter)
 _PX, _PY, _PZ, _PI = int(Par.propeller_x), int(Par.propeller_y), int(Par.propeller_z), int(Par.inclination)
 _HAS_ADOT = int(Par.has_alphadot)
-_REG = len(REGRESSORS)
 _R_CL, _R_ADOT = REGRESSORS.index("CL"), REGRESSORS.index("alphadot")
 _V, _ALPHA, _BETA, _AX, _AY, _AZ = (int(i) for i in (Aux.V, Aux.alpha, Aux.beta, Aux.ax, Aux.ay, Aux.az))
 _PD, _QD, _RD, _AD = int(Aux.p_dot), int(Aux.q_dot), int(Aux.r_dot), int(Aux.alpha_dot)

@@ -24,7 +24,7 @@ from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.summary import sentence
 from sysid.errors import SysidError
-from sysid.identification.flight_as_meant import judges_as_meant, meant
+from sysid.identification.flight_as_meant import read_flights
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.decisive import require_searched
@@ -72,18 +72,17 @@ def _compared(asked: Asked, method: str) -> Outcome:
     from sysid.discrepancy.by_posterior.comparison import compare  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
-    read = [meant(one, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s) for one in asked.flights]
-    judges = judges_as_meant(asked.validate_on, asked.vehicle, asked.as_recorded)
+    read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
     if method == "fe":
-        return by_filter_error.compare(asked, read, judges)
-    if (found := compare(asked, read, judges, always=method == "map")) is not None:
+        return by_filter_error.compare(asked, read)
+    if (found := compare(asked, read, always=method == "map")) is not None:
         return found
     try:
-        return by_filter_error.compare(asked, read, judges)
+        return by_filter_error.compare(asked, read)
     except SysidError as error:
         # Sensors of the textbooks, but a burst lost or a flight that the filter loses: no textbook's after all.
         try:
-            found = compare(asked, read, judges, always=True)
+            found = compare(asked, read, always=True)
         except SysidError:
             found = None
         if found is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import SysidError
+from sysid.errors import SignalError, SysidError
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
@@ -44,7 +44,12 @@ class Meant:
         """
         if self.doubt is not None:
             raise self.doubt
-        return self.prepared if self.whole else prepare(self.signals, vehicle, start_s, stop_s)
+        if self.whole:
+            return self.prepared
+        try:
+            return prepare(self.signals, vehicle, start_s, stop_s)
+        except SignalError as error:
+            raise SignalError(f"{error}; --method map does without what is missing or lost between samples") from error
 
 
 def meant(
@@ -68,13 +73,41 @@ def meant(
     return found
 
 
-def judges_as_meant(flights: Sequence[FlightSignals], vehicle: Vehicle, as_recorded: Sequence[str]) -> list[Meant]:
-    """Flights that a model is judged by. Raises SysidError where one lacks what is needed, or is no flight."""
-    read = [meant(one, vehicle, as_recorded) for one in flights]
-    for one in read:
+@dataclass(frozen=True)
+class FlightsRead:
+    """The flights of a job as their sensors meant them: those that are fitted, and those that a model is judged by."""
+
+    fitted: Sequence[Meant]
+    judges: Sequence[Meant]
+
+    def mistakes(self) -> tuple[Mistake, ...]:
+        """What was mended in the flights that are fitted, or said of them."""
+        return tuple({one.sentence: one for each in self.fitted for one in each.mistakes}.values())
+
+    def judged_warnings(self) -> list[str]:
+        """What is said of the flights to judge by."""
+        each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
+        return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
+
+
+def read_flights(
+    flights: Sequence[FlightSignals],
+    validate_on: Sequence[FlightSignals],
+    vehicle: Vehicle,
+    as_recorded: Sequence[str],
+    start_s: float | None,
+    stop_s: float | None,
+) -> FlightsRead:
+    """The flights of a job. start_s, stop_s: the part of those that are fitted.
+
+    Raises SysidError where one lacks what is needed, or one to judge by is no flight.
+    """
+    fitted = [meant(one, vehicle, as_recorded, start_s, stop_s) for one in flights]
+    judges = [meant(one, vehicle, as_recorded) for one in validate_on]
+    for one in judges:
         if one.doubt is not None:
             raise one.doubt
-    return read
+    return FlightsRead(fitted, judges)
 
 
 def bridged(signals: FlightSignals) -> FlightSignals:

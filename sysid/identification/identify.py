@@ -15,7 +15,7 @@ from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
-from sysid.identification.flight_as_meant import Meant, has_whole_imu, judges_as_meant, meant
+from sysid.identification.flight_as_meant import FlightsRead, has_whole_imu, read_flights
 from sysid.identification.linear_model import LinearModel
 from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
 from sysid.identification.maximum_likelihood import systematic as systematic_effects
@@ -119,10 +119,7 @@ def identify(
         None if sensors is None else tuple(sensors), systematic, tuple(as_recorded), progress,
     )  # fmt: skip
     progress(0.05, "units, signs and axes")
-    read = _Read(
-        [meant(one, vehicle, as_recorded, start_s, stop_s) for one in flights],
-        judges_as_meant(validate_on, vehicle, as_recorded),
-    )
+    read = read_flights(flights, validate_on, vehicle, as_recorded, start_s, stop_s)
     if method == "map":
         found = _by_posterior(asked, read)
     elif method != "auto":
@@ -135,28 +132,11 @@ def identify(
     return found
 
 
-@dataclass(frozen=True)
-class _Read:
-    """The flights asked for as their sensors meant them, and those to judge by."""
-
-    flights: Sequence[Meant]
-    judges: Sequence[Meant]
-
-    def mistakes(self) -> tuple[Mistake, ...]:
-        """What was mended in the flights that are fitted."""
-        return tuple({one.sentence: one for each in self.flights for one in each.mistakes}.values())
-
-    def judged_warnings(self) -> list[str]:
-        """What is said of the flights to judge by."""
-        each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
-        return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
-
-
-def _by_the_flight(asked: Request, read: _Read) -> Identification:
+def _by_the_flight(asked: Request, read: FlightsRead) -> Identification:
     """`identify` with the method that the flight asks for."""
     from sysid.identification.posterior_method import reconstructed  # slow to import
 
-    compatible = reconstructed(read.flights)
+    compatible = reconstructed(read.fitted)
     # Where kinematics see calm air and one motion, the flight may be as the textbooks have them.
     calm = compatible is not None and compatible.compatible and compatible.gust_sigma == 0.0
     found = _as_of_textbooks(asked.within(0.1, 0.4), read, compatible) if calm else None
@@ -169,12 +149,14 @@ def _by_the_flight(asked: Request, read: _Read) -> Identification:
         return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
 
 
-def _as_of_textbooks(asked: Request, read: _Read, compatible: CompatibilityResult | None) -> Identification | None:
+def _as_of_textbooks(
+    asked: Request, read: FlightsRead, compatible: CompatibilityResult | None
+) -> Identification | None:
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
     # Only the other method's bars hold what the vehicle file says of its own errors.
     if asked.vehicle.mass.doubted:
         return None
-    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.flights):
+    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.fitted):
         return None
     try:
         books = _by_the_books(asked, "oe", read, compatible)
@@ -197,12 +179,14 @@ def _pulled(books: Identification) -> bool:
     )
 
 
-def _by_the_books(asked: Request, method: str, read: _Read, known: CompatibilityResult | None = None) -> Identification:
+def _by_the_books(
+    asked: Request, method: str, read: FlightsRead, known: CompatibilityResult | None = None
+) -> Identification:
     """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
     vehicle, progress = asked.vehicle, asked.progress
-    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.flights]
+    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     require_thrust(prepared)
-    posed = _pose(asked, prepared, known if all(one.whole for one in read.flights) else None)
+    posed = _pose(asked, prepared, known if all(one.whole for one in read.fitted) else None)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
@@ -215,7 +199,7 @@ def _by_the_books(asked: Request, method: str, read: _Read, known: Compatibility
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
     seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
-    signals = [one.signals for one in read.flights]
+    signals = [one.signals for one in read.fitted]
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
@@ -226,7 +210,7 @@ def _by_the_books(asked: Request, method: str, read: _Read, known: Compatibility
     )  # fmt: skip
 
 
-def _by_posterior(asked: Request, read: _Read, known: CompatibilityResult | None = None) -> Identification:
+def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult | None = None) -> Identification:
     """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
     from sysid.posterior.estimates import PRIOR_SHARE
@@ -234,7 +218,7 @@ def _by_posterior(asked: Request, read: _Read, known: CompatibilityResult | None
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
-    found = identify_by_posterior(read.flights, asked, known)
+    found = identify_by_posterior(read.fitted, asked, known)
     # Kinematics tell zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},

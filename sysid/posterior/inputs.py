@@ -24,8 +24,10 @@ SERVO_DAMPING = 0.8
 _SHORTEST_LAG_S = 5e-4
 # Longest interval at which a control loop sends its commands, s (50 Hz; a fifth for jitter).
 _LOOP_INTERVAL_S = 0.024
-# Share of samples that repeat the one before, from which on a command is taken as one that steps.
+# Share of its travel that a command makes in steps, each between samples at rest, from which on it is one that steps.
 _STEPPING = 0.5
+# A change counts as rounding up to so many of the smallest, where that is smaller than this share of its range.
+_ROUNDING, _FINE = 2.5, 0.05
 # From so long before a grid on a servo runs, s.
 _SERVO_LEAD_S = 0.5
 # Step at which a vane's swinging is integrated, s.
@@ -98,12 +100,27 @@ def input_signal(time_s: Array, values: Array, position: bool, held: bool = Fals
     """
     if position:
         return InputSignal(time_s, values, "eased")
-    repeats = float(np.mean(np.diff(values) == 0.0)) if values.size > 1 else 1.0
     slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
-    if repeats <= _STEPPING:
+    if not _steps(values):
         return InputSignal(time_s, values, "held" if held and not slow else "splined")
     # A slow log sees the steps of a faster loop somewhere between its own stamps.
     return InputSignal(time_s, values, "eased" if slow else "held")
+
+
+def _steps(values: Array) -> bool:
+    """Whether a command is one that stays until it steps.
+
+    A stick that moves within some samples is none, though in whole microseconds most samples repeat the one before.
+    """
+    change = np.abs(np.diff(values))
+    if not change.any():
+        return True
+    least = float(np.min(change[change > 0.0]))
+    rounding = least if least < _FINE * float(np.ptp(values)) else 0.0
+    beside = np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1]))
+    moves = change > _ROUNDING * rounding
+    alone = moves & (beside <= _ROUNDING * rounding)
+    return float(change[alone].sum()) > _STEPPING * float(change[moves].sum())
 
 
 def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:

@@ -155,7 +155,7 @@ def decisive_corrections(
                 gains = [
                     _gain_mistake(angle, rate, before.gain(angle))
                     for angle, rate in _TURNS
-                    if angle in before.gains and before.is_small_gain(angle) and not {angle, rate} & {*as_recorded}
+                    if angle in before.gains and before.is_gain(angle) and not {angle, rate} & {*as_recorded}
                 ]
                 break
             best = _best(mending)

@@ -28,9 +28,10 @@ _SAY = 0.2
 # Factor between the two sides of a relation, whichever of them has the noise: wrong from the first on, right to the
 # second; the smallest of a unit is 1.94 (knots), and two of one kind lie a factor of 1.1 apart.
 _GAIN_FAILS, _GAIN_HOLDS = float(np.log(1.3)), float(np.log(1.1))
-# A gain near 1 of one side of a relation against the other: from this error on, where the halves of the flight agree so
-# well and both sides are so much alike (squared correlation). Flights as the field gives them show 1 to 2 %.
-_SMALL_GAIN, _GAINS_ALIKE, _ALIKE = 0.05, 0.02, 0.98
+# A gain of one side of a relation against the other counts from this error on, where the halves of the flight differ in
+# it by less than the larger of this and that share of its error, and 1 less the squared correlation is below that too.
+# Flights as the field gives them show gains 1 to 2 % off.
+_LEAST_GAIN, _GAIN_ALIKE, _OF_GAIN = 0.05, 0.02, 0.25
 # Mean specific force that attitude and motion leave unexplained, m/s^2: impossible as recorded, ordinary as corrected.
 _FORCE = (4.0, 1.5)
 # Angles, rad, that 19 of 20 samples stay below: impossible as recorded, ordinary as corrected.
@@ -140,12 +141,13 @@ class Misfit:
         """Measured over integrated, the halves by how much they move."""
         return float(np.average(self.gains[name], weights=np.maximum(self.energies[name], 1e-300)))
 
-    def is_small_gain(self, name: str) -> bool:
-        """Whether the measured side is a multiple of the integrated one near 1 in each half, and clearly not 1."""
-        first, second = self.gains[name]
-        least = min(abs(first - 1.0), abs(second - 1.0))
-        same = (first > 1.0) == (second > 1.0) and abs(first - second) < _GAINS_ALIKE
-        return same and least > _SMALL_GAIN and min(self.alike[name]) > _ALIKE
+    def is_gain(self, name: str) -> bool:
+        """Whether the measured side is clearly a multiple of the integrated one, the same in each half."""
+        off = [gain - 1.0 for gain in self.gains[name]]
+        least = min(map(abs, off))
+        within = max(_GAIN_ALIKE, _OF_GAIN * least)
+        same = off[0] * off[1] > 0.0 and abs(off[0] - off[1]) < within
+        return same and least > _LEAST_GAIN and 1.0 - min(self.alike[name]) < within
 
     def _wrong_factor(self, name: str) -> bool:
         return name in self.factors and min(self.factors[name]) > _GAIN_FAILS

@@ -16,6 +16,8 @@ from itertools import zip_longest
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.effects.environment import DENSITY_ERROR
+from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
 from sim_vehicle.model.model_file import Model
 from sysid.arrays import Array
 from sysid.errors import EstimationError
@@ -31,7 +33,7 @@ from sysid.signals.thrust_denoising import denoised_thrust
 
 _AHEAD = STATES.index("u")
 # What stands between the airspeed and its reading beside the sensor's bias and scale.
-_AIRSPEED_EFFECTS = ("airspeed_error", "pitot_lag", "density_error")
+_AIRSPEED_EFFECTS = tuple(effect.name for effect in (AIRSPEED_ERROR, PITOT_LAG, DENSITY_ERROR))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from scipy import special
 
+from sim_vehicle.effects.sensor import AIRSPEED_ERROR
 from sim_vehicle.model.model_file import Model
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
 from sysid.discrepancy.by_filter_error.baseline import (
@@ -45,7 +46,7 @@ from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
-from sysid.identification.flight_as_meant import Meant
+from sysid.identification.flight_as_meant import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
 from sysid.output_error.fit import fit
@@ -54,7 +55,6 @@ from sysid.problem.problem import Estimates, Problem
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.preparation import Prepared, require_thrust
 
-_AIRSPEED = "airspeed_error"
 # Chance of coefficients as far from those given, below which those are wrong.
 _CHANCE = 1e-4
 # What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
@@ -65,16 +65,15 @@ _WIDER = 1.1
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
 
 
-def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant]) -> Outcome:
-    """What the flights say of the model. read, judges: the flights and those held out, as their sensors meant them.
+def compare(asked: Asked, read: FlightsRead) -> Outcome:
+    """What the flights say of the model. read: the flights as their sensors meant them.
 
     Raises SysidError subclasses in one line.
     """
     progress, vehicle, model = asked.progress, asked.vehicle, asked.model
-    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read]
-    held_out = [one.as_measured(vehicle) for one in judges]
+    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
+    held_out = [one.as_measured(vehicle) for one in read.judges]
     require_thrust([*prepared, *held_out])
-    mended = [mistake.sentence for one in (*read, *judges) for mistake in one.mistakes]
     progress(0.08, "data compatibility")
     used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
@@ -95,8 +94,11 @@ def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant]) -> Out
         "fe", verdict, tuple(reasons), tuple(search.named), search.model, base.ruled_out,
         Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
         max(air.horizontal, air.vertical),
-        flights_quality([one.signals for one in read], prepared, vehicle, used.compatible.gust_sigma),
-        (*(w for one in (*prepared, *held_out) for w in one.warnings), *mended),
+        flights_quality([one.signals for one in read.fitted], prepared, vehicle, used.compatible.gust_sigma),
+        (
+            *(w for one in prepared for w in one.warnings), *(one.sentence for one in read.mistakes()),
+            *read.judged_warnings(),
+        ),
     )  # fmt: skip
 
 
@@ -139,7 +141,8 @@ def _searched(used: Flights, base: Baseline) -> Search:
 def _with_bench(used: Flights, search: Search) -> None:
     """Estimate what a bench leaves of the airspeed's error again, where the model now explains the flight with that."""
     problem = replace(posed(used.prepared, used.vehicle, used.compatible), command_first=search.problem.command_first)
-    if problem.sensors.keys() == search.problem.sensors.keys() or search.named[-1].candidate.effect.name == _AIRSPEED:
+    last = search.named[-1].effect
+    if problem.sensors.keys() == search.problem.sensors.keys() or last == AIRSPEED_ERROR.name:
         return
     known = search.result
     flight = build_filter(problem, search.model, search.coefficients, search.effects)

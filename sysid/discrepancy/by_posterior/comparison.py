@@ -22,7 +22,7 @@ from sysid.discrepancy.identified_effect import reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
-from sysid.identification.flight_as_meant import Meant
+from sysid.identification.flight_as_meant import FlightsRead
 from sysid.identification.posterior_method import effects_with, flown
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
@@ -53,13 +53,13 @@ _BESIDE = {
 }
 
 
-def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant], always: bool = False) -> Outcome | None:
+def compare(asked: Asked, read: FlightsRead, always: bool = False) -> Outcome | None:
     """What the flights say of the model; None where they are of the textbooks, unless `always`.
 
-    read, judges: the flights and those held out, as their sensors meant them. Raises SysidError subclasses in one line.
+    read: the flights as their sensors meant them. Raises SysidError subclasses in one line.
     """
     progress, vehicle = asked.progress, asked.vehicle
-    seen = flown(read, vehicle)
+    seen = flown(read.fitted, vehicle)
     require_thrust(seen.prepared)
     effects = [
         (e.name, key) for e in asked.model.effects for key in e.parameters
@@ -93,7 +93,7 @@ def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant], always
         best = base.of({group: fit.ended() for group, fit in found.groups.items()})
         found.named = [replace(one, values=_values(one.candidate.names, one.values, best)) for one in found.named]
     before, after = _told(model, base), _told(found.model, best)
-    signals = [one.signals for one in read]
+    signals = [one.signals for one in read.fitted]
     used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
     verdict, reasons = _verdict(asked, base, found, used)
     if verdict == "unexplained":
@@ -101,13 +101,13 @@ def compare(asked: Asked, read: Sequence[Meant], judges: Sequence[Meant], always
         found.named, after = [], before
         used = replace(used, stages={**used.stages, "after": used.stages["before"]})
     judged = None
-    if judges:
-        kinematics = flown(judges, vehicle).compatible
+    if read.judges:
+        kinematics = flown(read.judges, vehicle).compatible
         judged = _beside(
-            [one.prepared for one in judges], [one.signals for one in judges], asked, motion, (base, before),
+            [one.prepared for one in read.judges], [one.signals for one in read.judges], asked, motion, (base, before),
             (best, after), kinematics,
         )  # fmt: skip
-    warnings = [*seen.warnings, *(m.sentence for one in read for m in one.mistakes), *base.warnings]
+    warnings = [*seen.warnings, *(one.sentence for one in read.mistakes()), *read.judged_warnings(), *base.warnings]
     return Outcome(
         "map", verdict, tuple(reasons), tuple(found.named), after, found.ruled_out, used, judged,
         seen.compatible.gust_sigma,

@@ -112,3 +112,18 @@ def test_a_step_that_comes_a_little_later_moves_the_servo_a_little() -> None:
     rate = (moved[2] - moved[0]) / 0.001
     assert rate.sum() * 0.005 == pytest.approx(-0.1, rel=1e-6)
     assert np.abs(rate + np.gradient(moved[1], grid)).max() < 0.2 * np.abs(rate).max()
+
+
+def test_a_stick_in_whole_microseconds_is_no_step_and_a_step_beside_rounding_is() -> None:
+    pulse = 0.00087
+    asked = np.where((TIMES > 1.0) & (TIMES < 1.6), 0.06, 0.0)
+    by_hand = np.zeros(TIMES.size)
+    for i in range(1, TIMES.size):
+        by_hand[i] = asked[i] + (by_hand[i - 1] - asked[i]) * np.exp(-(TIMES[i] - TIMES[i - 1]) / 0.03)
+    rounded = np.round(by_hand / pulse) * pulse
+    assert np.mean(np.diff(rounded) == 0.0) > 0.5
+    assert input_signal(TIMES, rounded, False).kind == "splined"
+    trimmed = np.round((asked + 0.004 * np.sin(0.5 * TIMES)) / pulse) * pulse
+    assert input_signal(TIMES, trimmed, False).kind == "held"
+    half_rate = np.repeat(0.05 * np.sin(7.0 * TIMES[::2]), 2)[: TIMES.size]
+    assert input_signal(TIMES, half_rate, False).kind == "held"
