@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import SignalError, SysidError
+from sysid.errors import SysidError
 from sysid.signal_check.decisive import as_meant
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
@@ -48,8 +48,8 @@ class Meant:
             return self.prepared
         try:
             return prepare(self.signals, vehicle, start_s, stop_s)
-        except SignalError as error:
-            raise SignalError(f"{error}; --method map does without what is missing or lost between samples") from error
+        except SysidError as error:
+            raise type(error)(f"{error}; --method map does without what is missing or lost between samples") from error
 
 
 def meant(

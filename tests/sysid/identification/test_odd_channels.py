@@ -10,6 +10,7 @@ from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.errors import SysidError
 from sysid.identification.flight_as_meant import attitude_rate
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
@@ -147,3 +148,10 @@ def test_the_methods_of_the_books_read_signals_as_meant_too(flight: FlightSignal
     assert any("ay has the wrong sign" in line for line in found.warnings)
     kept = identify([reversed_ay], VEHICLE, method=method, systematic=False, as_recorded=["ay"])
     assert kept.mistakes == ()
+
+
+def test_a_method_that_needs_every_sample_names_the_one_that_does_not(flight: FlightSignals) -> None:
+    speed = flight.signals["airspeed"]
+    slow = changed(flight, airspeed=replace(speed, time_s=speed.time_s[::5], values=speed.values[::5]))
+    with pytest.raises(SysidError, match=r"no airborne part .*; --method map does without"):
+        identify([slow], VEHICLE, method="oe", systematic=False)
