@@ -21,8 +21,9 @@ check: setup
 	$(BIN)/mypy
 
 # In the order of the folders: those with few tests, whole flows, take longest and so come first.
+# Three workers on two cores: flights watched live wait for their own seconds, not for a processor.
 test: check
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Without whole flights and whole services: for the time between two changes. A minute and a half.
 test-fast: check
@@ -127,9 +128,9 @@ campaign-jsbsim: setup
 	$(BIN)/python tests/campaign/other_engine.py
 
 # Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
-# FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
+# SIZES=1,0.5: of half their sizes too. FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
 campaign-jsbsim-effects: setup
-	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook)
+	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --sizes $(or $(SIZES),1) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook)
 
 campaign-bad-flights: setup
 	$(BIN)/python tests/campaign/bad_flights.py

@@ -1,12 +1,14 @@
 """Discrepancy: where simulation and measurement disagree, which effect is missing, and how the gap shrinks with it.
 
-Flights of the textbooks are compared by filter error (sysid.discrepancy.by_filter_error), all others by the posterior
-with an estimated noise spectrum (sysid.discrepancy.by_posterior); which they are is seen as `identify` sees it.
+Flights of the textbooks are compared by filter error (sysid.discrepancy.by_filter_error), which is nearer to the bound
+there, all others by the posterior with an estimated noise spectrum (sysid.discrepancy.by_posterior), and those of the
+textbooks too that filter error has no name for. Which they are is seen as `identify` sees it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +35,7 @@ from sysid.signals.flight import FlightSignals
 __all__ = ["MAX_EFFECTS", "discrepancy"]
 
 METHODS = ("auto", "map", "fe")
+_COMPARED = 0.8  # of the progress
 _NOTHING_NAMED = "flight and model disagree in a way that nothing in the catalogue names"
 
 
@@ -55,10 +58,10 @@ def discrepancy(
     flights: used to fit. validate_on: used only to show the gap. model: the baseline, every coefficient with a value.
     ruled_out: effects that are known not to be there, because the aircraft was weighed or a sensor was on the bench.
     as_recorded: signals that are right as recorded, whatever seems.
-    method: "map" by the posterior with an estimated noise spectrum, "fe" by filter error; "auto" is "fe" for flights of
-    the textbooks. seed: of the noise in the noise floor. Returns the result file (schema discrepancy/1).
-    Raises SysidError subclasses, and ModelFileError for a model without a needed value or
-    an effect that nobody knows, in one line.
+    method: "map" by the posterior with an estimated noise spectrum, "fe" by filter error; "auto" is "map", and "fe" for
+    flights of the textbooks that it has a name for. seed: of the noise in the noise floor. Returns the result file
+    (schema discrepancy/1). Raises SysidError subclasses, and ModelFileError for a model without a needed value or an
+    effect that nobody knows, in one line.
     """
     flatten(vehicle, model)
     for name in ruled_out:
@@ -69,29 +72,38 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    from sysid.discrepancy.by_posterior.comparison import compare  # slow to import
+    from sysid.discrepancy.by_posterior.comparison import compare, compare_textbooks  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
     if method == "fe":
         return by_filter_error.compare(asked, read)
-    if (found := compare(asked, read, always=method == "map")) is not None:
+    if (found := compare(asked, read)) is not None:
         return found
+    if method == "map":
+        return compare_textbooks(_between(0.28, _COMPARED, asked), read)
     try:
-        return by_filter_error.compare(asked, read)
+        filtered = by_filter_error.compare(_between(0.28, 0.6, asked), read)
     except SysidError as error:
-        # Sensors of the textbooks, but a burst lost or a flight that the filter loses: no textbook's after all.
-        try:
-            found = compare(asked, read, always=True)
-        except SysidError:
-            found = None
-        if found is None:
-            raise
-        return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
+        with suppress(SysidError):
+            found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
+            return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
+        raise
+    if filtered.verdict == "unexplained":
+        with suppress(SysidError):
+            found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
+            return found if found.named else filtered
+    return filtered
+
+
+def _between(begin: float, end: float, asked: Asked) -> Asked:
+    """What is asked, of a comparison that is so much of all."""
+    width = (end - begin) / _COMPARED
+    return replace(asked, progress=lambda share, text: asked.progress(begin + width * share, text))
 
 
 def _result(found: Outcome, vehicle: Vehicle, progress: Progress, generator: np.random.Generator) -> dict[str, Any]:
-    progress(0.8, "the gap on the flights used")
+    progress(_COMPARED, "the gap on the flights used")
     shown = ("before", "after") if found.named else ("given", "before")
     sets = {"estimation": found.used} | ({} if found.judged is None else {"validation": found.judged})
     gaps, series = {}, {}

@@ -44,6 +44,8 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
     found["alpha_offset"] = (None, sensors.alpha_vane.bias_std)
     found["theta_offset"] = found["phi_offset"] = (None, sensors.attitude.bias_std)
     found["airspeed_error"] = (None, _airspeed_std(vehicle))
+    late = airspeed_lag(vehicle, messages)
+    found["airspeed_lag"] = late if late[1] == 0.0 else (None, None)
     found["airspeed_alpha"] = (None, sensors.airspeed.position_error_std)
     found["thrust_error"] = (None, sensors.thrust.scale_std)
     return {name: stated for name, stated in found.items() if stated != (None, None)}

@@ -18,6 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
+from sim_vehicle.effects.environment import DENSITY_ERROR
+from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.flat_model import flatten
@@ -45,6 +47,16 @@ _DRIVING = frozenset(
 )
 
 
+# Parameters of effects that change what airspeed drives the simulation, and steps of their differences.
+_OF_AIRSPEED = {
+    f"{effect.name}.{key}": 1e-3
+    for effect, key in (
+        (AIRSPEED_ERROR, "scale"),
+        (AIRSPEED_ERROR, "bias"),
+        (PITOT_LAG, "tau"),
+        (DENSITY_ERROR, "scale"),
+    )
+}
 _OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_log_frequency", "vane_log_damping"))
 
 
@@ -194,12 +206,16 @@ class GroupModel:
         # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
         kept = [] if held is None else self.held_columns
         acting = [(i, n) for i, n in enumerate(nuisances) if n.acts_on(one.part.flight)]
-        driven = [(i, n) for i, n in acting if n.name in self._driving and count + i not in kept]
+        driven = [
+            (count + i, n.name, n.step if values[n.name] + n.step <= n.high else -n.step)
+            for i, n in acting
+            if n.name in self._driving and count + i not in kept
+        ]
+        driven += [(i, p.name, _OF_AIRSPEED[p.name]) for i, p in enumerate(self.parameters) if p.name in _OF_AIRSPEED]
         moved = []
-        for _, nuisance in driven:
-            step = nuisance.step if values[nuisance.name] + nuisance.step <= nuisance.high else -nuisance.step
-            other = {**values, nuisance.name: values[nuisance.name] + step}
-            record = self._driven(one, other, predictor.records[0], nuisance.name in SERVO)
+        for _, name, step in driven:
+            other = {**values, name: values[name] + step}
+            record = self._driven(one, other, predictor.records[0], name in SERVO)
             moved.append((self._ideal(one, other, theta, states, record)[0] - y) / step)
         stack = np.concatenate((S, y[:, :, None], *(m[:, :, None] for m in moved)), axis=2)
         read = self._read(one, values, stack)
@@ -211,8 +227,8 @@ class GroupModel:
         base = read[:, :, count + width]
         if held is not None:
             result[:, :, kept] = held
-        for place, (i, _) in enumerate(driven):
-            result[:, :, count + i] = read[:, :, count + width + 1 + place]
+        for place, (i, _, _) in enumerate(driven):
+            result[:, :, i] += read[:, :, count + width + 1 + place]
         for i, nuisance in acting:
             if nuisance.name not in self._driving:
                 other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}
@@ -221,7 +237,11 @@ class GroupModel:
 
     def _values(self, index: int, theta: Array) -> dict[str, float]:
         count = len(self.parameters)
-        return self.unknowns.values(theta[count : count + len(self.unknowns.names)], self.parts[index].flight)
+        found = self.unknowns.values(theta[count : count + len(self.unknowns.names)], self.parts[index].flight)
+        for effect in self._model.effects:
+            known = {key: entry.value for key, entry in effect.parameters.items() if entry.value is not None}
+            found |= {f"{effect.name}.{key}": value for key, value in known.items()}
+        return found | {one.name: value for one, value in zip(self.parameters, theta[:count].tolist(), strict=True)}
 
     def _states(self, index: int, theta: Array) -> Array:
         states, width = self._prepared[index].start.copy(), len(self.free_states)
@@ -268,10 +288,7 @@ class GroupModel:
         if vane is not None:
             motion[vane.name] = self._given.flow * vane.at_centre(self.vehicle.sensors, values)
         alpha = motion["alpha"] - values.get("alpha_offset", 0.0)
-        speed = part.airspeed.values + (values.get("airspeed_lag", part.airspeed.lag) - part.airspeed.lag) * (
-            part.airspeed.by_lag
-        )
-        speed = speed * (1.0 - values.get("airspeed_error", 0.0))
+        speed = _airspeed(part, values)
         slow = motion["slow_alpha"]
         speed = speed * (1.0 - values.get("airspeed_alpha", 0.0) * (slow - float(np.mean(slow))))
         beta = motion["beta"]
@@ -362,6 +379,15 @@ class GroupModel:
                 stamps = one.part.channels[name].time_s - clock
                 result[j] = one.joined[name] @ (read_at(one.part.grid, stamps) @ column)
         return result
+
+
+def _airspeed(part: FlightPart, values: Mapping[str, float]) -> Array:
+    """(N,) true airspeed of a part, m/s, by what nuisances and effects make of the reading."""
+    scale, bias, tau, density = (values.get(name, 0.0) for name in _OF_AIRSPEED)
+    late = values.get("airspeed_lag", part.airspeed.lag) + tau - part.airspeed.lag
+    speed = part.airspeed.values + late * part.airspeed.by_lag
+    speed = speed * (1.0 - values.get("airspeed_error", 0.0)) - bias
+    return np.asarray(speed / ((1.0 + scale) * np.sqrt(1.0 + density)))
 
 
 def _stepping(part: FlightPart, unknowns: Unknowns) -> bool:

@@ -42,26 +42,26 @@ TEXTBOOK = "textbook"
 HEAD = ("effect", "family", "seed", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
 
 
-def key_of(name: str, family: str, seed: int) -> str:
+def key_of(name: str, size: float, family: str, seed: int) -> str:
     """Name of a flight in the store."""
-    return f"{name}-{family}-{seed}"
+    return f"{name}@{size:g}-{family}-{seed}"
 
 
-def flight(name: str, family: str, seed: int, folder: Path) -> HiddenFlight:
+def flight(name: str, size: float, family: str, seed: int, folder: Path) -> HiddenFlight:
     """Fly one effect."""
     if family != TEXTBOOK:
-        return hidden_flight(name, family, seed, folder, OFF)
-    effect = hidden(name)
-    signals, _ = measure(fly(folder, effect.flown, seed, SECONDS), seed, key_of(name, family, seed))
+        return hidden_flight(name, family, seed, folder, OFF, size)
+    effect = hidden(name, size)
+    signals, _ = measure(fly(folder, effect.flown, seed, SECONDS), seed, key_of(name, size, family, seed))
     return HiddenFlight(signals, effect.vehicle, effect.baseline(seed, OFF), dict(effect.parameters))
 
 
-def one(name: str, family: str, seed: int) -> dict[str, Any]:
+def one(name: str, size: float, family: str, seed: int) -> dict[str, Any]:
     """Fly one effect and ask what is missing: a line of the store."""
     with tempfile.TemporaryDirectory() as folder:
-        flown = flight(name, family, seed, Path(folder))
+        flown = flight(name, size, family, seed, Path(folder))
     line: dict[str, Any] = {
-        "key": key_of(name, family, seed), "effect": name, "family": family, "seed": seed,
+        "key": key_of(name, size, family, seed), "effect": name, "size": size, "family": family, "seed": seed,
         "flown": dict(flown.parameters),
     }  # fmt: skip
     began = time.process_time()
@@ -123,6 +123,7 @@ def main() -> int:
     """Fly what is missing and print the table."""
     parser = argparse.ArgumentParser(description="Naming of missing effects that JSBSim flies.")
     parser.add_argument("--effects", default="all", help=f"names with commas between, of: {', '.join(NAMES)}")
+    parser.add_argument("--sizes", default="1", help="shares of the usual sizes, with commas between (default 1)")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each effect (default 1)")
     parser.add_argument(
         "--families", default=TEXTBOOK, help=f"{TEXTBOOK} (default), or of field flights: {', '.join(FAMILIES[:6])}"
@@ -139,7 +140,14 @@ def main() -> int:
     path = OUTPUT / f"{fingerprint(SOURCES)}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     end_line(path)
-    wanted = [(name, family, seed) for seed in range(given.seeds) for family in families for name in names]
+    sizes = [float(size) for size in given.sizes.split(",")]
+    wanted = [
+        (name, size, family, seed)
+        for seed in range(given.seeds)
+        for family in families
+        for size in sizes
+        for name in names
+    ]
     done = keyed_lines(path, "key")
     missing = [] if given.table else [case for case in wanted if key_of(*case) not in done]
     begin = time.monotonic()

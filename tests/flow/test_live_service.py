@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Iterable
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,10 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
     assert {"phi", "alpha", "airspeed", "servo2"} <= signals[-1]["signals"].keys()
 
 
+def values_of(messages: Iterable[Any]) -> dict[str, float]:
+    return {m.name: m.value for m in messages if m.get_type() == "NAMED_VALUE_FLOAT"}
+
+
 def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_path: Path) -> None:
     port, neighbour = free_port(), Neighbour()
     options = ("--connect", f"udpin:127.0.0.1:{port}", "--forward", neighbour.station.url, "--no-identify")
@@ -114,7 +119,7 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
         wait_until(lambda: running(url))
         run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", "14", "--out", f"udpout:127.0.0.1:{port}")
         after = wait_until(lambda: estimated(url))
-        wait_until(lambda: any(m.get_type() == "NAMED_VALUE_FLOAT" for m in neighbour.heard))
+        wait_until(lambda: "CL_alpha" in values_of(neighbour.heard))
     events.join(PATIENCE_S)
     neighbour.done.set()
     neighbour.join(PATIENCE_S)
@@ -131,6 +136,5 @@ def test_estimates_come_while_the_aircraft_flies_and_a_neighbour_hears_them(tmp_
     assert found["changes"] == []
     assert len(events.of("estimate")) >= 2
     own = [m for m in neighbour.heard if (m.get_srcSystem(), m.get_srcComponent()) == (255, mavlink.MAV_COMP_ID_USER1)]
-    values = {m.name: m.value for m in own if m.get_type() == "NAMED_VALUE_FLOAT"}
-    assert abs(values["CL_alpha"] - 2.453) < 0.3
+    assert abs(values_of(own)["CL_alpha"] - 2.453) < 0.3
     assert not any(m.get_type() == "STATUSTEXT" for m in own)

@@ -35,17 +35,17 @@ class HiddenFlight:
     parameters: Mapping[str, float]
 
 
-def hidden_flight(name: str, family: str, seed: int, folder: Path, off: float = 0.0) -> HiddenFlight:
+def hidden_flight(name: str, family: str, seed: int, folder: Path, off: float = 0.0, size: float = 1.0) -> HiddenFlight:
     """Fly the effect of that name (of `ALL`) with the servos, air and sensors that a family draws.
 
-    off: share by which every coefficient handed in may be wrong.
+    off: share by which every coefficient handed in may be wrong. size: of the effect, as a share of its usual one.
     """
     base = linear_aircraft()
     flown, vehicle, model, parameters = base, base.vehicle, base.model, dict[str, float]()
     if name == TABLES:
         flown = table_aircraft()
     elif name != CLEAN:
-        effect = hidden(name)
+        effect = hidden(name, size)
         flown, vehicle, model, parameters = effect.flown, effect.vehicle, effect.model, dict(effect.parameters)
     plan = plan_of(family, seed)
     generator = np.random.default_rng([seed, 23])

@@ -59,7 +59,7 @@ def _lag(name: str, follows: str, start: str, tau: float) -> Lag:
     return Lag(f"fcs/{name}", follows, start, -math.expm1(-STEP / tau))
 
 
-# Linear terms: axis and regressors of each parameter. The aircraft's own value is flown where it has one.
+# Linear terms: axis and regressors of each parameter. The aircraft's own value is of size 1 where it has one.
 _TERMS: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
     "pitch_damping": {"Cm_q": ("Cm", ("q",))},
     "pitch_curvature": {"Cm_alpha2": ("Cm", ("alpha", "alpha"))},
@@ -71,6 +71,8 @@ _TERMS: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
     "weathercock": {"Cn_beta": ("Cn", ("beta",))},
     "roll_damping": {"Cl_p": ("Cl", ("p",))},
     "yaw_damping": {"Cn_r": ("Cn", ("r",))},
+    "cross_roll_yaw": {"Cl_r": ("Cl", ("r",)), "Cn_p": ("Cn", ("p",))},
+    "rudder_roll": {"Cl_dr": ("Cl", ("dr",))},
     "adverse_yaw": {"Cn_da": ("Cn", ("da",))},
     "side_force": {"CY_beta": ("CY", ("beta",))},
     "sideslip_drag": {"CD_beta2": ("CD", ("beta", "beta"))},
@@ -79,10 +81,10 @@ _TERMS: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
 _VALUES = {"Cm_alpha2": -2.0, "CD_CL": 0.03, "CD_de2": 1.5, "CL_alpha_de": 2.0, "CD_beta2": 1.0}
 
 
-def _term_effect(name: str) -> Hidden:
+def _term_effect(name: str, size: float) -> Hidden:
     base = linear_aircraft()
     own = base.model.values()
-    parameters = {key: _VALUES.get(key, own.get(key, 0.0)) for key in _TERMS[name]}
+    parameters = {key: size * _VALUES.get(key, own.get(key, 0.0)) for key in _TERMS[name]}
     rest = _without(base.model, parameters)
     terms = {
         axis: product(_value(parameters[key]), *(regressor(factor, base.vehicle) for factor in factors))
@@ -96,10 +98,12 @@ def _without(model: Model, names: Mapping[str, float]) -> Model:
     return replace(model, coefficients={key: c for key, c in model.coefficients.items() if key not in names})
 
 
-def _stall() -> Hidden:
-    """Lift and drag go over to those of a flat plate: Beard & McLain (2012), eq. (4.9) and (4.10)."""
+def _stall(size: float) -> Hidden:
+    """Lift and drag go over to those of a flat plate: Beard & McLain (2012), eq. (4.9) and (4.10). Of half the size it
+    comes 0.02 rad later.
+    """
     base = linear_aircraft()
-    angle, sharpness = 0.13, 50.0
+    angle, sharpness = 0.13 + 0.04 * (1.0 - size), 50.0
 
     def rise(offset: float, sign: float) -> str:
         shifted = f"<sum>{_ALPHA}{_value(offset)}</sum>"
@@ -123,9 +127,9 @@ def _stall() -> Hidden:
     return Hidden("stall", {"alpha_stall": angle}, flown, base.vehicle, base.model)
 
 
-def _reynolds_drag() -> Hidden:
+def _reynolds_drag(size: float) -> Hidden:
     """The drag at zero lift goes with airspeed to the power -n about that of the flight."""
-    base, n = linear_aircraft(), 0.5
+    base, n = linear_aircraft(), 0.5 * size
     rest = _without(base.model, {"CD_0": 0.0})
     ratio = f"<quotient><property>velocities/vt-fps</property>{_value(AIRSPEED / FT)}</quotient>"
     term = product(_value(base.model.values()["CD_0"]), f"<pow>{ratio}{_value(-n)}</pow>")
@@ -134,9 +138,9 @@ def _reynolds_drag() -> Hidden:
     return Hidden("reynolds_drag", {"n": n}, flown, base.vehicle, base.model)
 
 
-def _unsteady_lift() -> Hidden:
+def _unsteady_lift(size: float) -> Hidden:
     """Lift follows the angle of attack of before, by a lag."""
-    base, tau = linear_aircraft(), 0.06
+    base, tau = linear_aircraft(), 0.06 * size
     functions = linear_coefficients(base.vehicle, base.model)
     functions["CL"] = functions["CL"].replace("aero/alpha-rad", "fcs/felt-alpha")
     flow = "<property>velocities/w-fps</property><property>velocities/u-fps</property>"
@@ -145,9 +149,9 @@ def _unsteady_lift() -> Hidden:
     return Hidden("unsteady_lift", {"tau": tau}, flown, base.vehicle, base.model)
 
 
-def _actuator_lag() -> Hidden:
+def _actuator_lag(size: float) -> Hidden:
     """The surfaces follow the commands by lags."""
-    base, tau = linear_aircraft(), 0.05
+    base, tau = linear_aircraft(), 0.05 * size
     surfaces = {"elevator": "elevator-pos-rad", "aileron": "left-aileron-pos-rad", "rudder": "rudder-pos-rad"}
     functions = linear_coefficients(base.vehicle, base.model)
     for name, command in surfaces.items():
@@ -160,23 +164,23 @@ def _actuator_lag() -> Hidden:
     return Hidden("actuator_lag", {"tau": tau}, flown, base.vehicle, base.model)
 
 
-def _thrust_line_offset() -> Hidden:
+def _thrust_line_offset(size: float) -> Hidden:
     """The force of the thrust acts lower than the vehicle file says."""
-    base, offset = linear_aircraft(), 0.02
+    base, offset = linear_aircraft(), 0.02 * size
     assert base.vehicle.propulsion is not None
     x, y, z = base.vehicle.propulsion.line
     true = replace(base.vehicle, propulsion=replace(base.vehicle.propulsion, line=(x, y, z + offset)))
     return Hidden("thrust_line_offset", {"z_T": offset}, replace(base, vehicle=true), base.vehicle, base.model)
 
 
-def _mass_error() -> Hidden:
+def _mass_error(size: float) -> Hidden:
     """The aircraft weighs more than the vehicle file says; its moments of inertia are as told."""
-    base, scale = linear_aircraft(), 0.05
+    base, scale = linear_aircraft(), 0.05 * size
     true = replace(base.vehicle, mass=replace(base.vehicle.mass, mass=(1.0 + scale) * base.vehicle.mass.mass))
     return Hidden("mass_error", {"scale": scale}, replace(base, vehicle=true), base.vehicle, base.model)
 
 
-_OTHERS: dict[str, Callable[[], Hidden]] = {
+_OTHERS: dict[str, Callable[[float], Hidden]] = {
     "stall": _stall,
     "reynolds_drag": _reynolds_drag,
     "unsteady_lift": _unsteady_lift,
@@ -187,6 +191,6 @@ _OTHERS: dict[str, Callable[[], Hidden]] = {
 NAMES = (*_TERMS, *_OTHERS)
 
 
-def hidden(name: str) -> Hidden:
-    """The effect of that name (one of `NAMES`) in JSBSim."""
-    return _OTHERS[name]() if name in _OTHERS else _term_effect(name)
+def hidden(name: str, size: float = 1.0) -> Hidden:
+    """The effect of that name (one of `NAMES`) in JSBSim, of that share of its usual size."""
+    return _OTHERS[name](size) if name in _OTHERS else _term_effect(name, size)

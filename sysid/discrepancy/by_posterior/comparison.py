@@ -13,21 +13,22 @@ from sim_vehicle.effects.thrust_scale import THRUST_SCALE
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.discrepancy.by_posterior.field_flights import is_of_the_field
 from sysid.discrepancy.by_posterior.group_fits import fit_of
 from sysid.discrepancy.by_posterior.rules import RULES
 from sysid.discrepancy.by_posterior.search import Found, search
+from sysid.discrepancy.by_posterior.textbooks import as_of_textbooks, is_of_the_field, with_airspeed_at_once
 from sysid.discrepancy.gap import widening
 from sysid.discrepancy.identified_effect import reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.wording import moved_words
 from sysid.errors import EstimationError
 from sysid.identification.flight_as_meant import FlightsRead
-from sysid.identification.posterior_method import effects_with, flown
+from sysid.identification.posterior_method import Flown, effects_with, flown
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
+from sysid.posterior.part import FlightPart
 from sysid.posterior.replay import as_moved
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed
@@ -53,31 +54,39 @@ _BESIDE = {
 }
 
 
-def compare(asked: Asked, read: FlightsRead, always: bool = False) -> Outcome | None:
-    """What the flights say of the model; None where they are of the textbooks, unless `always`.
+def compare(asked: Asked, read: FlightsRead) -> Outcome | None:
+    """What the flights say of the model; None where they are of the textbooks.
 
     read: the flights as their sensors meant them. Raises SysidError subclasses in one line.
     """
-    progress, vehicle = asked.progress, asked.vehicle
-    seen = flown(read.fitted, vehicle)
+    seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
-    effects = [
-        (e.name, key) for e in asked.model.effects for key in e.parameters
-        if EFFECTS[e.name].parameter(key).fitted and not EFFECTS[e.name].alias
-    ]  # fmt: skip
-    progress(0.08, "its coefficients fitted again")
     model = _with_trims(asked.model)
     try:
-        base = estimate(
-            seen.parts, vehicle, model, effects, systematic=False,
-            progress=lambda share, text: progress(0.08 + 0.2 * share, text),
-        )  # fmt: skip
+        base = _fitted(seen.parts, asked, model)
     except EstimationError:
-        if always:
-            raise
         return None
-    if not always and not is_of_the_field(base):
-        return None
+    return _searched(asked, read, seen, model, base, False) if is_of_the_field(base) else None
+
+
+def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
+    """The same of flights of the textbooks: what servos, vanes and the pitot do is an effect like others.
+
+    Raises SysidError subclasses in one line.
+    """
+    asked = replace(asked, vehicle=as_of_textbooks(asked.vehicle))
+    seen = flown(read.fitted, asked.vehicle)
+    require_thrust(seen.prepared)
+    asked = replace(asked, vehicle=with_airspeed_at_once(asked.vehicle))
+    return _searched(asked, read, seen, asked.model, _fitted(seen.parts, asked, asked.model), True)
+
+
+def _searched(
+    asked: Asked, read: FlightsRead, seen: Flown, model: Model, base: PosteriorEstimate, textbook: bool
+) -> Outcome:
+    """Effects named beside the model fitted again, and the gap with them."""
+    progress, effects = asked.progress, _free_effects(asked.model)
+    vehicle = asked.vehicle
     records = [stretch.record for flight in seen.prepared for stretch in flight.stretches]
     motion = replace(
         excited_motion(records), longitudinal="longitudinal" in base.groups, lateral="lateral" in base.groups
@@ -85,7 +94,7 @@ def compare(asked: Asked, read: FlightsRead, always: bool = False) -> Outcome | 
     problem = Problem(vehicle, tuple(records), (), motion, {})
     fits = {group: fit_of(one, model, effects) for group, one in base.groups.items()}
     own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
-    found = Found(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own})
+    found = Found(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own}, textbook)
     search(found, MAX_EFFECTS, lambda share, text: progress(0.28 + 0.42 * share, text))
     best = base
     if found.named:
@@ -113,6 +122,24 @@ def compare(asked: Asked, read: FlightsRead, always: bool = False) -> Outcome | 
         seen.compatible.gust_sigma,
         flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma), tuple(warnings),
     )  # fmt: skip
+
+
+def _free_effects(model: Model) -> list[tuple[str, str]]:
+    """Parameters of the model's own effects that are fitted again."""
+    return [
+        (e.name, key)
+        for e in model.effects
+        for key in e.parameters
+        if EFFECTS[e.name].parameter(key).fitted and not EFFECTS[e.name].alias
+    ]
+
+
+def _fitted(parts: Sequence[FlightPart], asked: Asked, model: Model) -> PosteriorEstimate:
+    def told(share: float, text: str) -> None:
+        asked.progress(0.08 + 0.2 * share, text)
+
+    told(0.0, "its coefficients fitted again")
+    return estimate(parts, asked.vehicle, model, _free_effects(model), systematic=False, progress=told)
 
 
 def _with_trims(model: Model) -> Model:

@@ -44,8 +44,10 @@ class Trial:
 class Found:
     """State of the search.
 
-    given: values of the model's coefficients and parameters of effects before anything was fitted. left: axis -> what
-    smooth terms of it would still gain, in words, beside `left_gain`. seen: by group its fit, and what was promised it.
+    given: values of the model's coefficients and parameters of effects before anything was fitted. aliases: whether
+    effects that coefficients all but imitate are looked at. left: axis -> what
+    smooth terms of it would still gain, in words, beside `left_gain`. seen: by group its fit, and what it was promised
+    by each candidate.
     """
 
     problem: Problem
@@ -53,11 +55,12 @@ class Found:
     groups: dict[str, GroupFit]
     ruled_out: frozenset[str]
     given: Mapping[str, float]
+    aliases: bool = False
     named: list[Named] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     left: dict[str, str] = field(default_factory=dict)
     left_gain: float = 0.0
-    seen: dict[str, tuple[GroupFit, dict[str, Promise]]] = field(default_factory=dict)
+    seen: dict[str, tuple[GroupFit, dict[str, tuple[Promise, SecondLook | None]]]] = field(default_factory=dict)
 
 
 def search(found: Found, most: int, progress: Progress) -> None:
@@ -76,12 +79,12 @@ def _part_of(progress: Progress, done: int, of: float, share: float, text: str) 
 
 
 def _choices(found: Found) -> list[Candidate]:
-    """Every effect that the flights could show, from its own starts. What coefficients imitate in any flight is none of
-    them: a structure that lacks a term would be told by the term's imitation.
+    """Every effect that the flights could show, from its own starts. What coefficients all but imitate is one of them
+    in flights of the textbooks alone: a structure that lacks a term would be told by the term's imitation.
     """
     kept = []
     for one in candidates(found.problem, found.model):
-        if one.effect.name in found.ruled_out or one.effect.alias:
+        if one.effect.name in found.ruled_out or (one.effect.alias and not found.aliases):
             continue
         kept.append(replace(one, starts=one.effect.starts()) if stepping_of(one.effect) else one)
     return kept
@@ -91,12 +94,16 @@ def _extend(found: Found, progress: Progress) -> bool:
     """Add the likeliest effect if it stands out; returns whether one did."""
     choices = _choices(found)
     progress(0.0, f"a first look at {len(choices)} effects")
-    promised = {group: _promised(found, group, choices) for group in found.groups}
+    looked = {group: _looked(found, group, choices) for group in found.groups}
+    promised = {group: [first for first, _ in of] for group, of in looked.items()}
+    looks = {group: [second for _, second in of] for group, of in looked.items()}
     total = [sum(max(of[i].gain, 0.0) for of in promised.values()) for i in range(len(choices))]
     order = sorted(range(len(choices)), key=lambda i: -total[i])
     limit = max(RULES.least_promise, RULES.promise_share * total[order[0]]) if order else np.inf
     worth = [i for i in order[: RULES.most_tried] if total[i] >= limit]
-    looks = {group: second_looks(fit, choices, promised[group], found.given) for group, fit in found.groups.items()}
+    if worth:
+        # No slope tells of what coefficients imitate but for how it bends.
+        worth += [i for i in order if choices[i].effect.by_curvature and i not in worth]
     again = _worth_a_second_look(looks)
     tried: list[Trial] = []
     for count, i in enumerate([*worth, *(i for i, _ in again)]):
@@ -133,11 +140,13 @@ def _extend(found: Found, progress: Progress) -> bool:
     return True
 
 
-def _promised(found: Found, group: str, choices: Sequence[Candidate]) -> list[Promise]:
+def _looked(found: Found, group: str, choices: Sequence[Candidate]) -> list[tuple[Promise, SecondLook | None]]:
     """What candidates promise a group of axes, as it was found before where nothing of the group has changed since."""
     fit = found.groups[group]
     if group not in found.seen or found.seen[group][0] is not fit:
-        found.seen[group] = (fit, {_key(one): p for one, p in zip(choices, promises(fit, choices), strict=True)})
+        first = promises(fit, choices)
+        both = zip(first, second_looks(fit, choices, first, found.given), strict=True)
+        found.seen[group] = (fit, {_key(one): of for one, of in zip(choices, both, strict=True)})
     known = found.seen[group][1]
     return [known[_key(one)] for one in choices]
 
@@ -166,6 +175,33 @@ def _likeliest_of_each(tried: Sequence[Trial]) -> list[Trial]:
 
 
 def _tried(
+    found: Found, candidate: Candidate, promised: Mapping[str, Promise], look: tuple[str, SecondLook | None] | None
+) -> Trial | None:
+    """A candidate fitted, as `_fitted` does, without parameters that it does without where those are as good as absent:
+    a pitot's gain is one cause, its zero another, and both together are not less likely than either.
+    """
+    whole = _fitted(found, candidate, promised, look)
+    if whole is None:
+        return None
+    defaults = {
+        name: None if candidate.coefficients else candidate.effect.parameter(name).default for name in whole.values
+    }
+    needed = tuple(
+        name
+        for name, (value, std) in whole.values.items()
+        if (default := defaults[name]) is None or abs(value - default) > RULES.absent * std
+    )
+    if not needed or len(needed) == len(whole.values):
+        return whole
+    values = {name: whole.values[name][0] for name in needed}
+    fewer = replace(candidate, free=needed, starts=(values,))
+    if look is not None and look[1] is not None:
+        look = (look[0], replace(look[1], values=values))
+    part = _fitted(found, fewer, {group: replace(one, values=values) for group, one in promised.items()}, look)
+    return part if part is not None and part.evidence > whole.evidence else whole
+
+
+def _fitted(
     found: Found, candidate: Candidate, promised: Mapping[str, Promise], look: tuple[str, SecondLook | None] | None
 ) -> Trial | None:
     """A candidate fitted in the group that it promises most, and flown as it is found there in the others.
@@ -262,13 +298,14 @@ def _keep_what_stands_out(found: Found) -> None:
 
 
 def _without(found: Found, named: Named) -> dict[str, GroupFit] | None:
-    """All groups without an effect; None where one is lost."""
+    """All groups without an effect that was named; None where one is lost."""
     rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
     groups = {group: fit for group, fit in rest.items() if fit is not None}
     return groups if len(groups) == len(rest) else None
 
 
 def _leave_out(found: Found, named: Named, groups: dict[str, GroupFit], why: str) -> None:
+    """Take a name back, and say why. groups: all of them `without` it."""
     found.named = [one for one in found.named if one is not named]
     found.groups = groups
     gone = set(named.candidate.coefficients)

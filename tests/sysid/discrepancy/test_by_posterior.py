@@ -11,11 +11,16 @@ from field_inputs import inputs_of
 from field_plant import Servo, fly_field
 from field_sensors import sense
 from jsbsim_flight import linear_aircraft
+from simulated import fly_mav
 from smaller_catalogue import catalogue_without
 
-from sim_vehicle.effects import EFFECTS
+from sim_vehicle.effects import EFFECTS, parse_effect
+from sim_vehicle.model.model_file import read_model
+from sim_vehicle.vehicle.strict_toml import Known
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy import discrepancy
 from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
+from sysid.discrepancy.by_posterior.textbooks import as_of_textbooks
 from sysid.discrepancy.candidates import Candidate
 
 
@@ -57,6 +62,49 @@ def test_physics_that_the_catalogue_lacks_gets_no_name(tmp_path: Path) -> None:
     assert found["verdict"] == "unexplained"
     assert found["effects"] == []
     assert any(line.startswith("left without a name: CD") for line in found["reasons"])
+
+
+AIRSPEED = ("airspeed_error", "density_error")
+
+
+@pytest.mark.parametrize(
+    ("flown", "parameter"),
+    [
+        ("actuator_lag:tau=0.04", "tau"),
+        ("pitot_lag:tau=0.15", "tau"),
+        ("airspeed_error:scale=0.05", "scale"),
+        ("density_error:scale=0.1", "scale"),
+        ("cg_shift:x=0.01", "x"),
+        ("imu_scale:scale=0.02", "scale"),
+    ],
+)
+def test_what_servos_and_sensors_do_is_an_effect_where_all_else_is_the_textbooks(flown: str, parameter: str) -> None:
+    vehicle, (effect, values) = load_vehicle("iitb-mav"), parse_effect(flown)
+    flight = fly_mav("multisine", 5, duration=12.0, effects=(flown,))[0]
+    found = discrepancy([flight], vehicle, read_model("iitb-mav"), method="map")
+    assert (found["method"], found["verdict"]) == ("map", "missing_effect")
+    (named,) = found["effects"]
+    likely = {named["name"], *(one["name"] for one in named["alternatives"])}
+    assert effect.name in likely, found["reasons"]
+    # A gain of the airspeed and an air of another density are one thing to a flight.
+    assert likely <= {effect.name, *(AIRSPEED if effect.name in AIRSPEED else ())}
+    if named["name"] == effect.name:
+        told = named["parameters"][parameter]
+        assert abs(told["value"] - values[parameter]) < 3.5 * told["std"] < 0.35 * values[parameter]
+    gap = found["gap"]["estimation"]
+    # What coefficients imitate is closed by them.
+    before = gap["given" if effect.alias else "before"]
+    worst = max(before[name] / gap["noise_floor"][name] for name in gap["noise_floor"])
+    left = max(gap["after"][name] / gap["noise_floor"][name] for name in gap["noise_floor"])
+    assert left < 0.7 * worst
+
+
+def test_what_a_vehicle_file_says_of_its_servos_holds_for_a_textbook_too() -> None:
+    vehicle = load_vehicle("iitb-mav")
+    late = replace(vehicle.controls["elevator"], delay=Known(0.03, 0.01))
+    found = as_of_textbooks(replace(vehicle, controls={**vehicle.controls, "elevator": late}))
+    assert found.controls["elevator"].delay == Known(0.03, 0.01)
+    assert found.controls["elevator"].lag == found.controls["aileron"].delay == Known(0.0, 0.0)
 
 
 @pytest.mark.parametrize(("effect", "name", "size"), [("stall", "alpha_stall", False), ("unsteady_lift", "tau", True)])
