@@ -27,8 +27,8 @@ from sysid.live.signals.airborne import Airborne
 from sysid.live.signals.low_rate_buffer import SparseSamples
 from sysid.live.signals.noise_estimator import WhiteNoise
 from sysid.live.signals.row_alignment import Rows, TimeBase
-from sysid.live.signals.sensor_failures import SensorFailure
-from sysid.live.signals.stuck_vanes import StuckVanes
+from sysid.live.signals.sensor_failures import READINGS, SensorFailure
+from sysid.live.signals.stuck_readings import StuckReadings
 from sysid.live.signals.thrust_source import LiveThrust
 from sysid.live.sliding_window import Runner, SlidingWindow
 from sysid.live.watch import Watch
@@ -108,7 +108,7 @@ class LiveIdentifier:
         self._equations: LiveEquations | None = None
         self._air = AirFilter(vehicle.environment.gravity)
         self._airborne = Airborne(vehicle)
-        self._stuck = StuckVanes()
+        self._stuck = StuckReadings()
         bending = (*_RATES, *_ACCELERATIONS)
         self._noise = {name: WhiteNoise(name in bending) for name in (*VANES, "airspeed", *bending)}
         self._watch = Watch(vehicle)
@@ -123,6 +123,7 @@ class LiveIdentifier:
             if not time_s.size:
                 continue
             self._seen[name] = float(time_s[-1])
+            self._watch.silent.note(name, time_s)
             self._sparse.add(name, time_s, values)
         if self._window is not None:
             self._window.take(samples)
@@ -185,6 +186,8 @@ class LiveIdentifier:
         """What is known now, by all samples that have come."""
         if self._base is not None:
             self._work()
+        if "az" in self._seen:
+            self._watch.hear(self._seen["az"])
         errors = self._refresh()
         self._hand_on()
         if self._stuck.failed and isfinite(self.time_s):
@@ -380,6 +383,7 @@ class LiveIdentifier:
             self._make_axes(rows.interval_s)
             rows = replace(rows, continues=False)
         self._watch_noise(rows)
+        self._watch.silent.take(rows)
         self._filter(rows)
         if self._air.rows:
             told = {name: error.value for name, error in self._air.errors().items() if error.told}
@@ -459,7 +463,7 @@ class LiveIdentifier:
             return []
         missing = self._base.missing()
         told = [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
-        told += [f"the {name} vane does not move: nothing is identified meanwhile" for name in self._stuck.names]
+        told += [f"{READINGS[name]} does not move: nothing is identified meanwhile" for name in self._stuck.names]
         alone = ", ".join(f"{name} ({count})" for name, count in self._base.left_out().items())
         told += [f"{why}: {axis} stands still" for axis, why in self._standing.items()]
         return [*told, f"readings left out that no motion makes: {alone}"] if alone else told

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.live.estimators.causes import KnownAxis, Lengths, likeliest
 from sysid.live.estimators.change_detection import Change, ChangeDetector
 from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
+from sysid.live.signals.silent_channels import SilentChannels
 
 # A change of the aircraft waits so long where sensors disagree by so much of what tells a failure of one: doubt -> s.
 _WAITS_S = {0.7: 5.0, 0.4: 1.6}
@@ -38,7 +39,7 @@ class _Seen:
 
 
 class Watch:
-    """What has failed and changed in a flight. sensors: takes the rows. Detectors are by axis."""
+    """What has failed and changed in a flight. sensors, silent: take the rows. Detectors are by axis."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -47,6 +48,8 @@ class Watch:
         # Changes that wait while a sensor may be to blame; axes before the last one, while its cause is looked for.
         self._doubted: list[_Seen] = []
         self._open: Mapping[str, KnownAxis] = {}
+        self.silent = SilentChannels()
+        self._dead: SensorFailure | None = None
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -54,9 +57,16 @@ class Watch:
         self.sensors = SensorMonitor(self._vehicle.environment.gravity)
         self._open = {}
 
+    def hear(self, now_s: float) -> None:
+        """Say of signals that no longer come that they do not. now_s: newest stamp of all."""
+        self.failures += self.silent.gone(now_s)
+
     def notice(self, time_s: float, change: Change, detectors: Detectors) -> bool:
         """Take a change of the aircraft that a detector sees; whether it is told."""
         if any(change.time_s < one.time_s + _BLAMED_S for one in self.failures[-1:]) or self._is_told(change):
+            return False
+        if (dead := self.silent.dead(change.axis)) is not None:
+            self._dead = dead
             return False
         known = {axis: one.known_before(change.time_s) for axis, one in detectors.items()}
         seen = _Seen(time_s, change, {axis: one for axis, one in known.items() if one is not None})
@@ -67,14 +77,14 @@ class Watch:
         detectors[change.axis].restart()
         return False
 
-    def judge(self, time_s: float, stuck: Sequence[str], detectors: Detectors) -> News:
-        """What is news by now. stuck: vanes that repeat one reading, whose rows are left out."""
+    def judge(self, time_s: float, stuck: Mapping[str, float], detectors: Detectors) -> News:
+        """What is news by now. stuck: sensors that repeat one reading, whose rows are left out, and since when, s."""
         failed_s = None
-        if new := [vane for vane in stuck if vane not in self.sensors.told]:
-            self.failures.append(self.sensors.stands_still(new[0], time_s))
-        elif (failure := self.sensors.check()) is not None:
+        if new := [name for name in stuck if name not in self.sensors.told]:
+            self.failures.append(self.sensors.stands_still(new[0], stuck[new[0]]))
+        elif (failure := self._dead or self.sensors.check()) is not None:
             self.failures.append(failure)
-            failed_s = failure.time_s
+            self._dead, failed_s = None, failure.time_s
             self._doubted = [one for one in self._doubted if one.change.time_s < failed_s - _BLAMED_S]
         self._look_for_cause(time_s, detectors)
         waits_s = self._waits_s

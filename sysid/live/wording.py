@@ -27,6 +27,7 @@ _WORTH_TELLING = {
 }
 _SENSORS = {
     "airspeed": "AIRSPEED", "alpha": "ALPHA VANE", "beta": "BETA VANE", "psi": "HEADING",
+    "de": "ELEVATOR", "da": "AILERON", "dr": "RUDDER",
     **{rate: f"GYRO {rate.upper()}" for rate in "pqr"}, **{f"a{axis}": f"ACCEL {axis.upper()}" for axis in "xyz"},
 }  # fmt: skip
 # Standard errors. A flight looks at all of them again and again, so that three come by chance.
@@ -78,7 +79,7 @@ def _or(names: Sequence[str]) -> str:
 
 def failure_sentence(failure: SensorFailure) -> str:
     """As "the alpha vane jumped by +4.0 deg since 40.2 s: check the sensor"."""
-    return f"{failure.text} since {failure.time_s:.1f} s: check the sensor, not the aircraft"
+    return f"{failure.text} since {failure.time_s:.1f} s: check {failure.check}"
 
 
 def failure_text(failure: SensorFailure) -> str:

@@ -51,6 +51,7 @@ SENSORS: dict[str, str] = {
     "alpha-vane-stuck": "alpha", "alpha-vane-bent=5": "alpha", "alpha-vane-slow=0.3": "alpha",
     "beta-vane-stuck": "beta", "beta-vane-bent=5": "beta", "gyro-p=1.5": "p", "gyro-q=1.5": "q", "gyro-r=2": "r",
     "accelerometer-x=0.7": "ax", "accelerometer-y=0.7": "ay", "accelerometer-z=0.7": "az", "compass=25": "psi",
+    "gps-lost": "gps", "servo-channel=2": "de", "servo-channel=4": "dr",
 }  # fmt: skip
 QUIET = "nothing"
 QUIET_PLANS = ("multisine", "elevator-3211,aileron-3211,rudder-3211,cruise", "multisine,throttle-step", "cruise")

@@ -58,7 +58,7 @@ _ROWS_S, _ROWS = 0.1, 4  # comparisons are kept at this interval, so many at a t
 @dataclass(frozen=True)
 class SensorFailure:
     """A sensor that has failed. name: of the hypothesis. size: in `unit`, of which there is none where it is stuck.
-    text: in words.
+    text: in words. check: what is to be looked at.
     """
 
     time_s: float
@@ -67,6 +67,7 @@ class SensorFailure:
     size: float
     unit: str
     text: str
+    check: str = "the sensor, not the aircraft"
 
 
 _Sums = dict[str, float]
@@ -88,6 +89,8 @@ class _Hypothesis:
     curves: Mapping[str, str]
 
 
+# What a sensor that may stick is called.
+READINGS = {"alpha": "the alpha vane", "beta": "the beta vane", "airspeed": "the airspeed"}
 _TO_DEG = float(np.degrees(1.0))
 _HYPOTHESES = (
     _Hypothesis("airspeed_step", "airspeed", "step", "the airspeed jumped by {}", 1.0, "m/s", {"V": ""}),
@@ -242,9 +245,9 @@ class SensorMonitor:
             return best
         return None
 
-    def stands_still(self, vane: str, time_s: float) -> SensorFailure:
-        """Take the word of who sees that a vane repeats one reading."""
-        failure = SensorFailure(time_s, f"{vane}_still", vane, 1.0, "", f"the {vane} vane is stuck")
+    def stands_still(self, name: str, time_s: float) -> SensorFailure:
+        """Take the word of who sees that a sensor repeats one reading."""
+        failure = SensorFailure(time_s, f"{name}_still", name, 1.0, "", f"{READINGS[name]} repeats one reading")
         self._found(failure)
         return failure
 
