@@ -2,7 +2,8 @@
 
 Flights of the textbooks are compared by filter error (sysid.discrepancy.by_filter_error), which is nearer to the bound
 there, all others by the posterior with an estimated noise spectrum (sysid.discrepancy.by_posterior), and those of the
-textbooks too that filter error has no name for. Which they are is seen as `identify` sees it.
+textbooks too that filter error cannot follow; where it has no name it goes on from the posterior's. Which they are is
+seen as `identify` sees it.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def discrepancy(
     ruled_out: effects that are known not to be there, because the aircraft was weighed or a sensor was on the bench.
     as_recorded: signals that are right as recorded, whatever seems.
     method: "map" by the posterior with an estimated noise spectrum, "fe" by filter error; "auto" is "map", and "fe" for
-    flights of the textbooks that it has a name for. seed: of the noise in the noise floor. Returns the result file
+    flights of the textbooks. seed: of the noise in the noise floor. Returns the result file
     (schema discrepancy/1). Raises SysidError subclasses, and ModelFileError for a model without a needed value or an
     effect that nobody knows, in one line.
     """
@@ -83,17 +84,14 @@ def _compared(asked: Asked, method: str) -> Outcome:
     if method == "map":
         return compare_textbooks(_between(0.28, _COMPARED, asked), read)
     try:
-        filtered = by_filter_error.compare(_between(0.28, 0.6, asked), read)
+        return by_filter_error.compare(
+            _between(0.28, 0.6, asked), read, lambda: compare_textbooks(_between(0.6, _COMPARED, asked), read).named
+        )
     except SysidError as error:
         with suppress(SysidError):
             found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
             return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
         raise
-    if filtered.verdict == "unexplained":
-        with suppress(SysidError):
-            found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
-            return found if found.named else filtered
-    return filtered
 
 
 def _between(begin: float, end: float, asked: Asked) -> Asked:

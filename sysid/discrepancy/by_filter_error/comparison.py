@@ -8,7 +8,7 @@ absorbed. In calm air too: a model that lacks something still follows the flight
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -32,6 +32,7 @@ from sysid.discrepancy.by_filter_error.baseline import (
 from sysid.discrepancy.by_filter_error.candidate_fits import fitted
 from sysid.discrepancy.by_filter_error.forward_selection import (
     Search,
+    adopt,
     eliminate_insignificant,
     eliminate_redundant,
     extend,
@@ -40,10 +41,10 @@ from sysid.discrepancy.by_filter_error.forward_selection import (
 )
 from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
 from sysid.discrepancy.gap import fixed_model, widening
-from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.identified_effect import Named, reason
 from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.wording import moved_words
-from sysid.errors import EstimationError
+from sysid.errors import EstimationError, SysidError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.flight_as_meant import FlightsRead
@@ -65,8 +66,9 @@ _WIDER = 1.1
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
 
 
-def compare(asked: Asked, read: FlightsRead) -> Outcome:
-    """What the flights say of the model. read: the flights as their sensors meant them.
+def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Named]] = tuple) -> Outcome:
+    """What the flights say of the model. read: the flights as their sensors meant them. propose: what else effects may
+    be that the search has no name for.
 
     Raises SysidError subclasses in one line.
     """
@@ -79,6 +81,8 @@ def compare(asked: Asked, read: FlightsRead) -> Outcome:
     base = fitted_again(used, model, asked.ruled_out)
     search = _searched(used, base)
     verdict, reasons = _verdict(used, base, search)
+    if verdict == "unexplained" and (other := _proposed(used, base, propose)) is not None:
+        search, (verdict, reasons) = other, _verdict(used, base, other)
     if verdict == "unexplained" and search.named:
         # A wrong name is worse than none.
         search = _without(base)
@@ -136,6 +140,19 @@ def _searched(used: Flights, base: Baseline) -> Search:
         if not search.named:
             return replace(_without(base), dropped=search.dropped)
     return search
+
+
+def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Named]]) -> Search | None:
+    """Effects that were found elsewhere; None where there are none, or they leave something unexplained here too."""
+    search = _without(base)
+    with suppress(SysidError):
+        named = propose()
+        if named and all(adopt(search, one) for one in named):
+            _with_bench(used, search)
+            if _is_rough(search.result) and not search.result.together:
+                refit_jointly(search)
+            return search if _verdict(used, base, search)[0] == "missing_effect" else None
+    return None
 
 
 def _with_bench(used: Flights, search: Search) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_short, rank, wald_statistic
+from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
 from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
@@ -100,6 +100,22 @@ def extend(search: Search, progress: Progress) -> bool:
         Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices), weights[top].gain)
     )
     _add(search, candidate, result)
+    return True
+
+
+def adopt(search: Search, named: Named) -> bool:
+    """Add an effect that was found elsewhere, from its values there. Returns whether the filter follows the flight so
+    and is the likelier for it.
+    """
+    problem, base = search.problem, search.setting
+    rough = fit_short(problem, base, named.candidate, {name: value for name, (value, _) in named.values.items()})
+    if rough is None:
+        return False
+    result = fit_full(problem, base, named.candidate, rough)
+    if result.cost >= base.result.cost or not _is_possible(problem, named.candidate, result):
+        return False
+    search.named.append(replace(named, values=values_of(named.candidate, result)))
+    _add(search, named.candidate, result)
     return True
 
 
