@@ -1,0 +1,19 @@
+"""What the posterior names of a flight that filter error has no name for counts where the filter bears it out."""
+
+from __future__ import annotations
+
+import pytest
+from discrepancy_cases import Case, baseline_model, fly_case, the_vehicle
+from made_up import MADE_UP
+
+from sysid.discrepancy import discrepancy
+
+pytestmark = pytest.mark.whole_flight
+
+
+def test_a_lift_that_ripples_is_called_nothing_that_the_catalogue_holds() -> None:
+    assert "lift_ripple" in MADE_UP
+    case, vehicle = Case((), 20_000, 0.0, made_up="lift_ripple"), the_vehicle()
+    found = discrepancy([fly_case(case, vehicle)[0]], vehicle, baseline_model(case))
+    assert found["verdict"] == "unexplained", found["reasons"]
+    assert found["effects"] == []
