@@ -116,6 +116,7 @@ export class LivePlots {
     }
     if (built !== this.built) return
     this.panels = made
+    this.dirty = true // what came while they were made
     this.place.replaceChildren(...made.map(panel => panel.element))
   }
 

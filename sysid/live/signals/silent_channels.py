@@ -11,9 +11,11 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.arrays import Array
 from sysid.live.signals.row_alignment import Rows
 from sysid.live.signals.sensor_failures import READINGS, SensorFailure
+from sysid.signals.record import SURFACES
 
 # A signal is gone after so long, s, or so many times the interval at which it came.
 _GONE_S, _INTERVALS = 3.0, 6.0
@@ -21,7 +23,7 @@ _GONE_S, _INTERVALS = 3.0, 6.0
 _GROUPS = {**dict.fromkeys(("vn", "ve", "vd"), ("gps", "the ground velocity of the GPS"))}
 _NAMES = {**READINGS, "thrust": "the thrust", "psi": "the heading"}
 # What people call a surface, and those that move an axis, the first most.
-_SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+_SURFACES = {signal: name for name, signal in DEFLECTION_SIGNALS.items() if signal in SURFACES}
 _MOVES = {"CL": ("de",), "CD": ("de",), "Cm": ("de",), "CY": ("dr", "da"), "Cl": ("da", "dr"), "Cn": ("dr", "da")}
 # A command stands still from so long on, s; before that it has changed, and others go on changing, in such shares of
 # the samples of so many seconds, at least so many.
