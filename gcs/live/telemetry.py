@@ -5,7 +5,9 @@ They come from this station's own system and a component of its own, never from 
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -23,24 +25,35 @@ _FIGURES = re.compile(r"[-+\d.]+")
 class EstimateTelemetry:
     """Says reports of live identification through `say`, which takes frames. key: signs them."""
 
-    def __init__(self, say: Callable[[Sequence[bytes]], None], key: bytes | None = None) -> None:
+    def __init__(
+        self,
+        say: Callable[[Sequence[bytes]], None],
+        key: bytes | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._say = say
+        self._clock = clock
         self._voice = StationVoice(key, COMPONENT)
-        self._said_s: float | None = None
+        self._due_s = -math.inf
+        self._time_s = self._said_s = -math.inf
         self._values: dict[str, Any] = {}
         self._texts: dict[str, None] = {}
         self._number = 0
 
     def take(self, report: dict[str, Any], time_s: float) -> None:
-        """One report and the flight's time, s: known coefficients about once a second, each text once."""
-        if self._said_s is not None and time_s < self._said_s:  # another flight
-            self._said_s = None
+        """One report and the flight's time, s: known coefficients about once a second, each text once.
+
+        A second of the clock, not of the flight, whose time stands still once it is over: what it ended with may come
+        seconds behind the last of its messages, and is said as it comes.
+        """
+        if time_s < self._time_s:  # another flight
             self._texts.clear()
         frames = [frame for text, severity in _texts(report) for frame in self._text(text, severity)]
         values = {name: entry["value"] for name, entry in report["coefficients"].items() if entry["known"]}
-        # Time stands still once a flight is over, and what it ended with is told all the same.
-        last = time_s == self._said_s and values != self._values
-        if self._said_s is None or last or time_s - self._said_s >= _EVERY_S:
+        now_s = self._clock()
+        over, self._time_s = time_s == self._time_s, time_s
+        if (over or now_s >= self._due_s) and (time_s, values) != (self._said_s, self._values):
+            self._due_s = now_s + _EVERY_S
             self._said_s, self._values = time_s, values
             frames += [self._value(name, value, time_s) for name, value in values.items()]
         self._say(frames)

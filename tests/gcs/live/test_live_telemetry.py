@@ -22,8 +22,10 @@ REPORT = {
 
 def test_known_coefficients_are_said_once_a_second_and_each_text_once() -> None:
     said: list[bytes] = []
-    telemetry = EstimateTelemetry(said.extend)
-    for tenth in range(0, 30, 4):  # three seconds
+    tenths = range(0, 30, 4)  # three seconds
+    clock = iter([7.0 + tenth / 10.0 for tenth in tenths])
+    telemetry = EstimateTelemetry(said.extend, clock=lambda: next(clock))
+    for tenth in tenths:
         warning = f"airspeed reads {8 + tenth % 3}% low: check the pitot tube and its calibration"
         telemetry.take({**REPORT, "warnings": [warning]}, 100.0 + tenth / 10.0)
     messages = decode(b"".join(said))
@@ -50,9 +52,10 @@ def test_a_change_is_said_as_critical() -> None:
 
 def test_what_a_flight_ended_with_is_said_though_its_time_stands_still() -> None:
     said: list[bytes] = []
-    telemetry = EstimateTelemetry(said.extend)
+    clock = iter([7.0, 7.4, 8.9, 9.3, 9.7])
+    telemetry = EstimateTelemetry(said.extend, clock=lambda: next(clock))
     report = {"coefficients": {}, "changes": [], "failures": [], "warnings": []}
-    telemetry.take(report, 14.0)
-    for value in (2.4, 2.4, 2.5):
+    telemetry.take(report, 13.7)
+    for value in (2.3, 2.4, 2.4, 2.5):
         telemetry.take({**report, "coefficients": {"CL_alpha": {"known": True, "value": value}}}, 14.0)
     assert [m.value for m in decode(b"".join(said))] == pytest.approx([2.4, 2.5])
