@@ -22,15 +22,14 @@ from sysid.signal_check.impossible_values import impossible_thrust, require_poss
 from sysid.signal_check.kinematic_relations import AIR, GROUND, Columns, Window
 from sysid.signal_check.relation_misfit import OVER_GROUND, ForceBalance, Misfit
 from sysid.signal_check.remedies import named_cures
+from sysid.signal_check.unmended import TURNS, unmended_mistakes
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
-from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES, group_name
+from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES
 from sysid.signals.sensor_layout import SensorLayout
 
 # A gain of a gyro counts from this error on, and up to a factor that is rather a unit.
 _GAIN, _LARGEST_GAIN = 0.2, 20.0
-# Angles and the rates that turn them.
-_TURNS = (("phi", "p"), ("theta", "q"), ("psi", "r"))
 _MOST = 4
 # What a reading must leave less of than a simpler one, in shares, a unit of its penalty.
 _SIMPLER = 0.02
@@ -87,7 +86,7 @@ def as_meant(
     # Where an accelerometer or a gyro is missing, no relation of the motion can be held against the other sensors.
     whole = set(IMU) <= signals.signals.keys()
     parts = [one.data for one in flight.stretches] if whole else []
-    found, gains = decisive_corrections(parts, flight.layout, kept)
+    found, unmended = decisive_corrections(parts, flight.layout, kept)
     strong = None if "thrust" in kept else impossible_thrust(flight, vehicle)
     if strong is not None and np.isfinite(strong.found):
         reading = Hypothesis(("thrust",), "unit", strong.sentence, np.full((1, 1), strong.found))
@@ -101,7 +100,7 @@ def as_meant(
     if strong is not None and not np.isfinite(strong.found):
         signals = replace(signals, signals={n: one for n, one in signals.signals.items() if n != "thrust"})
         told.append(replace(strong, sentence=f"{strong.sentence}; it is left out"))
-    return signals, [*told, *gains]
+    return signals, [*told, *unmended]
 
 
 def _require_one_unit(found: Correction) -> None:
@@ -141,7 +140,7 @@ def decisive_corrections(
     windows = [Window(half, layout) for part in _longest(parts) for half in _halves(part)]
     columns = [{name: window.data[name] for name in _examined(window.data)} for window in windows]
     found: list[Correction] = []
-    gains: list[Mistake] = []
+    unmended: list[Mistake] = []
     with np.errstate(all="ignore"):  # readings far from any motion overflow, and then win nothing
         while windows and len(found) < _MOST:
             before, forces = Misfit.of(windows, columns), ForceBalance(windows, columns)
@@ -152,25 +151,12 @@ def decisive_corrections(
             ]
             mending = [(one, after) for one, after in tried if before.mended_by(after, forces.asks_for(one))]
             if not mending:
-                gains = [
-                    _gain_mistake(angle, rate, before.gain(angle))
-                    for angle, rate in _TURNS
-                    if angle in before.gains and before.is_gain(angle) and not {angle, rate} & {*as_recorded}
-                ]
+                unmended = unmended_mistakes(before, windows, columns, as_recorded)
                 break
             best = _best(mending)
             found.append(Correction(best.as_mistake(), best, _as_likely(best, tried)))
             columns = [best.apply(c) for c in columns]
-    return found, gains
-
-
-def _gain_mistake(angle: str, rate: str, gain: float) -> Mistake:
-    text = (
-        f"{angle} turns {gain:.2f} times as far as {rate} says, all flight long: one of them has a wrong scale, and the"
-        f" coefficients may be as far off; both are taken as recorded (scale the wrong one in [signals] of the vehicle"
-        " file)"
-    )
-    return Mistake(group_name((angle, rate)), "scale", gain, "", text, (angle, rate))
+    return found, unmended
 
 
 def _best(mending: Sequence[tuple[Hypothesis, Misfit]]) -> Hypothesis:
@@ -219,7 +205,7 @@ def _tried(
     for one in hypotheses(set.union(*(set(c) for c in columns)), windows[0].layout.gravity):
         if doubted.issuperset(one.signals) or forces.asks_for(one):
             yield one
-    for name, rate in _TURNS[:2]:
+    for name, rate in TURNS[:2]:
         gain = before.gain(name)
         if name in failing and abs(gain - 1.0) > _GAIN and 1.0 / _LARGEST_GAIN < gain < _LARGEST_GAIN:
             yield scale_hypothesis((rate,), 1.0 / gain - 1.0)

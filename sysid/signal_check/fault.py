@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class Mistake:
     """One mistake found.
 
-    signal: its name, or that of a group of GROUPS. kind: unit, sign, axis or scale.
-    found: the factor to multiply by; NaN for axes.
-    unit: what the readings seem to be in. signals: all signals concerned.
+    signal: its name, or that of a group of GROUPS. kind: unit, sign, axis, scale or delay.
+    found: the factor to multiply by, the delay in s; NaN for axes.
+    unit: what the readings seem to be in, that of a delay. signals: all signals concerned.
     """
 
     signal: str

@@ -107,6 +107,37 @@ def test_a_small_gain_of_a_gyro_or_of_an_angle_is_said_and_left(
     assert mended(wrong, vehicle, one.signals[0]) == (wrong, [])
 
 
+@pytest.mark.parametrize("name", ["delay:phi+theta+psi:50 ms", "delay:p+q+r:200 ms", "delay:q:50 ms"])
+def test_angles_and_rates_of_different_times_are_said_and_left(
+    name: str, flight: FlightSignals, vehicle: Vehicle
+) -> None:
+    one = KINDS[name]
+    wrong = one.apply(flight)
+    found, mistakes = as_meant(wrong, prepare(wrong, vehicle), vehicle)
+    assert found is wrong
+    (said,) = mistakes
+    assert said.kind == "delay"
+    assert {"theta", "q"} <= set(said.signals) <= {"phi", "theta", "psi", "p", "q", "r"}
+    assert ("phi" in said.signals) == (len(one.signals) > 1)
+    late = one.delay_s if one.signals[0] in ("phi", "theta") else -one.delay_s
+    assert said.found == pytest.approx(late, abs=0.01)
+    assert f"{abs(said.found) * 1e3:.0f} ms {'after' if late > 0 else 'before'}" in said.sentence
+
+
+def test_a_scale_of_az_is_said_and_left(flight: FlightSignals, vehicle: Vehicle) -> None:
+    gains = []
+    for name in ("scale:az:0.9", "scale:az:1.3"):
+        wrong = KINDS[name].apply(flight)
+        found, mistakes = as_meant(wrong, prepare(wrong, vehicle), vehicle)
+        assert found is wrong
+        (said,) = mistakes
+        assert f"reads {said.found:.2f} of true" in said.sentence
+        assert mended(wrong, vehicle, "az") == (wrong, [])
+        gains.append(said.found)
+    assert gains[0] / gains[1] == pytest.approx(0.9 / 1.3, rel=0.01)  # this flight's az has an error of its own
+    assert gains[0] == pytest.approx(0.9, abs=0.05)
+
+
 def named_units(wrong: FlightSignals, flown: FieldFlight) -> tuple[FlightSignals | None, str]:
     """The flight as mended, None where it is not, and what is said."""
     try:
