@@ -16,6 +16,7 @@ from sysid.numerics.parallel import side_by_side
 Mask = NDArray[np.bool_]
 
 _COUNT = len(PARAMETERS)
+# Prior of the first state, wide on purpose, m/s and rad; length of gusts, m.
 _START_VELOCITY, _START_ANGLE = 20.0, 0.5
 _GUST_LENGTH_M = 30.0
 

@@ -30,7 +30,7 @@ from sysid.signals.sensor_layout import SensorLayout
 __all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "SensorLayout", "compatibility", "correct"]
 
 _COUNT = len(PARAMETERS)
-_MAX_ITERATIONS = 20
+_MAX_ITERATIONS = 20  # of Gauss-Newton
 # Passes from the sensors' own readings to a smoothed motion that moves no more.
 _SETTLING_PASSES = 4
 # Prior of a sensor error: ten times the standard error above which it is refused, so that it says nothing itself.

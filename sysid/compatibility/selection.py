@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.arrays import Array
 
+# Of two sensor errors, beyond which neither is told from the other.
 MAX_CORRELATION = 0.95
 
 

@@ -30,7 +30,7 @@ Complex = NDArray[np.complex128]
 GROUPS = {"elevator": ("alpha", "V", "theta"), "aileron": ("beta", "phi"), "rudder": ("beta", "phi")}
 _PEAK = 2.5  # of a response of many harmonics over its rms
 _INPUT_PEAK = 1.15 * math.sqrt(2.0)  # of an input with optimised phases over its rms
-_SWEEPS = 300
+_SWEEPS = 300  # of the search for phases with low peaks
 FLAT_SHARE = 0.2  # left to all harmonics alike, so that a wrong prior model is not believed blindly
 
 

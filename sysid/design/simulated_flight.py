@@ -21,7 +21,7 @@ from sysid.errors import EstimationError
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import STATES, Record
 
-RATE_HZ = 50.0
+RATE_HZ = 50.0  # at which a planned flight is recorded, as the reference paper's board does
 # Key under [sensors] of the vehicle file -> the channels whose noise it states.
 CHANNELS_OF = {
     "accelerometer": ("ax", "ay", "az"),

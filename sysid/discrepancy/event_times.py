@@ -15,7 +15,7 @@ from sysid.signals.record import OUTPUTS, Record
 _LOOKS = 400
 _APART_S = 1.0
 _NEEDED = ("airspeed", "alpha", "q", "ax", "az")
-_BAND_HZ = 8.0
+_BAND_HZ = 8.0  # of pitch rate, well above a small aircraft's short period
 # Share of a step that the other regressors must leave for it to be told.
 _OWN_SHARE = 1e-6
 

@@ -16,7 +16,7 @@ from sysid.quality.verdict import Quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 
-MAX_EFFECTS = 3
+MAX_EFFECTS = 3  # named together at most
 
 Progress = Callable[[float, str], None]
 

@@ -16,7 +16,7 @@ _UNITS = {
 }  # fmt: skip
 # Which of them a parameter is told in where no phrase says it.
 _OF_SI = {"rad": "deg", "rad/s": "deg/s", "s": "ms", "m": "mm", "m/s": "m/s", "N": "N"}
-_DIGITS = 3
+_DIGITS = 3  # of a figure in a sentence
 # Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
 LEAST_EXPONENT = -300
 _AXES = {

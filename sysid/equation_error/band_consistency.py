@@ -25,7 +25,7 @@ from sysid.equation_error.frequency_domain import band_of, frequency_regression
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 
-MOST_BANDS = 5
+MOST_BANDS = 5  # of frequency in which a derivative is estimated by itself
 # Lines of a band per term, below which its own standard errors are guesses.
 _LINES = 8
 # Scatter, as a share of the estimate, from which not even its sign is sure: two standard deviations reach zero.

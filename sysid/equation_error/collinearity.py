@@ -15,6 +15,8 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
 
+# Condition index and share of variance from which collinearity harms (Belsley, Kuh & Welsch 1980); variance
+# inflation and correlation that are called high.
 HARMFUL_INDEX = 30.0
 HARMFUL_SHARE = 0.5
 HIGH_VIF = 10.0

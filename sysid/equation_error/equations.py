@@ -27,7 +27,7 @@ from sysid.errors import EstimationError, SignalError
 from sysid.numerics.smoothing import Smoothed, fourier_smooth, smooth_columns
 from sysid.signals.flight import FlightData
 
-CUTOFF_HZ = 5.0
+CUTOFF_HZ = 5.0  # of the low-pass in front of equation error, above a small aircraft's rigid-body modes
 FORCES = ("CL", "CD", "CY")
 MOMENTS = ("Cl", "Cm", "Cn")
 CONTROLS = ("de", "da", "dr", "throttle")

@@ -22,6 +22,8 @@ from sysid.arrays import Array
 from sysid.equation_error.least_squares import RegressionResult, regress
 from sysid.errors import EstimationError
 
+# Partial F ratios by which a term enters and leaves (4 to 20 are usual: of many candidates chance alone gives one that
+# has 4), and most steps.
 F_ENTER, F_LEAVE = 12.0, 8.0
 _MOST_STEPS = 40
 # Share of the best partial correlation that counts as no worse.

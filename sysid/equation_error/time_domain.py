@@ -15,7 +15,7 @@ from sysid.equation_error.least_squares import RegressionResult, mixed_values, r
 from sysid.numerics.gaussian import Gaussian
 from sysid.signals.flight import FlightData
 
-JUMP_ROUNDS = 2
+JUMP_ROUNDS = 2  # in which samples beside a jump are left out
 
 
 def equation_error(

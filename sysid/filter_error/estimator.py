@@ -26,7 +26,7 @@ from sysid.output_error.estimator import prior_knowledge
 from sysid.problem.predictor import FreeParameter, Predictor
 from sysid.signals.record import OUTPUTS
 
-MAX_ITERATIONS = 30
+MAX_ITERATIONS = 30  # of Gauss-Newton
 # A step of less than this share of a standard error ends the estimation.
 _SETTLED = 0.05
 _NEAR = 1.0  # standard errors, within which noise and turbulence are estimated anew

@@ -55,6 +55,7 @@ from sysid.signals.record import (
 
 # Standard deviations of what is known of the start: a reconstruction from noisy sensors is far better than this.
 _START = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
+# Least noise of an output, m/s, below which one without noise would be trusted without end.
 _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.

@@ -34,6 +34,8 @@ OUTPUTS = (*STATES, "ax", "ay", "az")
 
 _LONGITUDINAL = slice(0, 4)
 _STILL = np.zeros(3)
+# Steps of differences, of a state and of a coefficient as a share of its size; a response below the last, of the
+# largest, is rounding.
 _STEP = 1e-5
 _COEFFICIENT_STEP = 1e-4
 _ROUNDING = 1e-10

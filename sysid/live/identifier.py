@@ -54,7 +54,7 @@ _RATES = ("p", "q", "r")
 _ACCELERATIONS = ("ax", "ay", "az")
 # What arithmetic of numbers beyond all measure raises, numpy's errors of linear algebra among them.
 _FAULTS = (ArithmeticError, ValueError)
-_FAILING_S = 3.0
+_FAILING_S = 3.0  # for which a sensor's failure stands without being seen again
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from sysid.problem.model_structure import REFUSED_SHARE, default_structure, help
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
 
-WINDOW_S = 25.0
+WINDOW_S = 25.0  # that an estimate looks back over
 # The first estimate comes after so much flight; later ones as often as their cost allows, at most so often.
 FIRST_S, EVERY_S = 8.0, 4.0
 # Without a vane the flow angle follows from what gusts and the attitude's errors leave of the kinematics.
@@ -44,7 +44,7 @@ _BEFORE_S, _UNDER_WAY_S = 1.5, 0.15
 # Without flight for so long the next flight is another; what it ends with is estimated once more, if it is so much.
 _AWAY_S, _LAST_S = 3.0, 1.0
 _ANGLES = ("alpha", "beta")
-_FEWEST = 10
+_FEWEST = 10  # samples of a signal
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
 _SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}

@@ -14,7 +14,7 @@ from scipy import linalg
 
 from sysid.arrays import Array
 
-DEFAULT_LENGTH_M = 30.0
+DEFAULT_LENGTH_M = 30.0  # of gusts, m, near the ground
 
 
 @dataclass(frozen=True)

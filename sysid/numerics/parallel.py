@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 _POOL = ThreadPoolExecutor(max_workers=1, thread_name_prefix="records")
 _HERE = local()
-_SWITCH_S = 2e-4
+_SWITCH_S = 2e-4  # s between two looks of threads for another's turn (sys.setswitchinterval)
 # The interval as it was found, then one entry for each who wants it short.
 _USERS: list[float] = []
 _USERS_LOCK = Lock()

@@ -9,7 +9,7 @@ from scipy import fft, linalg
 
 from sysid.arrays import Array
 
-_WINDOW_S, _SHORTEST_WINDOW = 8.0, 32
+_WINDOW_S, _SHORTEST_WINDOW = 8.0, 32  # s and samples of a window of Welch's spectrum
 
 
 def spectral_span(runs: Sequence[Array], interval_s: float) -> float:

@@ -22,7 +22,7 @@ from sysid.numerics.parallel import side_by_side
 from sysid.problem.predictor import FreeParameter, Predictor
 from sysid.signals.record import OUTPUTS, angle_wrap
 
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 25  # of Gauss-Newton
 # An estimate has converged when a step gains less log likelihood than this: 0.02 is a fifth of a standard error.
 # Along a curved valley, as a wrong model makes it, three small gains in a row will do.
 COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3

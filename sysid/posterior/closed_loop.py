@@ -17,6 +17,7 @@ from sysid.posterior.observations import CommonGrid
 
 # A command that a law of these explains to that share was no test input.
 LAW_OF = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
+# Share of a surface's motion that a feedback law explains, and delays of it that are tried, s.
 _LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 # A shorter part cannot tell an answer from chance, s.
 SHORTEST_LOOP_S = 15.0

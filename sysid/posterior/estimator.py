@@ -30,7 +30,7 @@ from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, Re
 from sysid.posterior.unknowns import SURFACES_OF
 from sysid.signals.record import STATES
 
-MAX_PASSES = 12
+MAX_PASSES = 12  # of Gauss-Newton
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
 # Slopes by what is imposed are worked out anew every so many steps, and before the search may end.

@@ -19,7 +19,7 @@ from scipy.linalg import expm
 from sim_vehicle.jit import jit_arrays
 from sysid.arrays import Array
 
-SERVO_DAMPING = 0.8
+SERVO_DAMPING = 0.8  # of a servo of second order
 # Shorter lags than this make no difference to anything a log can show, s.
 _SHORTEST_LAG_S = 5e-4
 # Longest interval at which a control loop sends its commands, s (50 Hz; a fifth for jitter).

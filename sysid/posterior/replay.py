@@ -16,7 +16,7 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import PRE_ROLL_S, SURFACES, Record
 
-_MARGIN_S = 1.0
+_MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 
 
 def as_moved(

@@ -18,6 +18,7 @@ from sysid.posterior.observations import CommonGrid
 
 Complex = NDArray[np.complex128]
 
+# Band of the spectrum of what is left.
 LOWEST_HZ, HIGHEST_HZ = 0.05, 15.0
 # Share of the slowest message's rate up to which a residual is compared.
 NYQUIST_SHARE = 0.42

@@ -16,13 +16,14 @@ from sysid.problem.predictor import STILL_AIR, Predictor
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap
 from sysid.signals.sensor_layout import SensorLayout
 
-WINDOW_S = 5.0
+WINDOW_S = 5.0  # s, over which a free simulation runs before it starts afresh
 GAP_OUTPUTS = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
 # Names of the outputs in results.
 GAP_NAMES = {name: ("V" if name == "airspeed" else name) for name in GAP_OUTPUTS}
 # Readings that the motion alone makes, and the states that make rates and attitude.
 _FLOW, _TURNING = ("airspeed", "alpha", "beta"), ("p", "q", "r", "phi", "theta")
 _READ = [OUTPUTS.index(name) for name in (*_FLOW, *_TURNING)]
+# Of the search for a state that reads as measured: change that is none, and steps at most.
 _SAME, _TRIES = 1e-6, 20
 
 

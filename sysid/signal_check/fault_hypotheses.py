@@ -27,7 +27,7 @@ FORCE = {
     "ft/s^2": 0.3048,
     "g converted twice": 1.0 / STANDARD_GRAVITY,
 }
-SPEED = {"km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704, "cm/s": 0.01}
+SPEED = {"km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704, "cm/s": 0.01}  # m/s of one unit
 AIRSPEED = {**SPEED, "m/s from hPa taken for Pa": 10.0, "m/s from Pa taken for hPa": 0.1}
 _UNITS: tuple[tuple[tuple[str, ...], dict[str, float]], ...] = (
     (ACCEL, FORCE), (GYRO, RATE), (ATTITUDE, ANGLE), (VANES, ANGLE), (GROUND, SPEED), (("airspeed",), AIRSPEED),

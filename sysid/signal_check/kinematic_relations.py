@@ -24,7 +24,7 @@ from sysid.compatibility.ekf_part import part_states
 from sysid.signals.flight import FlightData
 from sysid.signals.sensor_layout import SensorLayout
 
-SLOW_HZ = 0.15
+SLOW_HZ = 0.15  # below which drift and wind are projected out
 GROUND = ("vn", "ve", "vd")
 AIR = ("u", "v", "w")
 _LEAST_GROUND = 12  # GPS samples

@@ -27,7 +27,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sysid.arrays import Array
 from sysid.errors import CalibrationError
 
-WATER_DENSITY = 1000.0
+WATER_DENSITY = 1000.0  # kg/m^3, of a U-tube at the bench
 
 # Unit of the references -> (SI unit, factor). Microseconds stay: they are a servo's own unit everywhere.
 UNITS = {
@@ -42,7 +42,7 @@ UNITS = {
     "V": ("V", 1.0),
     "m/s": ("m/s", 1.0),
 }
-MAX_DEGREE = 9
+MAX_DEGREE = 9  # of a polynomial; readings at which a thrust's mode is sought, and its step in standard errors
 _MODE_GRID, _MODE_STEP = 801, 1e-2
 # Of readings and references in any unit: the largest, and the smallest spread.
 _LARGEST, _SMALLEST = 1e12, 1e-12

@@ -21,7 +21,7 @@ ANGLES = ("phi", "theta", "psi")
 # A satellite receiver's samples are outputs to compare with, never regressors: between them there is nothing.
 SPARSE = ("lat", "lon", "vn", "ve", "vd")
 HELD = ("de", "da", "dr", "throttle")
-GAP_S = 0.1
+GAP_S = 0.1  # s without a sample that are a gap
 # No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.
 LARGEST = 1e9
 # Longest flight put on a grid, s: two days.

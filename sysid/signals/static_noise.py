@@ -28,9 +28,9 @@ from sysid.signals.flight import Signal
 
 Array = NDArray[np.float64]
 
-SHORTEST_SAMPLES = 200
+SHORTEST_SAMPLES = 200  # of a bench log
 TERMS = ("N", "B", "K")
-_FALSE_ALARM = 1e-3
+_FALSE_ALARM = 1e-3  # probability of a line or a term of noise that is not there
 _EVIDENCE = chi2.isf(_FALSE_ALARM, 1) / 2.0  # gain in log likelihood that a further term must bring
 _ROLL_OFF = 0.7  # density of the upper band over the lower below which the sensor is taken to be filtered
 _FIRST_BIN = 2  # the taper mixes the mean into the bins before it

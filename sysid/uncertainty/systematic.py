@@ -29,7 +29,7 @@ from sysid.problem.problem import Problem
 from sysid.signals.record import SURFACES, Record, angle_wrap
 from sysid.signals.thrust_source import THRUST_BY_SQUARE
 
-DELAY_S = 0.010
+DELAY_S = 0.010  # s by which commands may be late without anybody's knowing
 SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
 
 
@@ -87,7 +87,7 @@ LINEAR = (
 # Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
 THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
-_REPEATED_STEPS = 12
+_REPEATED_STEPS = 12  # of Gauss-Newton, from the estimate
 # Seconds of flight on which an estimation is repeated.
 _REPEATED_S = 60.0
 # What these runs tell of each parameter, over what as much of the whole flight tells in the mean, at least.

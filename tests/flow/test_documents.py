@@ -27,6 +27,15 @@ def test_the_page_of_effects_is_the_catalogue() -> None:
     assert (ROOT / "docs" / "effects.md").read_text(encoding="utf-8") == page
 
 
+def test_the_page_of_settings_is_the_code_and_none_stands_without_a_word() -> None:
+    made = runpy.run_path(str(ROOT / "docs" / "settings.py"))
+    assert (ROOT / "docs" / "settings.md").read_text(encoding="utf-8") == made["page"]()
+    silent = [
+        (path, group.entries) for path, found in made["settings"]().items() for group in found if not group.meaning
+    ]
+    assert silent == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):

@@ -27,6 +27,7 @@ NUISANCE = (
     "accel_bias_x", "accel_bias_y", "accel_bias_z", "gyro_bias_p", "gyro_bias_q", "gyro_bias_r", "alpha_scale",
     "alpha_bias", "beta_scale", "beta_bias",
 )  # fmt: skip
+# Standard errors of a calibrated airspeed's bias, m/s, and scale.
 BENCH = {"airspeed_bias": 0.02, "airspeed_scale": 0.002}
 WIND = ("wind_north", "wind_east", "wind_down")
 # Beyond so many times that size it is an effect of its own and must compete with the others.

@@ -26,7 +26,7 @@ from sysid.problem.problem import Problem, start_values
 Start = Mapping[str, float]
 Effects = Sequence[tuple[str, str]]
 
-_FINALISTS = 3
+_FINALISTS = 3  # candidates fitted to the end
 # Of log likelihood, within which a candidate is as near as the first.
 _CLOSE = 12.5
 # Twice the log likelihood up to which what is missing has not spoiled the estimates of noise and turbulence.

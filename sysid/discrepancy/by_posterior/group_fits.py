@@ -25,7 +25,7 @@ from sysid.posterior.estimator import Posterior, Prior
 from sysid.posterior.unknowns import GROUPS
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
-_PASSES = 8
+_PASSES = 8  # of Gauss-Newton from a candidate's start
 # Prior of a coefficient that may be missing: so many usual sizes about none. Of another size: a share of its range.
 _COEFFICIENT, _SIZE = 3.0, 0.25
 # Of a moment that something happened at, s.

@@ -19,6 +19,7 @@ from sysid.arrays import Array
 from sysid.live.estimators.causes import AxisEquations, CauseFound, KnownAxis
 from sysid.live.estimators.decimation import RATE_HZ
 
+# Over which a change is looked for, s, and samples are kept.
 WINDOW_S = 2.5
 _MEMORY_S = 8.0
 _BEFORE_S = 3.0  # what is known counts as it was this long ago
@@ -35,7 +36,7 @@ _STILL = 1e-4
 
 # Of the constants only that of drag is one that ice changes and no bias of a sensor does.
 _DRAG, _DRAG_SHARE = "CD_0", 0.2
-_SETTLES_S = 0.2
+_SETTLES_S = 0.2  # s behind a change in which smoothed samples are of both
 
 
 @dataclass(frozen=True)

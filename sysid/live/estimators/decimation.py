@@ -7,6 +7,7 @@ from scipy import signal
 
 from sysid.arrays import Array, IntArray
 
+# Of the low-pass, and rate of the samples behind it: the motion that test inputs make ends at 2 to 3 Hz.
 CUTOFF_HZ = 4.0
 RATE_HZ = 10.0
 # Equivalent noise bandwidth of the filter, fourth order, over its cut-off frequency: (pi / 8) / sin(pi / 8).

@@ -22,6 +22,7 @@ from sysid.live.estimators.recursive_fourier import Complex, RecursiveFourier
 from sysid.live.estimators.spectral_least_squares import weighted
 from sysid.problem.model_structure import PRIOR_SHARE, usual_size
 
+# Of the Fourier sums, s: lines lie 1/WINDOW_S apart; up to HIGHEST_HZ; from LEAST_S of flight on.
 WINDOW_S = 10.0
 HIGHEST_HZ = 2.5
 _LEAST_S = 1.0

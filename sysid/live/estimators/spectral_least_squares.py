@@ -7,6 +7,7 @@ import numpy as np
 from sim_vehicle.jit import jit_arrays
 from sysid.arrays import Array
 
+# Rounds of reweighting by the spectrum of what is left; smallest eigenvalue of normal equations, of the largest.
 _ROUNDS = 3
 _SINGULAR = 1e-9
 # Of Student's quantile at 97.5 %, over that of the normal distribution: powers of 1 / degrees of freedom.

@@ -18,14 +18,14 @@ from sysid.arrays import Array
 
 # Columns of a row. Those behind V and alpha are NaN where they are not known.
 ROW = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "V", "alpha", "beta", "vn", "ve", "vd")
-_V, _ALPHA, _BETA, _GROUND = 9, 10, 11, 12
+_V, _ALPHA, _BETA, _GROUND = 9, 10, 11, 12  # places of these outputs
 _DRIVING = 8  # ax to theta
 # States: u v w through the air but for gusts, biases of the accelerometer, wind, scale of airspeed, bias and scale of
 # each vane, gusts along the body's axes.
 _BIAS, _WIND, _SPEED_SCALE, _ALPHA_BIAS, _ALPHA_SCALE, _BETA_BIAS, _BETA_SCALE, GUST = 3, 6, 9, 10, 11, 12, 13, 14
 SIZE = 17
-# Of each filter the standard deviation of the gusts, m/s, and the time in which those along the path fade, s.
 _STEPS = tuple(0.02 * 1.35**k for k in range(16))
+# Of each filter the standard deviation of the gusts, m/s, and the time in which those along the path fade, s.
 _FADING = (1.2, 4.5)
 INTENSITIES = np.array([0.0, *(intensity for _ in _FADING for intensity in _STEPS)])
 FADES_S = np.array([1.0, *(fades for fades in _FADING for _ in _STEPS)])

@@ -15,7 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.live.signals.row_alignment import Rows
 from sysid.signals.segments import GROUND_MARGIN_S, MIN_AIRSPEED, SLOW_FLIGHT_S
 
-_LARGEST_LIFT = 1.2
+_LARGEST_LIFT = 1.2  # lift coefficient, by which an aircraft may be flying
 # Of that speed: rolling aircraft are slower, gliding ones faster; a pull-up may fly slower for a while.
 _FLIES_FROM, _STANDS_BELOW = 0.8, 0.5
 _CLEARANCE_M = 1.5

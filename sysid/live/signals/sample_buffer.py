@@ -14,7 +14,7 @@ from sysid.signals.resampling import ANGLES, GAP_S, is_held
 
 Flags = NDArray[np.bool_]
 
-_FIRST_SAMPLES = 12
+_FIRST_SAMPLES = 12  # of a signal, before which its usual interval is unknown
 # A message that is later than so many of its periods after the one before is the next but one.
 _LOST = 1.6
 _SAME_S = 1e-6  # stamps that differ by less are the same

@@ -11,7 +11,7 @@ from sysid.live.signals.row_alignment import Rows
 
 # What each reading makes of the accelerometer, and how much of it a tenth of a degree or of a m/s makes.
 _FELT_BY = {"alpha": "az", "beta": "ay", "airspeed": "ax"}
-_FELT_M_S2 = 0.25
+_FELT_M_S2 = 0.25  # m/s^2, standard deviation of an acceleration of an aircraft that moves
 # Rows are left out after so long without a change of a reading, s: an airspeed comes seldom, in steps.
 _STILL_S = {"alpha": 0.3, "beta": 0.3, "airspeed": 2.0}
 # It is told to be stuck, and to have failed, after so long: one that sticks for a moment is one with friction.
