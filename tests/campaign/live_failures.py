@@ -1,8 +1,9 @@
 """Aircraft and sensors that fail in flight: what is told, how soon, by which name. Run: make campaign-live-failures
 
 Every failure of `sim-vehicle --fail` that a flight can show, on two aircraft, in calm air and in gusts, each after
-24 s of multisines, and as many flights in which nothing fails. A line of the store is one flight; a run that is broken
-off goes on where it stopped.
+24 s of multisines, and as many flights in which nothing fails. With --board the servos lag by up to 60 ms and commands
+are stamped up to 20 ms late, which the estimator does not know; with --light the inputs are half as large. A line of
+the store is one flight; a run that is broken off goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ from sim_vehicle.flight.failures import Failures, parse_failure  # noqa: E402
 from sim_vehicle.flight.flight_loop import fly  # noqa: E402
 from sim_vehicle.flight.plant import Plant  # noqa: E402
 from sim_vehicle.flight.sensor_suite import SensorSuite  # noqa: E402
-from sim_vehicle.manoeuvres.plan import plan_of  # noqa: E402
+from sim_vehicle.manoeuvres.plan import Plan, plan_of  # noqa: E402
 from sim_vehicle.model.model_file import read_model  # noqa: E402
 from sim_vehicle.vehicle.vehicle_file import load_vehicle  # noqa: E402
 from sysid.live.identifier import LiveIdentifier  # noqa: E402
@@ -54,21 +56,43 @@ SENSORS: dict[str, str] = {
     "gps-lost": "gps", "servo-channel=2": "de", "servo-channel=4": "dr",
 }  # fmt: skip
 QUIET = "nothing"
+MOST_LAG_S, MOST_SHIFT_S = 0.06, 0.02
+COMMANDS = ("de", "da", "dr", "throttle")
 QUIET_PLANS = ("multisine", "elevator-3211,aileron-3211,rudder-3211,cruise", "multisine,throttle-step", "cruise")
 
 
-def flown(case: str, vehicle: str, gusts: float, seed: int) -> FlightSignals:
+@dataclass(frozen=True)
+class Conditions:
+    """board: lags of servos and late stamps of commands that nobody knows of. light: inputs half as large."""
+
+    board: bool = False
+    light: bool = False
+
+    @property
+    def mark(self) -> str:
+        """A word for the store."""
+        return f"{'-board' if self.board else ''}{'-light' if self.light else ''}"
+
+
+def flown(case: str, vehicle: str, gusts: float, seed: int, conditions: Conditions) -> FlightSignals:
     """One flight in which a case fails."""
     failures = Failures([] if case == QUIET else [parse_failure(f"{case}@{AT_S:g}")])
     craft, model = load_vehicle(vehicle), Failures.flyable(read_model(vehicle))
     if gusts:
         model = model.with_effect(*parse_effect(f"turbulence:sigma={gusts:g},length={GUST_LENGTH_M:g}"))
     generator = np.random.default_rng(seed)
+    lag, shift = generator.uniform((0.0, 0.0), (MOST_LAG_S, MOST_SHIFT_S)) if conditions.board else (0.0, 0.0)
+    if conditions.board:
+        model = model.with_effect(*parse_effect(f"actuator_lag:tau={lag:.4f}"))
     suite = SensorSuite(craft, generator=generator, failures=failures)
     plan = plan_of((QUIET_PLANS[seed % len(QUIET_PLANS)] if case == QUIET else "multisine").split(","))
+    if conditions.light:
+        plan = Plan(tuple(replace(one, amplitude=0.5 * one.amplitude) for one in plan.segments))
     plant = Plant(craft, model, max_step=0.0021)
     found = fly(plant, plan, suite=suite, generator=generator, duration=SECONDS, failures=failures)
-    return signals_of(found, craft, case)
+    signals = signals_of(found, craft, case)
+    late = {n: replace(one, time_s=one.time_s + shift) for n, one in signals.signals.items() if n in COMMANDS}
+    return replace(signals, signals={**signals.signals, **late})
 
 
 def cases(seeds: int) -> list[tuple[str, str, float, int]]:
@@ -82,13 +106,13 @@ def cases(seeds: int) -> list[tuple[str, str, float, int]]:
     ]
 
 
-def trial(number: int, seeds: int) -> dict[str, Any]:
+def trial(number: int, seeds: int, conditions: Conditions) -> dict[str, Any]:
     """One flight: what was told, and when."""
     case, vehicle, gusts, seed = cases(seeds)[number]
     line: dict[str, Any] = {"seed": number, "case": case, "vehicle": vehicle, "gusts": gusts}
     live = LiveIdentifier(load_vehicle(vehicle))
     told_at: dict[str, float] = {}
-    for count, samples in enumerate(pieces(flown(case, vehicle, gusts, seed), EVERY_S / 8.0), 1):
+    for count, samples in enumerate(pieces(flown(case, vehicle, gusts, seed, conditions), EVERY_S / 8.0), 1):
         live.take(samples)
         if count % 8:
             continue
@@ -179,10 +203,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Failures in flight, told live.")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each case in each air (default 1)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--board", action="store_true", help="servos that lag, commands stamped late")
+    parser.add_argument("--light", action="store_true", help="inputs half as large")
     given = parser.parse_args()
+    conditions = Conditions(given.board, given.light)
     mark = fingerprint(("sysid", "sim_vehicle", "live_flights", "simulated"))
     numbers = range(len(cases(given.seeds)))
-    table(fly_missing(trial, numbers, given.workers, OUTPUT / f"{mark}.jsonl", given.seeds))
+    table(
+        fly_missing(trial, numbers, given.workers, OUTPUT / f"{mark}{conditions.mark}.jsonl", given.seeds, conditions)
+    )
     return 0
 
 
