@@ -56,7 +56,7 @@ SENSORS: dict[str, str] = {
     "gps-lost": "gps", "servo-channel=2": "de", "servo-channel=4": "dr",
 }  # fmt: skip
 QUIET = "nothing"
-MOST_LAG_S, MOST_SHIFT_S = 0.06, 0.02
+LEAST_LAG_S, MOST_LAG_S, MOST_SHIFT_S = 0.001, 0.06, 0.02
 COMMANDS = ("de", "da", "dr", "throttle")
 QUIET_PLANS = ("multisine", "elevator-3211,aileron-3211,rudder-3211,cruise", "multisine,throttle-step", "cruise")
 
@@ -81,7 +81,7 @@ def flown(case: str, vehicle: str, gusts: float, seed: int, conditions: Conditio
     if gusts:
         model = model.with_effect(*parse_effect(f"turbulence:sigma={gusts:g},length={GUST_LENGTH_M:g}"))
     generator = np.random.default_rng(seed)
-    lag, shift = generator.uniform((0.0, 0.0), (MOST_LAG_S, MOST_SHIFT_S)) if conditions.board else (0.0, 0.0)
+    lag, shift = generator.uniform((LEAST_LAG_S, 0.0), (MOST_LAG_S, MOST_SHIFT_S)) if conditions.board else (0.0, 0.0)
     if conditions.board:
         model = model.with_effect(*parse_effect(f"actuator_lag:tau={lag:.4f}"))
     suite = SensorSuite(craft, generator=generator, failures=failures)
