@@ -19,7 +19,7 @@ from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate
 from sysid.numerics.normal_equations import inverse
 
-# A start value is moved by what the score tells, but not by more than these factors.
+# A start value is moved by what the score predicts, but not by more than these factors.
 _LEAST, _MOST = 0.1, 3.0
 # Of an effect's plausible range, beyond which the score's linear prediction is not followed.
 _RANGE = 0.5
@@ -84,7 +84,7 @@ def _best(
 
 
 def _moved(candidate: Candidate, start: dict[str, float], column: ScoredColumn, share: float) -> tuple[float, bool]:
-    """A parameter moved as its score tells, within reason, and whether an effect of that sign is possible."""
+    """A parameter moved as its score predicts, within reason, and whether an effect of that sign is possible."""
     parameter = next(p for p in candidate.effect.parameters if p.name == column.name)
     if start[column.name] == 0.0 or parameter.low < 0.0:
         reach = _RANGE * max(abs(parameter.low), abs(parameter.high))

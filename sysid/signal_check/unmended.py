@@ -1,7 +1,7 @@
-"""Mistakes that are said and not mended, since a flight does not tell what is wrong.
+"""Mistakes that are reported and not corrected, since a flight does not show what is wrong.
 
 Where an angle turns by another multiple of what the rate says, or at another time, one of both is wrong, and kinematics
-do not tell which. Where the specific force along z is another one than carries the aircraft, az has a wrong scale or a
+do not show which. Where the specific force along z is another one than carries the aircraft, az has a wrong scale or a
 bias.
 """
 

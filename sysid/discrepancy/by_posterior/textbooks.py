@@ -39,9 +39,9 @@ def is_of_the_field(found: PosteriorEstimate) -> bool:
 
 
 def as_of_textbooks(vehicle: Vehicle) -> Vehicle:
-    """The vehicle with servos and sensors that do at once and exactly as told, where its file says nothing else.
+    """The vehicle with servos and sensors that do at once and exactly as commanded, where its file says nothing else.
 
-    How late the airspeed comes stays open: accelerometers tell it, whatever the model.
+    The delay of the airspeed stays free: accelerometers determine it, whatever the model.
     """
     sensors = vehicle.sensors
     controls = {name: _exact(one, "delay", "lag", "backlash") for name, one in vehicle.controls.items()}
