@@ -34,7 +34,7 @@ _COLOURED = 1.8
 class MaximumLikelihood:
     """An estimate, the problem it solves, and how.
 
-    method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
+    method: "oe" or "fe". refused: sensor errors that the flight cannot identify beside the coefficients. warnings: in
     words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
     left_over: what output error has not explained, in words; its bars are too small then. linearised: of output error,
     where the last step started, the noise of the inputs not yet taken out.
@@ -170,9 +170,9 @@ def _with_misfit(
     result, _ = carry(misled(held, here), here, result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
-    told = replace(corrected, known=problem.known)
+    completed = replace(corrected, known=problem.known)
     nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
-    return MaximumLikelihood(told, nearest, "oe", (), warnings, nothing, solved, linearised=here)
+    return MaximumLikelihood(completed, nearest, "oe", (), warnings, nothing, solved, linearised=here)
 
 
 def systematic(

@@ -98,7 +98,7 @@ def smooth_series(values: Array, max_share: float = 0.5) -> Array:
 
 
 def _terms(values: Array, coefficients: Array, max_share: float) -> int:
-    """How many terms of the cosine series of `values` stand out of the noise."""
+    """How many terms of the cosine series of `values` are above the noise."""
     n = values.size
     power = np.concatenate((np.cumsum(coefficients[::-1] ** 2)[::-1][1:], [0.0]))
     limit = max(1, int(max_share * n))
