@@ -88,7 +88,7 @@ class Protocol:
 
     # --- parameters ---
 
-    def _tell(self, parameter: Parameter | None) -> None:
+    def _send_value(self, parameter: Parameter | None) -> None:
         if parameter:
             name = parameter.name.encode("ascii")
             kind = mavlink.MAV_PARAM_TYPE_REAL32
@@ -97,14 +97,16 @@ class Protocol:
 
     def _parameter_list(self, message: Any) -> None:
         for parameter in self._onboard.all():
-            self._tell(parameter)
+            self._send_value(parameter)
 
     def _parameter_read(self, message: Any) -> None:
         by_name = message.param_index < 0
-        self._tell(self._onboard.get(_text(message.param_id)) if by_name else self._onboard.at(message.param_index))
+        self._send_value(
+            self._onboard.get(_text(message.param_id)) if by_name else self._onboard.at(message.param_index)
+        )
 
     def _parameter_set(self, message: Any) -> None:
-        self._tell(self._onboard.set(_text(message.param_id), message.param_value))
+        self._send_value(self._onboard.set(_text(message.param_id), message.param_value))
 
     # --- commands ---
 

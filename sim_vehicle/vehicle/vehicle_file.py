@@ -174,7 +174,7 @@ class Vehicle:
 
     @classmethod
     def unknown(cls) -> Vehicle:
-        """A vehicle of which nothing is known but what its messages tell: no controls, no calibration, no numbers."""
+        """A vehicle of which nothing is known but what its messages say: no controls, no calibration, no numbers."""
         nan = math.nan
         return cls(
             name="",

@@ -91,8 +91,8 @@ def refusal(value: float, found: BandEstimates) -> str | None:
         return None
     estimated = found.values[np.isfinite(found.values)]
     return (
-        f"bands of frequency give {estimated.min():.3g} to {estimated.max():.3g}: feedback, gusts or missing physics bias "
-        "the regression by its own size"
+        f"bands of frequency give {estimated.min():.3g} to {estimated.max():.3g}: feedback, gusts or missing physics "
+        "bias the regression by its own size"
     )
 
 
