@@ -92,8 +92,8 @@ class Protocol:
         if parameter:
             name = parameter.name.encode("ascii")
             kind = mavlink.MAV_PARAM_TYPE_REAL32
-            said = self._build.param_value_encode(name, parameter.value, kind, len(self._onboard), parameter.index)
-            self._voice.say(said)
+            reply = self._build.param_value_encode(name, parameter.value, kind, len(self._onboard), parameter.index)
+            self._voice.say(reply)
 
     def _parameter_list(self, message: Any) -> None:
         for parameter in self._onboard.all():
@@ -114,8 +114,8 @@ class Protocol:
         """Acknowledge first, then say what was asked for."""
         result, asked = self._commands.run(message)
         self._voice.say(self._build.command_ack_encode(message.command, result, 0, 0, *_sender(message)))
-        for said in asked:
-            self._voice.say(said)
+        for reply in asked:
+            self._voice.say(reply)
 
     def _data_stream(self, message: Any) -> None:
         hz = min(float(message.req_message_rate), LARGEST_HZ) if message.start_stop else 0.0

@@ -29,7 +29,7 @@ HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 @jit
 def split_delay_ticks(E: Array, dt: float) -> tuple[int, float]:
-    """Whole ticks of `dt` s that the sensors of the late group come late by the effects E, and the part beside them."""
+    """Whole ticks of `dt` s by which the effects E delay the sensors of their group, and the part beside them."""
     return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
 
 

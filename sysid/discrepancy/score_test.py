@@ -23,7 +23,7 @@ from sysid.numerics.normal_equations import inverse
 _LEAST, _MOST = 0.1, 3.0
 # Of an effect's plausible range, beyond which the score's linear prediction is not followed.
 _RANGE = 0.5
-# Share of a direction that nothing else can imitate, below which it is taken for an imitation.
+# Share of a direction that nothing else can imitate, below which it counts as an imitation.
 _OWN = 1e-6
 
 
@@ -50,7 +50,7 @@ def gains_of(
 
     inner: (P, P) information of the model's own parameters, downhill: (P,) their gradient, both with priors. rows: (C,
     P + C) information of the columns with those and with one another, gradient: (C,) theirs. own_share: of a
-    direction that nothing else can imitate, below which it is taken for an imitation.
+    direction that nothing else can imitate, below which it counts as an imitation.
     """
     own = downhill.size
     solve, cross, outer = inverse(inner), rows[:, :own], rows[:, own:]

@@ -30,7 +30,7 @@ MOST_BANDS = 5  # of frequency in which a derivative is estimated by itself
 _LINES = 8
 # Scatter, as a share of the estimate, from which not even its sign is sure: two standard deviations reach zero.
 _UNSURE = 0.5
-# Chance that bands which agree are said to differ, per coefficient.
+# Chance that bands which agree are reported as different, per coefficient.
 _CHANCE = 1e-3
 
 

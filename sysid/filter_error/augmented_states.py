@@ -1,6 +1,6 @@
 """Sensors that remember, as states of the filter.
 
-A sensor with a lag, or one that comes late by a part of a sample, reads y_k = m_k + c1 x_k of what is there, x, with a
+A sensor with a lag, or one that is delayed by a part of a sample, reads y_k = m_k + c1 x_k of what is there, x, with a
 memory m_{k+1} = a y_k + c0 x_k = a m_k + (a c1 + c0) x_k (the motion taken as straight between samples: exact for a
 first-order lag of a ramp). A filter that takes such a sensor as free of lag believes it too much: m is a state of its
 own.

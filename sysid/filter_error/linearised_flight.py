@@ -275,8 +275,8 @@ class FilteredFlight:
     def _predicted(
         self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
-        """One step ahead and what is read. read_ahead: see `delay_measurements`; else readings that come late are
-        expected so, which keeps their noise out of what is compared with them.
+        """One step ahead and what is read. read_ahead: see `delay_measurements`; else delayed readings are
+        expected with their delay, which keeps their noise out of what is compared with them.
         """
         record, path = self.records[k], self.paths[k]
         lagging, effects = bool(np.any(flat.E[_LAGGING])), self._effects(flat, record)

@@ -81,11 +81,11 @@ class FlightsRead:
     judges: Sequence[Meant]
 
     def mistakes(self) -> tuple[Mistake, ...]:
-        """What was mended in the flights that are fitted, or said of them."""
+        """What was mended in the flights that are fitted, or reported of them."""
         return tuple({one.sentence: one for each in self.fitted for one in each.mistakes}.values())
 
     def judged_warnings(self) -> list[str]:
-        """What is said of the flights to judge by."""
+        """What is reported of the flights to judge by."""
         each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
         return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
 

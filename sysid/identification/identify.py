@@ -254,7 +254,7 @@ class _Posed:
     """Prepared flights with the problem to solve.
 
     start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
-    were not recorded, and what was said of them.
+    were not recorded, and what was reported of them.
     """
 
     asked: Request

@@ -105,7 +105,7 @@ def _in_calm_air(
     problem, result = here.problem, here.result
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
-    # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
+    # What a bench's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own.
     wider = None
     if not bench and all(record.thrust_source.measured for record in problem.records):
         try:
@@ -133,7 +133,7 @@ def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) 
         return ""
     return (
         f"what output error leaves of {most} is no noise of a sensor, its spectrum spans a factor of"
-        f" {np.exp(spans[most]):.0f}: surfaces that come late, gusts, vibration or a missing effect; the standard"
+        f" {np.exp(spans[most]):.0f}: delayed surfaces, gusts, vibration or a missing effect; the standard"
         " errors do not count it; use --method map"
     )
 

@@ -425,7 +425,7 @@ class LiveIdentifier:
         return {name: one.variance for name, one in self._noise.items() if isfinite(one.variance)}
 
     def _update(self, axis: str, one: Axis, errors: Mapping[str, AirDataError], *, checked: bool) -> None:
-        # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
+        # A scale on which the flight holds no information counts as calibrated, as it does after the flight.
         biases = {
             name: (error.value, error.std) for name, error in errors.items() if error.observed or "scale" not in name
         }

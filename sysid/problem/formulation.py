@@ -53,7 +53,7 @@ def make_problem(
     sensors: names to estimate; None takes those that the compatibility check can identify. run_s: longest free run, s.
     ground: whether velocity over ground, where measured, counts in a motion that is free in all axes though no vane is
     missing; else it counts for the air data alone, by what the compatibility check made of it. dead: surfaces that
-    were not recorded and what was said of them; their part of the motion is taken from the measurement.
+    were not recorded and what was reported of them; their part of the motion is taken from the measurement.
     Raises EstimationError where that leaves nothing to be simulated.
     """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]

@@ -77,8 +77,8 @@ def as_meant(
 ) -> tuple[FlightSignals, list[Mistake]]:
     """A flight without the mistakes that no owner would doubt, and what they are.
 
-    flight: the signals prepared. as_recorded: signals that are never taken for wrong, beside those of the vehicle file.
-    Raises SignalError where the density of the air is one that no air has, and for a name of no signal.
+    flight: the signals prepared. as_recorded: signals that are never considered wrong, beside those of the vehicle
+    file. Raises SignalError where the density of the air is one that no air has, and for a name of no signal.
     """
     kept = {*as_recorded, *vehicle.as_recorded}
     require_searched(kept)
@@ -133,7 +133,7 @@ def decisive_corrections(
     """Mistakes of uniform parts without NaN in IMU, attitude and airspeed, the surest first; and those of which it is
     not sure whose they are, which nothing mends.
 
-    as_recorded: signals that are never taken for wrong.
+    as_recorded: signals that are never considered wrong.
     """
     # What the accelerometers' lever arm adds is small beside any mistake, and takes longer than all else.
     layout = replace(layout, accelerometer=(0.0, 0.0, 0.0))

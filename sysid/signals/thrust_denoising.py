@@ -176,7 +176,7 @@ def _explained(
 
     Two powers of the airspeed, and the throttle behind its lag, count where the Bayesian information criterion asks for
     them. Where the airspeed counts it is a propeller that pulls, and a throttle that moves counts as well: swings of
-    it that are too small to be seen would else be taken for drag, which they moved by two standard errors.
+    it that are too small to be seen would else be mistaken for drag, which they moved by two standard errors.
     """
     n = thrust.size
     best: tuple[Array, Array, AirspeedLaw | None] = (thrust, np.ones((n, 1)), None)

@@ -41,7 +41,8 @@ from sysid.signals.preparation import Prepared, require_thrust
 # where the flight determines it so much better than was known before.
 _SEEN, _INFORMED = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
-# Name -> what is said where it is above its null and below it, "" for nothing, the null, the factor to the unit said.
+# Name -> what is reported where it is above its null and below it, "" for nothing, the null, the factor to its
+# unit.
 _BESIDE = {
     "servo_delay": ("the servos answer {:.0f} ms late", "", 0.0, 1e3),
     "servo_lag": ("the servos lag by {:.0f} ms", "", 0.0, 1e3),
