@@ -133,9 +133,9 @@ def optimal_amplitudes(
     share = start.copy()
     for _ in range(_SWEEPS):
         whole = np.eye(size.size) + np.einsum("k,kpq->pq", share, each)
-        information = np.einsum("pq,kqp->k", np.linalg.inv(whole), each)
+        per_harmonic = np.einsum("pq,kqp->k", np.linalg.inv(whole), each)
         for member in members:
-            share[member] *= information[member] / float(share[member] @ information[member])
+            share[member] *= per_harmonic[member] / float(share[member] @ per_harmonic[member])
     share = (1.0 - flat_share) * share + flat_share * start
     amplitudes = np.sqrt(share / np.concatenate(price))
     edges = np.cumsum([len(numbers) for numbers in harmonics.values()])[:-1]

@@ -36,13 +36,13 @@ class _Gap:
 
 def sentence(result: Result) -> str:
     """What a result of schema discrepancy/1 says, in one or a few sentences."""
-    sentence = {
+    text = {
         "none": _none,
         "parameter_error": _parameter_error,
         "missing_effect": _missing_effect,
         "unexplained": _unexplained,
     }[result["verdict"]](result)
-    return sentence[0].upper() + sentence[1:]
+    return text[0].upper() + text[1:]
 
 
 def shrinking(gap: Mapping[str, Mapping[str, float | None]], before: str, after: str) -> list[str]:

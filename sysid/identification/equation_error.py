@@ -69,8 +69,8 @@ class _Regression:
 
     def values(self, parts: Sequence[FlightData], vehicle: Vehicle) -> Array:
         """(P,) in the order of `names`."""
-        values = equation_values(parts, body_of(vehicle), self.names, self.command_first, diffuse(self.names))
-        return np.array([values[name] for name in self.names])
+        found = equation_values(parts, body_of(vehicle), self.names, self.command_first, diffuse(self.names))
+        return np.array([found[name] for name in self.names])
 
 
 def diffuse(names: Sequence[str]) -> Gaussian:
