@@ -39,7 +39,7 @@ def delay_prediction(y: Array, effects: Array, whole: int) -> Array:
 
 
 def delay_measurements(record: Record, effects: Array, whole: int) -> Array:
-    """(N, 15) what readings of a group that come `whole` samples late would be more if they came in time.
+    """(N, 15) what readings of a group that are delayed by `whole` samples would be more if they came in time.
 
     The filter knows the motion by its sensors: delayed ones are read ahead, so that its state is never theirs.
     """

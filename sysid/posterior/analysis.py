@@ -256,7 +256,7 @@ def _begun(
         if known is not None:
             middle, information = _with_known(middle, information, model.names, known)
         begin = middle.copy()
-        # What equation error calls the delay is the servo's whole lateness.
+        # What equation error calls the delay is the servo's whole delay, lag included.
         lag_s = next((one.mean for one in unknowns if one.name == "servo_lag"), 0.0)
         for i, one in enumerate(unknowns, len(mean)):
             if one.name == "servo_delay" and not position:

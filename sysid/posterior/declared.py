@@ -61,7 +61,7 @@ def zero_stds(vehicle: Vehicle) -> dict[str, float]:
 
 
 def airspeed_lag(vehicle: Vehicle, messages: Mapping[str, str]) -> tuple[float, float]:
-    """Mean and standard deviation, s, of how late the airspeed reads: lag, delay and stamps together."""
+    """Mean and standard deviation, s, of the delay of the airspeed: lag, delay and stamps together."""
     sensor, (offset, offset_std) = vehicle.sensors.airspeed, lateness(vehicle, messages, ("airspeed",))
     mean, std = AIRSPEED_LAG_S
     mean = mean if sensor.lag.value is None else sensor.lag.value

@@ -37,14 +37,14 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
 
-# What is estimated beside coefficients and a simulation lacks: reported where it is so many standard errors off, and
+# What is estimated beside coefficients that a simulation lacks: reported where it is so many standard errors off, and
 # where the flight determines it so much better than was known before.
 _SEEN, _INFORMED = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
-# Name -> what is reported where it is above its null and below it, "" for nothing, the null, the factor to its
-# unit.
+# Name -> what is reported where it is above its null and below it, "" for nothing, the null, the factor to
+# its unit.
 _BESIDE = {
-    "servo_delay": ("the servos answer {:.0f} ms late", "", 0.0, 1e3),
+    "servo_delay": ("the servos are delayed by {:.0f} ms", "", 0.0, 1e3),
     "servo_lag": ("the servos lag by {:.0f} ms", "", 0.0, 1e3),
     "servo_backlash": ("the linkages have {:.2f} deg of play to either side", "", 0.0, 180.0 / np.pi),
     "airspeed_error": ("the airspeed reads {:.1f} % too much", "the airspeed reads {:.1f} % too little", 0.0, 100.0),
