@@ -37,7 +37,7 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
 
-# What is estimated beside coefficients that a simulation lacks: reported where it is so many standard errors off, and
+# What is estimated beside the coefficients: reported where it is so many standard errors off, and
 # where the flight determines it so much better than was known before.
 _SEEN, _INFORMED = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
