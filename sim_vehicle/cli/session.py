@@ -96,7 +96,7 @@ def run(given: argparse.Namespace) -> None:
     if problem:
         raise SinkError(f"--truth {given.truth} {problem}; give another file")
     flights = [_Flight(given, settings, plan, number) for number in range(given.vehicles)]
-    flights[0].plant.trim()  # what cannot fly is told before a file is made or a ground station waited for
+    flights[0].plant.trim()  # what cannot fly is reported before a file is made or a ground station waited for
     _warm_up(flights[0].plant, steady)
     voices = [Voice(flight.system, version=1 if given.mavlink1 else 2, key=key) for flight in flights]
     link = None if given.record else open_link(given.out)
@@ -177,7 +177,7 @@ def _write_truth(flights: list[_Flight], path: Path) -> None:
 
 
 class _Progress:
-    """Tells a terminal how far the flight is. duration: s of the plan."""
+    """Shows on a terminal how far the flight is. duration: s of the plan."""
 
     def __init__(self, duration: float) -> None:
         self._duration = duration

@@ -9,7 +9,7 @@ from pathlib import Path
 def unwritable(path: Path) -> str | None:
     """Why nothing can be written to `path`, as the end of a sentence about it; None where it can.
 
-    Only the attempt tells for sure (a read-only disk, a folder that root may write to in name alone), so it is made,
+    Only the attempt shows for sure (a read-only disk, a folder that root may write to in name alone), so it is made,
     and leaves nothing behind.
     """
     if path.is_dir():

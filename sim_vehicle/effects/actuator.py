@@ -30,7 +30,7 @@ ACTUATOR_DELAY = Effect(
     (Parameter("delay", "s", 0.0, 0.2, starts=(0.02,)),),
     "bench test of the servo delay",
     memory=Remembers.INPUT,
-    phrase="the commands come {delay:ms} late",
+    phrase="the commands are delayed by {delay:ms}",
 )
 ACTUATOR_BACKLASH = Effect(
     "actuator_backlash",

@@ -62,7 +62,7 @@ class Parameter:
     time constant, a rate) is also the least that is simulated, and 0 means that the parameter cannot be negative.
     starts: values an estimator starts from; several where the likelihood has several hills.
     default: value taken when none is given; None means it must be given.
-    fitted: False for shape constants that flights cannot tell (the sharpness of a stall), and for choices.
+    fitted: False for shape constants that flights cannot identify (the sharpness of a stall), and for choices.
     choices: the names, empty for a number. moment: whether it is a moment of the flight, sought all over it.
     step: for difference quotients; wider than usual where outputs are smooth only on the average.
     """
@@ -94,9 +94,9 @@ class Effect:
     """One entry of the catalogue.
 
     title: a short noun phrase for people.
-    separated_by: the manoeuvre that tells it from what it is easily confused with.
+    separated_by: the manoeuvre that distinguishes it from what it is easily confused with.
     needs: what a flight must have for it to show.
-    alias: what it cannot be told from in any flight, or "" if nothing; by_curvature: but for how that bends.
+    alias: what it cannot be distinguished from in any flight, or "" if nothing; by_curvature: but for how that bends.
     phrase: what is missing in a sentence without full stop, its parameters in braces with units of people, as
     `{tau:ms}`; "" takes title and numbers.
     memory, outputs: what it remembers, and the readings that a sensor's lag acts on.
@@ -127,7 +127,7 @@ class Effect:
         return tuple(other for other, _ in self.separations)
 
     def manoeuvre_against(self, other: Effect) -> str:
-        """The manoeuvre that tells this effect from `other`."""
+        """The manoeuvre that distinguishes this effect from `other`."""
         own, theirs = dict(self.separations), dict(other.separations)
         return own.get(other.name) or theirs.get(self.name) or self.separated_by
 

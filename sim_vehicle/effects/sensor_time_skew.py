@@ -1,4 +1,4 @@
-"""Sensors of one group that show the motion late: z(t) = y(t - delay).
+"""Sensors of one group that show the motion with a delay: z(t) = y(t - delay).
 
 Groups: the vanes; air data (airspeed); the inertial unit (ax ay az p q r); the attitude (phi theta psi). A delay is so
 many whole ticks and a part of one; what was there at that moment within a tick is flown to (`simulation.glimpse`), not
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 GROUPS = ("vanes", "air_data", "imu", "attitude")
 SENSOR_TIME_SKEW = Effect(
     "sensor_time_skew",
-    "sensors that come late",
+    "delayed sensors",
     Stage.SENSOR,
     (
         Parameter("delay", "s", 0.0, 0.3, starts=(0.01, 0.03, 0.05, 0.09, 0.15)),
@@ -27,7 +27,7 @@ SENSOR_TIME_SKEW = Effect(
     ),
     "hardware that stamps all sensors on one clock; a tap on the airframe",
     memory=Remembers.LATENESS,
-    phrase="a group of sensors comes {delay:ms} late",
+    phrase="a group of sensors is delayed by {delay:ms}",
 )
 # Places among CHANNELS and READINGS: airspeed, alpha beta, p q r, phi theta psi, ax ay az.
 _FIRST_OF_GROUP = ((1, 3), (0, 1), (3, 6), (6, 9))
@@ -109,7 +109,7 @@ def delay_channels(y: Array, shown: Array, group: float, late: float) -> None:
 
 @jit_arrays
 def delay_rows(values: Array, late: float) -> Array:
-    """(N, K) derivatives of readings, as those of readings that come `late` samples late."""
+    """(N, K) derivatives of readings, as those of readings delayed by `late` samples."""
     delayed = np.zeros(values.shape)
     for k in range(values.shape[0]):
         row, a, b, c, d = late_nodes(k, values.shape[0], late)

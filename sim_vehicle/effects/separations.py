@@ -1,4 +1,4 @@
-"""Which effects a flight easily takes for one another, and the manoeuvre that tells such a pair apart.
+"""Which effects are easily mistaken for one another, and the manoeuvre that distinguishes such a pair.
 
 An empty manoeuvre is the effect's general one (`Effect.separated_by`).
 """

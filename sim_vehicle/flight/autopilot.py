@@ -28,7 +28,7 @@ _BANK_REST = 0.25  # share of the bank hold that stays, or a 20 s lateral manoeu
 
 @dataclass(frozen=True)
 class Targets:
-    """What is to be held: airspeed, m/s as the sensor tells it; height, m; heading, rad."""
+    """What is to be held: airspeed, m/s as the sensor reads it; height, m; heading, rad."""
 
     airspeed: float
     altitude: float

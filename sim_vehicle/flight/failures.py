@@ -254,10 +254,10 @@ class Failures:
     def __init__(self, failures: Sequence[Failure] = ()) -> None:
         self.every = tuple(sorted(failures, key=lambda one: one.time_s))
         self._waiting = [one for one in self.every if one.kind.plant is not None]
-        # What broken surfaces stand at, what broken sensors read, what dead channels of the telemetry tell.
+        # What broken surfaces stand at, what broken sensors read, what dead channels of the telemetry report.
         self._stands: dict[str, float] = {}
         self._read: dict[Failure, BrokenReading] = {}
-        self._told: dict[int, int] = {}
+        self._reported: dict[int, int] = {}
 
     @staticmethod
     def flyable(model: Model) -> Model:
@@ -301,13 +301,13 @@ class Failures:
             self._read[one] = replace(seen, last=readings[channel])
 
     def lost(self, time_s: float) -> frozenset[str]:
-        """Groups of sensors that tell nothing any more."""
+        """Groups of sensors that report nothing any more."""
         return frozenset("gps" for one in self._now(time_s) if one.name == "gps-lost")
 
-    def told(self, time_s: float, pulses: Mapping[int, int]) -> dict[int, int]:
-        """Pulses as the telemetry tells them, us by servo."""
+    def reported(self, time_s: float, pulses: Mapping[int, int]) -> dict[int, int]:
+        """Pulses as the telemetry reports them, us by servo."""
         dead = {int(one.size) for one in self._now(time_s) if one.kind.channel == "servo"}
-        return {n: self._told.setdefault(n, pulse) if n in dead else pulse for n, pulse in pulses.items()}
+        return {n: self._reported.setdefault(n, pulse) if n in dead else pulse for n, pulse in pulses.items()}
 
     def _now(self, time_s: float) -> Sequence[Failure]:
         return [one for one in self.every if one.time_s <= time_s]

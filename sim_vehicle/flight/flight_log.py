@@ -1,4 +1,4 @@
-"""What one simulated flight leaves behind: the truth, and what the sensors told of it."""
+"""What one simulated flight leaves behind: the truth, and what the sensors measured of it."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class _Flight:
     def _fly_tick(
         self, altitude: float, speed_change: float, freed: tuple[bool, bool], added: Array, *, last: bool
     ) -> None:
-        """Read, command, tell; then fly to the next tick unless this is the `last`."""
+        """Read, command, record; then fly to the next tick unless this is the `last`."""
         time_s = self._count * self.dt
         self._failures.begin(time_s, self.plant)
         truth = self.plant.outputs(self._state)
@@ -152,8 +152,8 @@ class _Flight:
         wanted = self._autopilot.command(reading.values, targets, freed, added)
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)
-        told = self._failures.told(time_s, self._servos.told(pulses, self._state.surfaces))
-        self._tell(truth, command, told, reading, True, True)
+        reported = self._failures.reported(time_s, self._servos.reported(pulses, self._state.surfaces))
+        self._record(truth, command, reported, reading, True, True)
         if last:
             return
         wind = self.wind.at(float(-self._state.x[2]))
@@ -249,13 +249,13 @@ class _Flight:
         self._air = (wind, _CALM)
         truth = roll.truth(self.plant, throttle, command, wind)
         reading = self.suite.sample(self._count * self.dt, ideal_readings(truth, self._calibrated))
-        self._tell(np.array(list(truth.values())), command, pulses, reading, armed, False)
+        self._record(np.array(list(truth.values())), command, pulses, reading, armed, False)
         roll.advance(self.dt)
 
     # --- what is kept ---
 
-    def _tell(
-        self, truth: Array, command: Array, told: dict[int, int], reading: Reading, armed: bool, airborne: bool
+    def _record(
+        self, truth: Array, command: Array, reported: dict[int, int], reading: Reading, armed: bool, airborne: bool
     ) -> None:
         time_s = self._count * self.dt
         self._count += 1
@@ -265,10 +265,10 @@ class _Flight:
         rows["wind"].append(self._air[0])
         rows["gust"].append(self._air[1])
         rows["airborne"].append(airborne)
-        self._pulses.append(told)
+        self._pulses.append(reported)
         self._samples.append((time_s, reading))
         if self._on_tick:
-            self._on_tick(Tick(time_s, reading, told, float(command[3]), armed))
+            self._on_tick(Tick(time_s, reading, reported, float(command[3]), armed))
 
     def result(self) -> FlownFlight:
         """Everything flown so far as arrays."""

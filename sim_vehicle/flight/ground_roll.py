@@ -46,7 +46,7 @@ class Roll:
         self.elapsed += dt
 
     def truth(self, plant: Plant, throttle: float, surfaces: Array, wind_ned: Array) -> dict[str, float]:
-        """Every OUTPUT of the plant as on the ground; forces of the air are not told there (0)."""
+        """Every OUTPUT of the plant as on the ground; forces of the air are not reported there (0)."""
         left = max(1.0 - self.elapsed / _SETTLE_S, 0.0)
         settling = 1.0 if 0.0 < left < 1.0 else 0.0
         phi = self.start_phi * left

@@ -110,7 +110,7 @@ class Plant:
             self._delay_readings(state, interval)
 
     def _delay_readings(self, state: PlantState, interval: float) -> None:
-        """Keep the newest readings, and show of the sensors that come late those of before."""
+        """Keep the newest readings, and show of the delayed sensors those of before."""
         if interval == 0.0:
             state.past = np.tile(state.reading, (HISTORY, 1))
             state.past_sensor = state.sensor.copy()
@@ -124,7 +124,7 @@ class Plant:
     def _glimpse(
         self, state: PlantState, dt: float, sub_steps: int, rho: float, wind_ned: Array, gust: Array, at_end: Array
     ) -> None:
-        """Keep what sensors that come late by a part of a tick read at that moment of the tick to be flown."""
+        """Keep what sensors that are delayed by a part of a tick read at that moment of the tick to be flown."""
         _, part = split_delay(self._skew / dt)
         if part == 0.0:
             return

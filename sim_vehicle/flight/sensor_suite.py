@@ -112,7 +112,7 @@ _TRUE_ERROR_NAMES: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Reading:
-    """What the sensors told in one tick.
+    """What the sensors read in one tick.
 
     values: every signal's newest value, SI and rad (lat, lon in deg). due: groups that were sampled in this tick.
     """
@@ -142,7 +142,7 @@ def error_table(noise: str, changes: Mapping[str, float]) -> dict[str, ChannelEr
 class SensorSuite:
     """All sensors of a vehicle, sampled once in a control tick.
 
-    vehicle: decides what the airspeed sensor tells, and its analogue board. noise: "table2" or "none" (exact values).
+    vehicle: decides what the airspeed sensor reads, and its analogue board. noise: "table2" or "none" (exact values).
     generator: source of all noise, or its seed. changes: as for `error_table`.
     rates_hz: sample rates of groups, instead of RATES_HZ. failures: what breaks.
     """

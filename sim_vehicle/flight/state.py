@@ -18,7 +18,7 @@ class PlantState:
 
     x: (14,) rigid-body state (sim_vehicle.physics.layout). actuators: (10,). sensor: (12,). commands: (64, 4) last
     commands, the newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x.
-    reading: (19,). past: (64, 19) last readings of sensors that come late, the part of a tick before each tick, the
+    reading: (19,). past: (64, 19) last readings of delayed sensors, the part of a tick before each tick, the
     newest last; (0, 19) where none does. past_sensor: (12,) their memory.
     """
 

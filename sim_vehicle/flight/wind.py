@@ -1,7 +1,7 @@
 """Moving air: steady wind, wind shear, and Dryden turbulence.
 
 Spectra: MIL-F-8785C, 3.7.1.2 (Dryden form, as in MIL-STD-1797A), with one intensity `sigma` and one scale
-length `length` for the three components, which a sub-metre aircraft near the ground cannot tell apart from
+length `length` for the three components, which a sub-metre aircraft near the ground cannot distinguish from
 the low-altitude table:
 
     Phi_u(w) = sigma^2 (2 tau / pi) / (1 + (tau w)^2)                               tau = length / V

@@ -26,7 +26,7 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
 )
 _NO_HASH = [0] * 8
-_LARGEST_TOLD_ID = 0xFFFF  # of MESSAGE_INTERVAL
+_LARGEST_ID = 0xFFFF  # of MESSAGE_INTERVAL
 
 # The result, a MAV_RESULT, and the messages that follow the acknowledgement.
 Outcome = tuple[int, Sequence[Any]]
@@ -89,11 +89,11 @@ class Commands:
         return _ACCEPTED, (self._build.autopilot_version_encode(capabilities, *versions, *hashes, 0, 0, voice.system),)
 
     def _interval(self, number: int | None) -> Outcome:
-        """MESSAGE_INTERVAL: us, -1 where stopped, 0 for a message that the vehicle does not tell."""
-        if number is None or number > _LARGEST_TOLD_ID:
+        """MESSAGE_INTERVAL: us, -1 where stopped, 0 for a message that the vehicle does not send."""
+        if number is None or number > _LARGEST_ID:
             return _DENIED, ()
-        told = self._telemetry.voice.can_say(number)
-        interval = self._telemetry.rates.interval(number) if told else None
+        sendable = self._telemetry.voice.can_say(number)
+        interval = self._telemetry.rates.interval(number) if sendable else None
         us = 0 if interval is None else -1 if interval < 0.0 else round(interval * 1e6)
         return _ACCEPTED, (self._build.message_interval_encode(number, us),)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from sim_vehicle.errors import SimVehicleError
 
-LATE_S = 0.05  # s, the longest further delay of a late burst unless said
+LATE_S = 0.05  # s, the longest further delay of a late burst unless given
 
 
 class FaultError(SimVehicleError):

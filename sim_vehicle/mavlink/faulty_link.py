@@ -1,7 +1,7 @@
 """A bad link: what becomes of frames on their way, the same for the same seed.
 
 Delay and jitter keep the order: what comes behind a held-up burst is held up as well, as in a radio's queue. Late
-bursts come late alone, and are overtaken, as over several paths; reordered frames are passed by a few others.
+bursts are delayed alone, and are overtaken, as over several paths; reordered frames are passed by a few others.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from sim_vehicle.flight.sensor_suite import RATES_HZ
 TICK_S = 0.02
 _GPS_S = 1.0 / RATES_HZ["gps"]
 OFF = -1.0
-LONGEST_S = (2**31 - 1) * 1e-6  # MESSAGE_INTERVAL tells whole us in 32 bits
+LONGEST_S = (2**31 - 1) * 1e-6  # MESSAGE_INTERVAL carries whole us in 32 bits
 
 # The shortest interval at which the vehicle has something new to say, s.
 SHORTEST_S: Mapping[int, float] = {
@@ -55,7 +55,7 @@ class Rates:
         self._next = {}
 
     def set(self, message_id: int, interval_s: float) -> bool:
-        """Send a message every `interval_s`, OFF to stop it, 0 for its default; False for one that is not told.
+        """Send a message every `interval_s`, OFF to stop it, 0 for its default; False for one that is not sent.
 
         An interval shorter than that of the samples behind the message means with every sample; one above LONGEST_S
         counts as that.
@@ -72,7 +72,7 @@ class Rates:
         return True
 
     def interval(self, message_id: int) -> float | None:
-        """The interval in force, s; OFF where stopped, None for a message that the vehicle does not tell."""
+        """The interval in force, s; OFF where stopped, None for a message that the vehicle does not send."""
         if message_id not in SHORTEST_S:
             return None
         return self._interval.get(message_id, SHORTEST_S[message_id])

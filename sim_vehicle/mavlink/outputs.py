@@ -104,7 +104,7 @@ class UdpSink:
                 return b""
             data, peer = self._socket.recvfrom(_LARGEST_DATAGRAM)
         except OSError:
-            return b""  # an ICMP message about what was sent; writing tells what cannot go on
+            return b""  # an ICMP message about what was sent; writing reports what cannot go on
         if self._server:
             self._hears(peer)
         return data
@@ -167,7 +167,7 @@ class TcpSink:
             if not select.select([stream], [], [], timeout_s)[0]:
                 return b""
             data = stream.recv(_RECEIVE_BYTES)
-        except (OSError, ValueError):  # closed by the writing thread, which tells
+        except (OSError, ValueError):  # closed by the writing thread, which reports it
             data = b""
         if not data:
             self._silent = stream

@@ -1,6 +1,6 @@
 """The parameters that a ground station can list, and those that it can set: stream rates as ArduPilot names them.
 
-All are told as MAV_PARAM_TYPE_REAL32, which every ground station reads alike.
+All are sent as MAV_PARAM_TYPE_REAL32, which every ground station reads alike.
 """
 
 from __future__ import annotations

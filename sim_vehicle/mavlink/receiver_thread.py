@@ -35,4 +35,4 @@ class Uplink:
                 try:
                     craft.hear(data)
                 except SimVehicleError:
-                    return  # the link failed under an answer; the next tick's frames tell
+                    return  # the link failed under an answer; the next tick's frames report it

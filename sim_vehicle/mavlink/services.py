@@ -88,23 +88,25 @@ class Protocol:
 
     # --- parameters ---
 
-    def _tell(self, parameter: Parameter | None) -> None:
+    def _send_value(self, parameter: Parameter | None) -> None:
         if parameter:
             name = parameter.name.encode("ascii")
             kind = mavlink.MAV_PARAM_TYPE_REAL32
-            said = self._build.param_value_encode(name, parameter.value, kind, len(self._onboard), parameter.index)
-            self._voice.say(said)
+            reply = self._build.param_value_encode(name, parameter.value, kind, len(self._onboard), parameter.index)
+            self._voice.say(reply)
 
     def _parameter_list(self, message: Any) -> None:
         for parameter in self._onboard.all():
-            self._tell(parameter)
+            self._send_value(parameter)
 
     def _parameter_read(self, message: Any) -> None:
         by_name = message.param_index < 0
-        self._tell(self._onboard.get(_text(message.param_id)) if by_name else self._onboard.at(message.param_index))
+        self._send_value(
+            self._onboard.get(_text(message.param_id)) if by_name else self._onboard.at(message.param_index)
+        )
 
     def _parameter_set(self, message: Any) -> None:
-        self._tell(self._onboard.set(_text(message.param_id), message.param_value))
+        self._send_value(self._onboard.set(_text(message.param_id), message.param_value))
 
     # --- commands ---
 
@@ -112,8 +114,8 @@ class Protocol:
         """Acknowledge first, then say what was asked for."""
         result, asked = self._commands.run(message)
         self._voice.say(self._build.command_ack_encode(message.command, result, 0, 0, *_sender(message)))
-        for said in asked:
-            self._voice.say(said)
+        for reply in asked:
+            self._voice.say(reply)
 
     def _data_stream(self, message: Any) -> None:
         hz = min(float(message.req_message_rate), LARGEST_HZ) if message.start_stop else 0.0

@@ -28,7 +28,7 @@ _IMU_FIELDS = 0x1E3F  # accelerometer, gyro, pressures, altitude and temperature
 class Telemetry:
     """Encodes ticks as frames of one component with continuous sequence numbers.
 
-    epoch_us: UTC of the vehicle's boot, us since 1970, told by SYSTEM_TIME. Stamps count from boot; that of
+    epoch_us: UTC of the vehicle's boot, us since 1970, sent in SYSTEM_TIME. Stamps count from boot; that of
     SERVO_OUTPUT_RAW has 32 bits and wraps after 71.6 min. Where the clock starts anew, so do the sequence
     numbers and the rates, and the first heartbeats say standby. `latest`: the newest message of each id,
     whether it was due to leave or not.
@@ -63,7 +63,7 @@ class Telemetry:
             self._restart()
         usec = round(self.clock.since_boot(tick.time_s) * 1e6)
         ms = usec // 1000 & 0xFFFFFFFF
-        # A change of arming is told at once, since a recording ends by it.
+        # A change of arming is sent at once, since a recording ends by it.
         armed = tick.armed and tick.time_s + 1e-9 >= self._standby_until
         forced, self.armed = armed != self.armed, armed
         self._heartbeat(utc_us, ms, forced=forced)

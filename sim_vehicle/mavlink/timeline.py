@@ -14,7 +14,7 @@ Action = Callable[[], None]
 class Timeline:
     """Runs actions in the order of their times; of equal times, in the order in which they were given.
 
-    pacer: the flight's, of which a thread waits for each time to come; None where `advance` tells the time.
+    pacer: the flight's, of which a thread waits for each time to come; None where `advance` sets the time.
     """
 
     def __init__(self, pacer: Pacer | None) -> None:
@@ -66,7 +66,7 @@ class Timeline:
         while action := self._next():
             try:
                 action()
-            except Exception as error:  # told by whoever gives the next action
+            except Exception as error:  # raised for whoever gives the next action
                 with self._changed:
                     self._error = error
                     self._heap.clear()

@@ -19,7 +19,7 @@ BUILT_IN = Path(__file__).parent.parent / "vehicles"
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A value with its standard error, or the reason why a flight could not tell it.
+    """A value with its standard error, or the reason why a flight could not identify it.
 
     value: the coefficient, per radian, rates nondimensional; None if refused.
     std: statistical standard error; None if it is not an estimate.

@@ -29,7 +29,7 @@ HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 @jit
 def split_delay_ticks(E: Array, dt: float) -> tuple[int, float]:
-    """Whole ticks of `dt` s that the sensors of the late group come late by the effects E, and the part beside them."""
+    """Whole ticks of `dt` s by which the effects E delay the sensors of their group, and the part beside them."""
     return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
 
 
@@ -45,7 +45,7 @@ def effects_flown(E: Array, thrust: float) -> Array:
 
 @jit_arrays
 def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
-    """Thrust [N] (N,) of the propeller behind what its sensor tells; NaN, where the throttle tells it, stays.
+    """Thrust [N] (N,) of the propeller behind its sensor's reading; NaN, where it follows from the throttle, stays.
 
     commands: as of `simulate`.
     """
@@ -160,7 +160,7 @@ def simulate(
     are at rest; they run from there to `start`.
     commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
     height [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the
-    thrust sensor's reading moves. thrust: (N,) N as the sensor tells it, NaN where it follows from the throttle. rho:
+    thrust sensor's reading moves. thrust: (N,) N as the sensor reads it, NaN where it follows from the throttle. rho:
     (N,) kg/m3. command_first: 1 where a sensor at a sample already sees the command of that sample (as many simulations
     do), 0 where it sees that of the sample before (as a vehicle does that reads, then commands); between them where
     commands are means over the intervals, so that at a sample the mean of both acts.

@@ -52,7 +52,7 @@ class AnalogueBoard:
     channels: tuple[AnalogueChannel, ...]
 
     def converted(self, volts: ArrayLike) -> Array:
-        """Volts as the converter tells them: whole steps of supply / 2^bits, within its range."""
+        """Volts as the converter reads them: whole steps of supply / 2^bits, within its range."""
         step = self.supply / 2**self.bits
         return np.asarray(np.clip(np.round(np.asarray(volts) / step), 0, 2**self.bits - 1) * step)
 

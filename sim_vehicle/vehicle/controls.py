@@ -190,4 +190,4 @@ def _check_shared(table: Table, controls: Mapping[str, Control]) -> None:
                 raise table.error(name, f"gives servo {servo} another pwm and deflection than {other[0]} does")
     servos, inverse = mixing_matrix(controls)
     if controls and np.linalg.matrix_rank(inverse) < len(controls):
-        raise table.error("mix", f"over servos {servos} cannot tell the controls apart; check each control's mix")
+        raise table.error("mix", f"over servos {servos} cannot distinguish the controls; check each control's mix")

@@ -83,14 +83,14 @@ def flatten(vehicle: Vehicle, model: Model) -> FlatModel:
     refused = model.refused()
     if refused:
         raise ModelFileError(
-            f"model {model.name}: {', '.join(refused)} could not be told from the flight; "
+            f"model {model.name}: {', '.join(refused)} could not be identified from the flight; "
             f"give one, as --set {refused[0]}=VALUE"
         )
     for effect in model.effects:
         if effect.refused():
             key = effect.refused()[0]
             raise ModelFileError(
-                f"model {model.name}: {key} of effect {effect.name} could not be told from the flight; "
+                f"model {model.name}: {key} of effect {effect.name} could not be identified from the flight; "
                 f"give one, as --effect {effect.name}:{key}=VALUE"
             )
     values = model.values()

@@ -53,7 +53,7 @@ class ServoOutputs:
             out[column] = float(control.deflection_from_pwm(*(pulses[servo] for servo in control.servos)))
         return out
 
-    def told(self, pulses: dict[int, int], surfaces: Array) -> dict[int, int]:
+    def reported(self, pulses: dict[int, int], surfaces: Array) -> dict[int, int]:
         """What SERVO_OUTPUT_RAW carries: the pulses sent, or the measured position where the vehicle file says so."""
         if not self._measured:
             return pulses

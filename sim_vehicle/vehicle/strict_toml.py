@@ -15,7 +15,7 @@ _NEAR = 0.75
 
 @dataclass(frozen=True)
 class Known:
-    """A quantity as far as a vehicle file tells it: its value, and its standard deviation; None where it is silent."""
+    """A quantity as far as a vehicle file gives it: its value, and its standard deviation; None where it is silent."""
 
     value: float | None = None
     std: float | None = None
@@ -63,7 +63,7 @@ class Table:
         return f"; {others[near[0]]} is not a key of a vehicle file, did you mean {key}?" if near else ""
 
     def optional(self, key: str) -> bool:
-        """Declare `key` as known and tell whether it is there."""
+        """Declare `key` as known and return whether it is there."""
         self._known.append(key)
         return key in self._data
 

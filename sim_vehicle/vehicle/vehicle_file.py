@@ -34,7 +34,7 @@ VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
 class MassProperties:
     """Mass, kg, and moments of inertia about the centre of gravity, kg m^2; Ixz is + integral of x z dm.
 
-    *_std: how well each is known, 1 sigma; None where nothing is said. estimated: whether the moments of inertia are
+    *_std: how well each is known, 1 sigma; None where none is given. estimated: whether the moments of inertia are
     those usual for mass and span.
     """
 
@@ -52,7 +52,7 @@ class MassProperties:
 
     @property
     def doubted(self) -> bool:
-        """Whether anything is said of how well the mass or a moment of inertia is known."""
+        """Whether anything is given on how well the mass or a moment of inertia is known."""
         return any(getattr(self, f"{key}_std") for key in _MASS_KEYS)
 
 
@@ -70,7 +70,7 @@ class Sensor:
     """Where a sensor sits from the centre of gravity, m, its noise (1 sigma, SI) if known, and its kind.
 
     bias_std, scale_std: of its zero, SI, and of its gain, 1 sigma. position_error_std: of an airspeed, its change by
-    angle of attack, 1/rad, 1 sigma. delay, lag: s, by which it reads late and slowly. None where nothing is said.
+    angle of attack, 1/rad, 1 sigma. delay, lag: s, by which it reads late and slowly. None where none is given.
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -174,7 +174,7 @@ class Vehicle:
 
     @classmethod
     def unknown(cls) -> Vehicle:
-        """A vehicle of which nothing is known but what its messages tell: no controls, no calibration, no numbers."""
+        """A vehicle of which nothing is known but what its messages say: no controls, no calibration, no numbers."""
         nan = math.nan
         return cls(
             name="",

@@ -62,14 +62,14 @@ class Part:
     _kept: tuple[Array, Array, Array, PartJacobians] | None = field(default=None, init=False, repr=False, compare=False)
 
     def linearised(self, theta: Array) -> PartJacobians:
-        """What `linearise_part` tells of sensor errors (18,) along the nominal trajectory; the last is kept."""
+        """What `linearise_part` gives for sensor errors (18,) along the nominal trajectory; the last is kept."""
         kept = self._kept
         if kept is not None and kept[0] is self.nominal and kept[1] is self.gusts and np.array_equal(kept[2], theta):
             return kept[3]
         self._kept = None  # what is kept is large
-        told = linearise_part(self.nominal, self.gusts, theta, self.imu, self.dt, self.layout)
-        self._kept = (self.nominal, self.gusts, theta.copy(), told)
-        return told
+        jacobians = linearise_part(self.nominal, self.gusts, theta, self.imu, self.dt, self.layout)
+        self._kept = (self.nominal, self.gusts, theta.copy(), jacobians)
+        return jacobians
 
     def predicted(self) -> Array:
         """(N, 9) readings of perfect sensors along the nominal trajectory, order OUTPUTS."""

@@ -1,4 +1,4 @@
-"""Data compatibility: do IMU, air data, attitude and GPS tell one motion, and with which sensor errors?
+"""Data compatibility: do IMU, air data, attitude and GPS describe one motion, and with which sensor errors?
 
 The kinematic equations are integrated from specific force and rates and compared with V, alpha, beta, attitude
 and GPS velocity. Sensor errors and states are estimated together by maximum likelihood (Gauss-Newton on the
@@ -59,7 +59,7 @@ class CompatibilityResult:
     """Sensor errors of one or more flight parts, and the motion reconstructed with them.
 
     parameters: name -> SensorError. covariance: (P, P) in the order of `parameters`.
-    refused: what these parts cannot tell. before, after: output -> open-loop agreement without and with correction.
+    refused: what these parts cannot identify. before, after: output -> open-loop agreement without and with correction.
     compatible: whether every output agrees after the correction; incompatible: the outputs that do not.
     states: per part, name -> (N,): u v w (m/s, relative to the air) phi theta psi (rad), V (m/s) alpha beta (rad) at
         the centre of gravity, ax ay az (m/s^2) there and p q r (rad/s), all corrected.
@@ -104,7 +104,7 @@ def compatibility(
     wanted = _candidates(prepared, candidates)
     setting = _setting(prepared, wanted, dict(priors or {}))
     theta = setting.mean.copy()
-    # A first pass with moderate turbulence gives a trajectory near enough to judge what can be told.
+    # A first pass with moderate turbulence gives a trajectory near enough to judge what is identifiable.
     apply(prepared, run_pass(prepared, theta, replace(setting, gust_sigma=0.1), smooth=True))
     wanted, refused = _moving(prepared, wanted)
     setting = replace(setting, free=_mask(wanted))
@@ -225,11 +225,11 @@ def _calm_only(names: list[str], setting: ReconstructionSettings) -> tuple[list[
 
     The aircraft answers a gust, so specific force is correlated with it; the kinematics alone then take part of that
     answer for an airspeed error (measured: a scale of -0.11 where 0 is true, in gusts of 0.3 m/s; with GPS velocity
-    +0.10). The filter of the dynamics, which knows how the aircraft answers, may tell them.
+    +0.10). The filter of the dynamics, which knows how the aircraft answers, may distinguish them.
     """
     if setting.gust_sigma <= _CALM:
         return names, []
-    reason = f"turbulence of {setting.gust_sigma:.2g} m/s, which kinematics cannot tell from it"
+    reason = f"turbulence of {setting.gust_sigma:.2g} m/s, which kinematics cannot distinguish from it"
     prior = {name for name in names if setting.std[PARAMETERS.index(name)] < LIMITS[name].std}
     stirred = [name for name in names if name.startswith("airspeed_") and name not in prior]
     refused = [Refusal(name, reason, LIMITS[name].manoeuvre) for name in stirred]

@@ -1,4 +1,4 @@
-"""Which sensor errors a flight can tell: by predicted standard error and by collinearity, never by significance.
+"""Which sensor errors a flight can identify: by predicted standard error and by collinearity, never by significance.
 
 Leaving out what is not significantly different from zero would make the intervals of what remains too narrow; so the
 choice looks at the information alone, not at the values; but a value that no sensor has is no estimate of its error.
@@ -13,13 +13,13 @@ import numpy as np
 
 from sysid.arrays import Array
 
-# Of two sensor errors, beyond which neither is told from the other.
+# Of two sensor errors, beyond which neither is distinguished from the other.
 MAX_CORRELATION = 0.95
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A quantity that the flight cannot tell, why, and the manoeuvre that would."""
+    """A quantity that the flight cannot identify, why, and the manoeuvre that would."""
 
     name: str
     reason: str
@@ -30,9 +30,9 @@ class Refusal:
 class Limit:
     """Standard error above which an estimate is worth less than what is known of such sensors before the flight.
 
-    std, unit: the limit. rank: of two that cannot be told apart, the lower rank stays (an IMU's turn-on bias changes
+    std, unit: the limit. rank: of two that cannot be distinguished, the lower rank stays (an IMU's turn-on bias changes
     with every flight; a vane's or a pitot's scale and an attitude's mounting are measured on the bench).
-    manoeuvre: what would tell it.
+    manoeuvre: what would identify it.
     """
 
     std: float
@@ -66,7 +66,7 @@ LIMITS = {
 }
 
 
-# Of its limit: a standard error below which one that kinematics refused is told by the whole motion after all.
+# Of its limit: a standard error below which one that kinematics refused is identified by the whole motion after all.
 CLEAR_SHARE = 0.2
 # An error so many times its limit, or a reading so many times the true value (or its inverse), is no sensor's: the
 # readings disagree for another reason.
@@ -97,7 +97,7 @@ def most_implausible(names: Sequence[str], values: Sequence[float]) -> Refusal |
 
 
 def select(names: Sequence[str], covariance: Array) -> tuple[list[str], list[Refusal]]:
-    """Split sensor errors into those the data tell and those they do not.
+    """Split sensor errors into those the data identify and those they do not.
 
     names: P names of LIMITS. covariance: (P, P) predicted, given that all P are estimated.
     Returns the names kept and the refusals. One at a time: taking one out makes the rest better known.
@@ -122,13 +122,13 @@ def select(names: Sequence[str], covariance: Array) -> tuple[list[str], list[Ref
 
 
 def _weakest(names: list[str], std: Array, correlation: Array) -> tuple[int, Refusal | None]:
-    # Collinearity first: of two that cannot be told apart both have a large error, and one of them may stay.
+    # Collinearity first: of two that cannot be distinguished both have a large error, and one of them may stay.
     first, second = np.unravel_index(int(np.argmax(np.abs(correlation))), correlation.shape)
     if abs(correlation[first, second]) > MAX_CORRELATION:
         pair = sorted((int(first), int(second)), key=lambda i: (LIMITS[names[i]].rank, std[i] / LIMITS[names[i]].std))
         stays, goes = pair
         reason = (
-            f"cannot be told from {names[stays]} here (correlation {correlation[first, second]:+.3f});"
+            f"cannot be distinguished from {names[stays]} here (correlation {correlation[first, second]:+.3f});"
             " held at its nominal value"
         )
         return goes, Refusal(names[goes], reason, LIMITS[names[goes]].manoeuvre)

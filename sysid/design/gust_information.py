@@ -11,7 +11,7 @@ A sensor meets the gust of its sample, the aircraft on its way the mean of both 
 within a step moves the aircraft in the same step.
 
 The matrices follow the path: about trim alone, motion that the trimmed aircraft does not have would pass for motion
-that no gust can cause, and seem to tell several times more.
+that no gust can cause, and seem to hold several times the information.
 """
 
 from __future__ import annotations

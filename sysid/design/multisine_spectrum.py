@@ -1,11 +1,11 @@
-"""Amplitudes of a multisine's harmonics: what each costs in travel, what it tells, and the best division.
+"""Amplitudes of a multisine's harmonics: what each costs in travel, what information it gives, and the best division.
 
-A harmonic k of an input with amplitude A_k and transfer function G tells, over N samples of outputs with noise sigma,
+A harmonic k of an input with amplitude A_k and transfer function G gives, over N samples of outputs with noise sigma,
 
     M_k = A_k^2 N / 2 sum over outputs of Re(dG/dtheta (dG/dtheta)^H) / sigma^2
 
 and costs the share of the travel allowed that it takes up. Powers that maximise log det(sum M_k) for a given cost are
-found by the multiplicative algorithm: each is multiplied by what it tells per cost, tr(M^-1 M_k) / c_k, over the mean
+found by the multiplicative algorithm: each is multiplied by its information per cost, tr(M^-1 M_k) / c_k, over the mean
 (Mehra, IEEE TAC 19(6), 1974; Silvey, Titterington & Torsney, Comm. Statist. A 7(14), 1978).
 """
 
@@ -133,9 +133,9 @@ def optimal_amplitudes(
     share = start.copy()
     for _ in range(_SWEEPS):
         whole = np.eye(size.size) + np.einsum("k,kpq->pq", share, each)
-        told = np.einsum("pq,kqp->k", np.linalg.inv(whole), each)
+        per_harmonic = np.einsum("pq,kqp->k", np.linalg.inv(whole), each)
         for member in members:
-            share[member] *= told[member] / float(share[member] @ told[member])
+            share[member] *= per_harmonic[member] / float(share[member] @ per_harmonic[member])
     share = (1.0 - flat_share) * share + flat_share * start
     amplitudes = np.sqrt(share / np.concatenate(price))
     edges = np.cumsum([len(numbers) for numbers in harmonics.values()])[:-1]

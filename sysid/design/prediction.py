@@ -1,6 +1,6 @@
-"""What a planned flight will tell: standard errors predicted from a prior model before the flight.
+"""What a planned flight will determine: standard errors predicted from a prior model before the flight.
 
-The plan is flown in the simulator with the prior model; what the sensors would tell goes through the same search for
+The plan is flown in the simulator with the prior model; what the sensors would read goes through the same search for
 excited parts, data compatibility check and division into runs as a real flight. There the information of the
 output-error estimate is taken at the prior model's own values, every coefficient, sensor error and initial state
 estimated together (Maine & Iliff, NASA RP-1168, section 3.3; Klein & Morelli, 2nd ed., 9.2):
@@ -40,7 +40,7 @@ from sysid.signals.record import OUTPUTS, SURFACES
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _THRUST_STEP = 1e-4  # N, for a difference quotient
-_CORRELATED = 0.9  # beyond which two estimates are told to hang together
+_CORRELATED = 0.9  # beyond which two estimates are reported as correlated
 _EXCURSIONS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "az", "down")
 _NO_SAMPLE = 1e6  # noise, SI, of an output where it has none
 _STOP = 1e-3  # rad from a linkage's end
@@ -48,7 +48,7 @@ _STOP = 1e-3  # rad from a linkage's end
 
 @dataclass(frozen=True)
 class Expected:
-    """One quantity that the flight is to tell: the prior's value and the standard error predicted, in `unit`.
+    """One quantity that the flight is to determine: the prior's value and the standard error predicted, in `unit`.
 
     partner: the estimate it hangs together with most and their correlation, where that is above 0.9.
     """
@@ -67,9 +67,10 @@ class Expected:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a plan will tell.
+    """What a plan will determine.
 
-    coefficients, sensor_errors: those that it tells. refused: those that it does not, with the manoeuvre that would.
+    coefficients, sensor_errors: those that it determines. refused: those that it does not, with the manoeuvre that
+    would.
     missing: the coefficients among them. excursions: signal -> smallest and largest value flown, SI. trim: the same in
     trim. density: kg/m^3. covariance: (P, P) of `names`, all that is estimated. gusts: turbulence, m/s.
     """
@@ -88,15 +89,15 @@ class Prediction:
     warnings: tuple[str, ...]
 
     def std(self, name: str) -> float:
-        """Predicted standard error of an estimate, told or refused."""
+        """Predicted standard error of an estimate, reported or refused."""
         place = self.names.index(name)
         return math.sqrt(float(self.covariance[place, place]))
 
     @property
     def score(self) -> float:
-        """Geometric mean of standard errors over usual sizes, over all coefficients; 1 for one that is not told."""
-        told = [math.log(min(entry.std / usual_size(entry.name), 1.0)) for entry in self.coefficients]
-        return math.exp(math.fsum(told) / max(1, len(told) + len(self.missing)))
+        """Geometric mean of standard errors over usual sizes, over all coefficients; 1 for one that is refused."""
+        logs = [math.log(min(entry.std / usual_size(entry.name), 1.0)) for entry in self.coefficients]
+        return math.exp(math.fsum(logs) / max(1, len(logs) + len(self.missing)))
 
 
 @dataclass(frozen=True)
@@ -133,14 +134,14 @@ def predict(
     seed: int = 0,
     rehearsals: int = 3,
 ) -> Prediction:
-    """Predict what `plan` will tell of `vehicle` if it flies as `model` says.
+    """Predict what `plan` will determine of `vehicle` if it flies as `model` says.
 
     structure: a model whose coefficients are to be estimated; None takes what `identify` takes. A coefficient that
     `model` lacks counts as 0. rate_hz: sample rate. gusts: turbulence, 1 sigma, m/s; the bound is then that of an
     estimator that knows the turbulence. without: sensors the aircraft does not carry (rehearsal.ABSENT).
     seed: of the sensor noise. rehearsals: how many are flown; where the noise decides which sensor errors are
     estimated, the rehearsal with the middle number of them counts.
-    Raises SimVehicleError for what cannot be flown and SysidError for a plan from which nothing can be told.
+    Raises SimVehicleError for what cannot be flown and SysidError for a plan from which nothing can be estimated.
     """
     names = structure_of(vehicle, structure)
     whole = model
@@ -188,8 +189,8 @@ def _rehearsal(
 ) -> tuple[Problem, CompatibilityResult, FlownFlight]:
     """One flight of the plan in calm air: the problem that `identify` makes of it, at the truth.
 
-    Turbulence only decides which sensor errors are told. The motion is the plan's own, or the commands with which the
-    autopilot answered the gusts would count as excitation.
+    Turbulence only decides which sensor errors are estimated. The motion is the plan's own, or the commands with which
+    the autopilot answered the gusts would count as excitation.
     """
     signals, flown = rehearse(vehicle, model, plan, seed=seed, rate_hz=rate_hz, without=without)
     problem, compatible = _problem(signals, vehicle, ground=gusts == 0.0)
@@ -297,7 +298,7 @@ def _expected(
 def _sensors(
     problem: Problem, compatible: CompatibilityResult, names: Sequence[str], covariance: Array
 ) -> tuple[Expected, ...]:
-    """Sensor errors of the estimate, and those that the compatibility check alone tells (the wind)."""
+    """Sensor errors of the estimate, and those that the compatibility check alone estimates (the wind)."""
     units = {name: SENSOR_ERRORS[name][2] for name in problem.sensors}
     own = _expected(list(problem.sensors), {}, names, covariance, units)
     others = [

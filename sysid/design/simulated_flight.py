@@ -67,7 +67,7 @@ def rehearse(
     noise: str = "table2",
     max_step: float = 0.01,
 ) -> tuple[FlightSignals, FlownFlight]:
-    """Fly `plan` once; what the sensors tell, and the truth.
+    """Fly `plan` once; what the sensors read, and the truth.
 
     seed: of sensor noise and gusts. rate_hz: samples and commands per second. gusts: Dryden turbulence, 1 sigma, m/s.
     without: keys of ABSENT that the aircraft does not carry. noise: "table2", with the vehicle file's noise where it

@@ -16,7 +16,7 @@ _LOOKS = 400
 _APART_S = 1.0
 _NEEDED = ("airspeed", "alpha", "q", "ax", "az")
 _BAND_HZ = 8.0  # of pitch rate, well above a small aircraft's short period
-# Share of a step that the other regressors must leave for it to be told.
+# Share of a step that the other regressors must leave for it to be detected.
 _OWN_SHARE = 1e-6
 
 

@@ -11,7 +11,7 @@ from scipy import special
 # Chance, over all candidates together, of naming an effect that is not there.
 FALSE_ALARM = 1e-3
 # An effect is named from five standard errors on (the chance of that, one parameter): the size from which a flight is
-# said to tell it at all.
+# said to identify it at all.
 NAMING_P_VALUE = float(special.chdtrc(1, 5.0**2))
 
 

@@ -1,4 +1,4 @@
-"""An effect that was named, and how a result tells it."""
+"""An effect that was named, and how a result reports it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def reason(named: Named) -> str:
 
 
 def nearly(effect: str, weight: Weight, tried: int) -> str:
-    """That an effect is likely but stands out by too little for a name, in words."""
+    """That an effect is likely but not significant enough for a name, in words."""
     return (
         f"{effect}: the likelihood would gain {weight.gain:.0f} ({chance_text(weight.p_value)}, {tried} effects looked "
         "at); not named below five standard errors"
@@ -80,5 +80,5 @@ def effect_json(named: Named) -> dict[str, Any]:
 
 
 def _separating(effect: Effect, alternatives: Sequence[str]) -> str:
-    """The manoeuvre that tells an effect from the likeliest of its alternatives, or in general where it has none."""
+    """The manoeuvre that separates an effect from the likeliest of its alternatives; without any, a general one."""
     return effect.manoeuvre_against(EFFECTS[alternatives[0]]) if alternatives else effect.separated_by

@@ -19,11 +19,11 @@ from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate
 from sysid.numerics.normal_equations import inverse
 
-# A start value is moved by what the score tells, but not by more than these factors.
+# A start value is moved by what the score predicts, but not by more than these factors.
 _LEAST, _MOST = 0.1, 3.0
 # Of an effect's plausible range, beyond which the score's linear prediction is not followed.
 _RANGE = 0.5
-# Share of a direction that nothing else can imitate, below which it is taken for an imitation.
+# Share of a direction that nothing else can imitate, below which it counts as an imitation.
 _OWN = 1e-6
 
 
@@ -50,7 +50,7 @@ def gains_of(
 
     inner: (P, P) information of the model's own parameters, downhill: (P,) their gradient, both with priors. rows: (C,
     P + C) information of the columns with those and with one another, gradient: (C,) theirs. own_share: of a
-    direction that nothing else can imitate, below which it is taken for an imitation.
+    direction that nothing else can imitate, below which it counts as an imitation.
     """
     own = downhill.size
     solve, cross, outer = inverse(inner), rows[:, :own], rows[:, own:]
@@ -84,7 +84,7 @@ def _best(
 
 
 def _moved(candidate: Candidate, start: dict[str, float], column: ScoredColumn, share: float) -> tuple[float, bool]:
-    """A parameter moved as its score tells, within reason, and whether an effect of that sign is possible."""
+    """A parameter moved as its score predicts, within reason, and whether an effect of that sign is possible."""
     parameter = next(p for p in candidate.effect.parameters if p.name == column.name)
     if start[column.name] == 0.0 or parameter.low < 0.0:
         reach = _RANGE * max(abs(parameter.low), abs(parameter.high))

@@ -36,13 +36,13 @@ class _Gap:
 
 def sentence(result: Result) -> str:
     """What a result of schema discrepancy/1 says, in one or a few sentences."""
-    told = {
+    text = {
         "none": _none,
         "parameter_error": _parameter_error,
         "missing_effect": _missing_effect,
         "unexplained": _unexplained,
     }[result["verdict"]](result)
-    return told[0].upper() + told[1:]
+    return text[0].upper() + text[1:]
 
 
 def shrinking(gap: Mapping[str, Mapping[str, float | None]], before: str, after: str) -> list[str]:
@@ -54,11 +54,11 @@ def _none(result: Result) -> str:
     where, gap = _judged(result)
     outputs = _compared(gap, "given", "given")
     if not outputs:
-        return "nothing is missing: no effect and no error of the coefficients stands out from noise and gusts."
+        return "nothing is missing: no effect and no error of the coefficients is significant against noise and gusts."
     largest = max(outputs, key=lambda one: one.before)
     return (
-        "nothing is missing: no effect and no error of the coefficients stands out from noise and gusts; the largest "
-        f"gap {where}, that of {largest.output}, is {_times(largest.before)}."
+        "nothing is missing: no effect and no error of the coefficients is significant against noise and gusts; the "
+        f"largest gap {where}, that of {largest.output}, is {_times(largest.before)}."
     )
 
 
@@ -70,33 +70,33 @@ def _parameter_error(result: Result) -> str:
 def _missing_effect(result: Result) -> str:
     effects = result["effects"]
     if len(effects) > 1:
-        count, told = _COUNTS.get(len(effects), str(len(effects))), "; ".join(map(effect_phrase, effects))
+        count, listed = _COUNTS.get(len(effects), str(len(effects))), "; ".join(map(effect_phrase, effects))
         others = "".join(f" {_instead(effect)}" for effect in effects if effect.get("alternatives"))
         closed = _closed(result, "before", "after", "adding them")
-        return f"{count} effects are missing: {told}. {_capital(closed)}.{others}"
+        return f"{count} effects are missing: {listed}. {_capital(closed)}.{others}"
     (effect,) = effects
     if not effect.get("alternatives"):
         return f"{effect_phrase(effect)}: {_closed(result, 'before', 'after', 'adding it')}."
     closed = _closed(result, "before", "after", "adding the first")
     return (
         f"{effect_phrase(effect)} (probability {_percent(effect['probability'])}), or it is {_others(effect)}: this "
-        f"flight cannot tell them apart. What would: {effect['separating_manoeuvre']}. {_capital(closed)}."
+        f"flight cannot distinguish them. What would: {effect['separating_manoeuvre']}. {_capital(closed)}."
     )
 
 
 def _unexplained(result: Result) -> str:
     where, gap = _judged(result)
-    told = "the model and the flight disagree, and no effect of the catalogue explains it"
+    text = "the model and the flight disagree, and no effect of the catalogue explains it"
     if result.get("where"):
         place = result["where"][0]
         share = f", which goes with {_percent(place['share'])} of it" if place.get("share") is not None else ""
-        told += f": most in {axis_words(place['axis'])} over {variable_words(place['variable'])}{share}"
+        text += f": most in {axis_words(place['axis'])} over {variable_words(place['variable'])}{share}"
     outputs = _compared(gap, "before", "before")
     if not outputs:
-        return f"{told}."
+        return f"{text}."
     largest = max(outputs, key=lambda one: one.before)
     lost = "is lost within its windows" if math.isinf(largest.before) else f"is {_times(largest.before)}"
-    return f"{told}; fitted again, the largest gap {where}, that of {largest.output}, {lost}."
+    return f"{text}; fitted again, the largest gap {where}, that of {largest.output}, {lost}."
 
 
 def _closed(result: Result, before: str, after: str, deed: str) -> str:
@@ -160,7 +160,7 @@ def _above(times: float) -> float:
 
 def _instead(effect: Result) -> str:
     instead = f"Instead of {effect_title(effect['name'])} it may be {_others(effect)}"
-    return f"{instead}; what would tell them apart: {effect['separating_manoeuvre']}."
+    return f"{instead}; what would distinguish them: {effect['separating_manoeuvre']}."
 
 
 def _others(effect: Result) -> str:

@@ -14,10 +14,10 @@ _UNITS = {
     "deg": (180.0 / math.pi, "°"), "deg/s": (180.0 / math.pi, " °/s"), "ms": (1e3, " ms"), "mm": (1e3, " mm"),
     "%": (1e2, " %"), "s": (1.0, " s"), "m/s": (1.0, " m/s"), "N": (1.0, " N"),
 }  # fmt: skip
-# Which of them a parameter is told in where no phrase says it.
+# Which of them a parameter is given in where no phrase says it.
 _OF_SI = {"rad": "deg", "rad/s": "deg/s", "s": "ms", "m": "mm", "m/s": "m/s", "N": "N"}
 _DIGITS = 3  # of a figure in a sentence
-# Far below what double precision holds with all its digits: nearer to zero only the order of the zero is told.
+# Far below what double precision holds with all its digits: nearer to zero only the order of the zero is reported.
 LEAST_EXPONENT = -300
 _AXES = {
     "CL": "lift", "CD": "drag", "CY": "the side force", "Cl": "the rolling moment", "Cm": "the pitching moment",
@@ -71,8 +71,8 @@ def effect_phrase(effect: Mapping[str, Any]) -> str:
             return phrase.format_map(numbers)
         except KeyError:
             pass
-    told = ", ".join(f"{name} = {_in_units(effect['name'], name, number)}" for name, number in numbers.items())
-    return f"{effect_title(effect['name'])} ({told})" if told else effect_title(effect["name"])
+    listed = ", ".join(f"{name} = {_in_units(effect['name'], name, number)}" for name, number in numbers.items())
+    return f"{effect_title(effect['name'])} ({listed})" if listed else effect_title(effect["name"])
 
 
 def effect_title(name: str) -> str:

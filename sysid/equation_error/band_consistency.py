@@ -1,12 +1,12 @@
 """Whether a coefficient is the same in every band of frequency, and what it says of its standard error if it is not.
 
-A derivative is one number, whatever the frequency at which it is told. What biases a regression depends on frequency:
-commands that a closed loop derives from a motion that gusts make, a gust that the vane sees and the wing does not,
-delays, physics that the model lacks. None of them shows in the residuals, which least squares makes orthogonal to the
-regressors, nor between parts of a flight, which all have the same bias. So each axis is regressed in several bands
-as well, and where they differ by more than their errors the scatter about the estimate is added to its variance.
-Source of the scatter: R. C. Paule, J. Mandel, "Consensus values and weighting factors", Journal of Research of the
-National Bureau of Standards 87(5), 1982.
+A derivative is one number, whatever the frequency at which it is estimated. What biases a regression depends on
+frequency: commands that a closed loop derives from a motion that gusts make, a gust that the vane sees and the wing
+does not, delays, physics that the model lacks. None of them shows in the residuals, which least squares makes
+orthogonal to the regressors, nor between parts of a flight, which all have the same bias. So each axis is regressed in
+several bands as well, and where they differ by more than their errors the scatter about the estimate is added to its
+variance. Source of the scatter: R. C. Paule, J. Mandel, "Consensus values and weighting factors", Journal of Research
+of the National Bureau of Standards 87(5), 1982.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ MOST_BANDS = 5  # of frequency in which a derivative is estimated by itself
 _LINES = 8
 # Scatter, as a share of the estimate, from which not even its sign is sure: two standard deviations reach zero.
 _UNSURE = 0.5
-# Chance that bands which agree are said to differ, per coefficient.
+# Chance that bands which agree are reported as different, per coefficient.
 _CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class BandEstimates:
-    """One coefficient, told by each of B bands.
+    """One coefficient, estimated from each of B bands.
 
-    bands_hz: (B, 2) edges. values, std: (B,) NaN where a band tells nothing. scatter: standard deviation of the true
-    values over the bands about the estimate of the whole band, 0 where the bands agree with it.
+    bands_hz: (B, 2) edges. values, std: (B,) NaN where a band holds no information. scatter: standard deviation of the
+    true values over the bands about the estimate of the whole band, 0 where the bands agree with it.
     """
 
     bands_hz: Array
@@ -53,7 +53,7 @@ def band_estimates(equations: Equations, joint: Gaussian) -> dict[str, BandEstim
 
     equations: settled ones of the parts that `joint` was regressed on. joint: estimates of the whole band.
     """
-    told = joint.entries()
+    whole = joint.entries()
     found: dict[str, BandEstimates] = {}
     for axis, terms in axes_of([parse_term(name) for name in joint.names]):
         edges = _edges(equations, len(terms))
@@ -68,7 +68,7 @@ def band_estimates(equations: Equations, joint: Gaussian) -> dict[str, BandEstim
                 continue
             values[b], std[b] = one.values, one.std
         for j, name in enumerate(names):
-            scatter = _scatter(*told[name], values[:, j], std[:, j])
+            scatter = _scatter(*whole[name], values[:, j], std[:, j])
             found[name] = BandEstimates(edges, values[:, j], std[:, j], scatter)
     return found
 
@@ -89,10 +89,10 @@ def refusal(value: float, found: BandEstimates) -> str | None:
     """Why an estimate cannot be given at all, where bands differ by as much as its own size."""
     if found.scatter <= _UNSURE * abs(value):
         return None
-    told = found.values[np.isfinite(found.values)]
+    estimated = found.values[np.isfinite(found.values)]
     return (
-        f"bands of frequency tell {told.min():.3g} to {told.max():.3g}: feedback, gusts or missing physics bias the "
-        "regression by its own size"
+        f"bands of frequency give {estimated.min():.3g} to {estimated.max():.3g}: feedback, gusts or missing physics "
+        "bias the regression by its own size"
     )
 
 
@@ -102,7 +102,7 @@ def warning(found: Mapping[str, BandEstimates]) -> list[str]:
     if not names:
         return []
     return [
-        f"{', '.join(names)}: bands of frequency tell different values, so the regression is biased (commands that "
+        f"{', '.join(names)}: bands of frequency give different values, so the regression is biased (commands that "
         "follow gusts in a closed loop, gusts that the vane sees and the wing does not, delays, missing physics); "
         "their bars hold that scatter; fly a multisine in calm air"
     ]
@@ -121,15 +121,15 @@ def _edges(equations: Equations, terms: int) -> Array:
 
 def _scatter(value: float, std: float, values: Array, errors: Array) -> float:
     """Paule and Mandel's scatter of band values about an estimate; 0 where chance would do."""
-    told = np.isfinite(values) & np.isfinite(errors) & (errors > 0.0)
-    if told.sum() < 2:
+    estimated = np.isfinite(values) & np.isfinite(errors) & (errors > 0.0)
+    if estimated.sum() < 2:
         return 0.0
-    squares, variances = (values[told] - value) ** 2, errors[told] ** 2 + std**2
-    if float(np.sum(squares / variances)) < float(special.chdtri(told.sum(), _CHANCE)):
+    squares, variances = (values[estimated] - value) ** 2, errors[estimated] ** 2 + std**2
+    if float(np.sum(squares / variances)) < float(special.chdtri(estimated.sum(), _CHANCE)):
         return 0.0
 
     def excess(scatter: float) -> float:
-        return float(np.sum(squares / (variances + scatter**2))) - float(told.sum())
+        return float(np.sum(squares / (variances + scatter**2))) - float(estimated.sum())
 
     from scipy.optimize import brentq  # slow to import, and seldom wanted
 

@@ -1,4 +1,4 @@
-"""Which regressors a flight cannot tell apart: condition indices with variance proportions, and variance inflation.
+"""Which regressors a flight cannot distinguish: condition indices with variance proportions, and variance inflation.
 
 Source: D. A. Belsley, E. Kuh, R. E. Welsch, "Regression Diagnostics", Wiley 1980, chapter 3: columns scaled to unit
 length and not centred; an index above 30 with two or more proportions above one half is harmful.
@@ -51,16 +51,17 @@ class Collinearity:
         return found
 
     def words(self) -> list[str]:
-        """What a reader should know, one line each; empty where all can be told apart."""
+        """What a reader should know, one line each; empty where all can be distinguished."""
         lines = [
-            f"{', '.join(members)} move together (condition index {index:.0f}): their sum is told, each alone hardly"
+            f"{', '.join(members)} move together (condition index {index:.0f}): their sum is identifiable, each alone "
+            "hardly"
             for index, members in self.groups()
         ]
-        told = {name for _, members in self.groups() for name in members}
+        collinear = {name for _, members in self.groups() for name in members}
         lines += [
             f"{name} is nearly a combination of the other regressors (variance inflation {vif:.0f})"
             for name, vif in zip(self.names, self.vif, strict=True)
-            if vif > HIGH_VIF and name not in told
+            if vif > HIGH_VIF and name not in collinear
         ]
         return lines
 

@@ -20,7 +20,7 @@ from sysid.errors import SysidError
 from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.signals.flight import FlightData
 
-# Rich in what lift may follow, so that a missing term of the model is not taken for timing.
+# Rich in what lift may follow, so that a missing term of the model is not mistaken for timing.
 _LIFT = ("CL_0", "CL_alpha", "CL_alpha2", "CL_q", "CL_alphadot", "CL_de")
 _SIDE = ("CY_0", "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr")
 # Twice the log likelihood ratio that overrules the order of a real vehicle.

@@ -34,7 +34,7 @@ def frozen_commands(
     """
     known = [name for name in _SURFACES if name in recorded and all(name in part for part in parts)]
     still = [name for name in known if max(float(np.ptp(part[name])) for part in parts) < _STILL]
-    told = {}
+    sentences = {}
     for name in still:
         control, axis, motion = _MADE_BY[name]
         others = [other for other in known if other not in still and (axis == "Cm") == (other == "de")]
@@ -44,12 +44,12 @@ def frozen_commands(
             continue
         level = float(np.median([one[axis] for one in noise]))
         if found.r2 < 1.0 - _SHARE and _rms(found.residual) > _NOISES * level:
-            told[name] = (
+            sentences[name] = (
                 f"{name}: repeats one value, yet {1.0 - found.r2:.0%} of the moment {axis} comes from nothing else that"
                 f" is recorded: its channel is dead. Check controls.{control} of the vehicle file, its servo number"
                 f" and what records it; the {part_of(name)} coefficients are refused"
             )
-    return told
+    return sentences
 
 
 def part_of(surface: str) -> str:

@@ -75,7 +75,7 @@ def frequency_regression(
     """Regress one axis in the frequency domain.
 
     equations: of corrected parts. terms: of this axis; constants are of no account in the band. band_hz: None takes
-    `band_of`. Raises EstimationError for too few lines or terms that cannot be told apart.
+    `band_of`. Raises EstimationError for too few lines or terms that cannot be distinguished.
     """
     low, high = band_of(equations) if band_hz is None else band_hz
     chosen = [term for term in terms if term.factors]
@@ -157,7 +157,9 @@ def _complex_least_squares(y: Complex, X: Complex, names: Sequence[str]) -> tupl
     target = np.concatenate([y.real, y.imag])
     singular = np.linalg.svd(design, compute_uv=False)
     if singular[-1] < 1e-8 * singular[0]:
-        raise EstimationError(f"frequency domain: {', '.join(names)} cannot be told apart in the band; leave some out")
+        raise EstimationError(
+            f"frequency domain: {', '.join(names)} cannot be distinguished in the band; leave some out"
+        )
     inverse = np.linalg.inv(design.T @ design)
     solution = inverse @ (design.T @ target)
     residual = target - design @ solution

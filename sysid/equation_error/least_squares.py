@@ -123,7 +123,7 @@ def regress(
 def mixed_values(y: Array, X: Array, names: Sequence[str], bandwidth: float, prior: Gaussian | None) -> Array:
     """(P,) estimates of `regress` without their errors; residuals count as white when weighed against the prior.
 
-    Raises EstimationError for linearly dependent regressors without a prior that tells them apart.
+    Raises EstimationError for linearly dependent regressors without a prior that distinguishes them.
     """
     R, b, rss = _triangular(X, y)
     if prior is not None:
@@ -132,7 +132,7 @@ def mixed_values(y: Array, X: Array, names: Sequence[str], bandwidth: float, pri
         R, b, _ = _triangular(np.vstack([R, own * root]), np.concatenate([b, known * root]))
     scale = np.sqrt(np.sum(R**2, axis=0))
     if not np.all(np.isfinite(R)) or np.any(scale == 0.0) or np.linalg.cond(R / scale) > 1e10:
-        raise EstimationError(f"regression: {', '.join(names)} cannot be told apart; leave some out")
+        raise EstimationError(f"regression: {', '.join(names)} cannot be distinguished; leave some out")
     return np.asarray(linalg.solve_triangular(R / scale, b) / scale, dtype=np.float64)
 
 

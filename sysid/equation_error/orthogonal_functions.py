@@ -22,7 +22,7 @@ from sysid.errors import EstimationError
 
 CRITERIA = ("pse", "cross-validation")
 _FOLDS = 8  # of cross validation
-# A column of which less than this share is new cannot be told from those before it.
+# A column of which less than this share is new cannot be distinguished from those before it.
 _NEW_SHARE = 1e-4
 
 

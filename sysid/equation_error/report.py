@@ -22,13 +22,13 @@ from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.signals.flight import FlightData
 
-# Chance, over all terms tried in a flight, that one which is zero is told to be there.
+# Chance, over all terms tried in a flight, that one which is zero is reported as significant.
 FALSE_TERM = 0.01
 # Terms that explain less than this are below what errors of the vehicle file do.
 LEAST_GAIN = 1e-3
 # Variance inflation from which the motion's own noise no longer stays within the bars (measured: doublets, 18).
 BIASING_VIF = 15.0
-# Travel of the angle of attack, rad, over which a table tells more than a line.
+# Travel of the angle of attack, rad, over which a table shows more than a line.
 WIDE_ALPHA = 0.1
 # Standard errors by which time and frequency domain may differ.
 _AGREEMENT = 4.0
@@ -53,11 +53,11 @@ def regression_report(
     moved = _moved(parts)
     wider = [term.name for axis in regressions for term in candidate_terms(axis, moved) if term.name not in names]
     equations = settled_equations(parts, body, names, CUTOFF_HZ, command_first, prior, wider)
-    told = joint.entries()
+    estimates = joint.entries()
     report: dict[str, Any] = {}
     warnings: list[str] = []
     for axis, chosen in axes_of([parse_term(name) for name in names]):
-        entry, found = _axis(equations, axis, chosen, regressions[axis], told)
+        entry, found = _axis(equations, axis, chosen, regressions[axis], estimates)
         tests = _excluded(equations, axis, chosen, [parse_term(name) for name in wider])
         entry["excluded"] = [_test_json(test) for test in tests]
         entry["structure"] = _structures(equations, axis, chosen, [parse_term(name) for name in wider])
@@ -75,7 +75,7 @@ def regression_report(
 
 
 def _moved(parts: Sequence[FlightData]) -> set[str]:
-    """Regressors that these parts can tell anything about."""
+    """Regressors on which these parts hold information."""
     surfaces = {
         name for name in CONTROLS if all(name in p for p in parts) and any(np.ptp(p[name]) > 0.0 for p in parts)
     }
@@ -88,7 +88,7 @@ def _axis(
     axis: str,
     terms: Sequence[Term],
     result: RegressionResult,
-    told: Mapping[str, tuple[float, float]],
+    estimates: Mapping[str, tuple[float, float]],
 ) -> tuple[dict[str, Any], list[str]]:
     y, X = equations.regressand(axis), equations.matrix(terms)
     constant = next((i for i, term in enumerate(terms) if not term.factors), None)
@@ -98,7 +98,7 @@ def _axis(
     entries: dict[str, Any] = {}
     warnings: list[str] = []
     for i, name in enumerate(result.names):
-        value, std = told[name]
+        value, std = estimates[name]
         partial_f = float((result.values[i] / result.std[i]) ** 2)
         entries[name] = {
             "value": value, "std": std, "std_regression": float(result.std[i]), "partial_f": partial_f,

@@ -107,7 +107,7 @@ def trial(
     if wider.vif[-1] > 100.0:
         reason = f"nearly a combination of the others (variance inflation {wider.vif[-1]:.0f})"
     elif partial_f < F_ENTER:
-        reason = f"not told from zero: partial F {partial_f:.1f}, p = {p:.2g}"
+        reason = f"not significant: partial F {partial_f:.1f}, p = {p:.2g}"
     else:
         reason = f"differs from zero: partial F {partial_f:.0f}, p = {p:.1g}, R2 rises by {gain:.2g}"
     return TermTest(name, value, std, partial_f, p, gain, reason)
@@ -148,7 +148,7 @@ def stepwise(
     history += [f"{names[j]} leaves: nothing beside coloured residuals" for j in late]
     inside = [j for j in inside if j not in late]
     if not inside:
-        raise EstimationError("stepwise: no candidate tells anything of the regressand")
+        raise EstimationError("stepwise: no candidate explains anything of the regressand")
     chosen = [names[j] for j in inside]
     result = regress(y, X[:, inside], chosen, parts, bandwidth)
     excluded = [

@@ -32,7 +32,7 @@ def equation_error(
     "CL_alpha", "CD_k". prior: what is known of coefficients before the flight; its correlations between axes are not
     used. Returns axis -> regression, its names being the coefficients; regressand and residual are weighted by dynamic
     pressure over its mean.
-    Raises SignalError for a missing signal, EstimationError for terms that cannot be told apart.
+    Raises SignalError for a missing signal, EstimationError for terms that cannot be distinguished.
     """
     equations = settled_equations(parts, body, names, cutoff_hz, command_first, prior)
     terms = [parse_term(name) for name in names]

@@ -1,8 +1,9 @@
 """Sensors that remember, as states of the filter.
 
-A sensor with a lag, or one that comes late by a part of a sample, reads y_k = m_k + c1 x_k of what is there, x, with a
+A sensor with a lag, or one that is delayed by a part of a sample, reads y_k = m_k + c1 x_k of what is there, x, with a
 memory m_{k+1} = a y_k + c0 x_k = a m_k + (a c1 + c0) x_k (the motion taken as straight between samples: exact for a
-first-order lag of a ramp). A filter that takes such a sensor as prompt believes it too much: m is a state of its own.
+first-order lag of a ramp). A filter that takes such a sensor as free of lag believes it too much: m is a state of its
+own.
 """
 
 from __future__ import annotations
@@ -75,13 +76,13 @@ def lags(effects: Array, interval_s: float) -> list[OutputLag]:
 def remember(
     found: Sequence[OutputLag], columns: IntArray, z: Array, read_x: Array, read_theta: Array, direct: Sequence[int]
 ) -> Memory | None:
-    """The memory of the outputs in use; what prompt sensors would read is changed to what these do, in place.
+    """The memory of the outputs in use; what sensors without lag would read is changed to what these do, in place.
 
     None where none of them remembers; outputs that this record does not read at all have nothing to remember.
 
     columns: (m,) of OUTPUTS in use. z: (N, 15) measured. read_x: (N, 15, nf + na), read_theta: (N, 15, P) slopes of
-    prompt readings by states and parameters. direct: parameters whose slopes are those of prompt readings; all others
-    are those of what is read, memory included.
+    readings without lag by states and parameters. direct: parameters whose slopes are those of such readings; all
+    others are those of what is read, memory included.
     """
     used = [lag for lag in found if lag.column in columns and np.isfinite(z[:, lag.column]).any()]
     if not used:
@@ -90,10 +91,10 @@ def remember(
     start = []
     for lag in used:
         read_x[:, lag.column] *= lag.new
-        prompt = read_theta[:, lag.column, direct]
-        before = np.concatenate((prompt[:1], prompt[:-1]))
-        # Only sensors that come late, whose decay is 0, read forces, which parameters change at once.
-        read_theta[:, lag.column, direct] = lag.new * prompt + lag.old * before
+        undelayed = read_theta[:, lag.column, direct]
+        before = np.concatenate((undelayed[:1], undelayed[:-1]))
+        # Only delayed sensors, whose decay is 0, read forces, which parameters change at once.
+        read_theta[:, lag.column, direct] = lag.new * undelayed + lag.old * before
         start.append(_START_SHARE * _travel(z[:, lag.column]))
     return Memory(
         np.array([int(np.flatnonzero(columns == lag.column)[0]) for lag in used]),
@@ -145,9 +146,9 @@ class HiddenInput:
 def unseen(record: Record, flat: FlatModel) -> list[HiddenInput]:
     """What acts on a record unseen.
 
-    Noise that is left in a measured thrust: a propeller's torque rolls the aircraft by it, and gyros tell that better
-    than the thrust's own sensor. Taken as exact it looks like something that the model lacks. And of a lift that lags,
-    what it remembers of the time before the record.
+    Noise that is left in a measured thrust: a propeller's torque rolls the aircraft by it, and gyros measure that
+    better than the thrust's own sensor. Taken as exact it looks like something that the model lacks. And of a lift that
+    lags, what it remembers of the time before the record.
     """
     found = []
     noise = record.thrust_noise

@@ -1,4 +1,4 @@
-"""Sensors that come late, as the filter reads them.
+"""Delayed sensors, as the filter reads them.
 
 A delay is so many whole samples, by which the measurement is read ahead, and a part of one, by which the prediction is
 read on the way from the sample before (`sysid.filter_error.prediction.predict_path`).
@@ -22,13 +22,13 @@ _SKEW, _GROUP = slot("sensor_time_skew"), slot("sensor_time_skew", "group")
 
 
 def _is_late(effects: Array) -> BoolArray:
-    """(15,) which outputs come late."""
+    """(15,) which outputs are delayed."""
     group = float(effects[_GROUP])
     return np.array([effects[_SKEW] != 0.0 and is_late(int(place), group) for place in OUTPUT_PLACES])
 
 
 def select_delayed(y: Array, shown: Array, effects: Array) -> Array:
-    """(N, 15) what is read, of sensors that come late by a part of a sample what was there so much before."""
+    """(N, 15) what is read, of sensors that are delayed by a part of a sample what was there so much before."""
     return np.where(_is_late(effects), shown, y) if shown.size else y
 
 
@@ -39,9 +39,9 @@ def delay_prediction(y: Array, effects: Array, whole: int) -> Array:
 
 
 def delay_measurements(record: Record, effects: Array, whole: int) -> Array:
-    """(N, 15) what readings of a group that come `whole` samples late would be more if they came in time.
+    """(N, 15) what readings of a group that are delayed by `whole` samples would be more if they came in time.
 
-    The filter knows the motion by its sensors: those that come late are read ahead, so that its state is never theirs.
+    The filter knows the motion by its sensors: delayed ones are read ahead, so that its state is never theirs.
     """
     if whole == 0:
         return np.zeros(record.z.shape)

@@ -33,7 +33,7 @@ def estimate_in_turbulence(
     sensors: Sequence[str] | None = None,
     progress: Progress = lambda share, text: None,
 ) -> tuple[Problem, FilterErrorResult, list[Refusal]]:
-    """Filter error with the sensor errors that this flight can tell, over the likelier timing of the commands.
+    """Filter error with the sensor errors that this flight can identify, over the likelier timing of the commands.
 
     problem: of the flight, with paths. sensors: names to estimate; None lets the flight decide, GPS velocity included
     where it was measured. Raises EstimationError where the filter diverges.
@@ -75,7 +75,7 @@ def _with_sensors(
     effects: Sequence[tuple[str, str]],
     compatible: CompatibilityResult,
 ) -> tuple[Problem, list[Refusal]]:
-    """The problem with those sensor errors that its own information can tell beside the coefficients."""
+    """The problem with those sensor errors that its own information can identify beside the coefficients."""
     z = np.concatenate([record.z for record in problem.records])
     measured = {name for j, name in enumerate(OUTPUTS) if np.isfinite(z[:, j]).any()}
     motion = replace(problem.motion, ground=measured >= {*GROUND, "psi"})

@@ -197,7 +197,7 @@ class FilterError(FilteredFlight):
         self, theta: Array, covariance: Array, noise: Array, turbulence: Turbulence, found: Pass, cost: float,
         iteration: int, near: bool,
     ) -> FilterErrorResult:  # fmt: skip
-        """An estimate with noise and turbulence as they were known: what is told of them is not asked."""
+        """An estimate with noise and turbulence as they were known: they are not estimated."""
         sigma = np.full(len(OUTPUTS), np.nan)
         sigma[self.columns] = np.sqrt(noise)
         return FilterErrorResult(

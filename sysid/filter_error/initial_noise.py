@@ -39,10 +39,10 @@ def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tu
 
     Raises EstimationError where it follows with no noise tried.
     """
-    kept, told = [path.copy() for path in flight.paths], flight.noise
+    kept, initial = [path.copy() for path in flight.paths], flight.noise
     for growth in _GROWTH:
         flight.paths = [path.copy() for path in kept]
-        noise = growth * told
+        noise = growth * initial
         with np.errstate(all="ignore"):
             linear, found = settled_path(flight, theta, noise, turbulence)
         if _follows_on_the_whole(found):

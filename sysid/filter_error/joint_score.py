@@ -5,7 +5,7 @@ what the filter expects of them. Leaving that out gives estimating equations tha
 answer the same gust (measured: standard errors of Cl_beta and Cn_beta two to three times too small). The derivatives
 are difference quotients of whole filter passes, the path moving along with what is changed: about a fixed one a shift
 of the sideslip or a stretch of the airspeed that changes nothing in the motion seems to change the gains, which
-feigns three times the information there is. Source: Maine & Iliff, NASA RP-1168, section 5.3.
+looks like three times the information there is. Source: Maine & Iliff, NASA RP-1168, section 5.3.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """How the likelihood of a Kalman pass depends on the variances behind it (compiled).
 
 The filter is differentiated by every variance, which gives the exact gradient and the expected information: scoring
-finds noise and turbulence together, where innovations alone could not tell one from the other. Source: Maine & Iliff,
-NASA RP-1168, section 5.3; K. J. Astrom, "Maximum likelihood and prediction error methods", Automatica 16(5), 1980.
+finds noise and turbulence together, where innovations alone could not distinguish one from the other. Source: Maine &
+Iliff, NASA RP-1168, section 5.3; K. J. Astrom, "Maximum likelihood and prediction error methods", Automatica 16(5),
+1980.
 
 The gradient alone comes at a fraction of that from a smoother's way back, which carries the derivatives of what is
 still to come by the state's mean and covariance: with x and P those before a reading, dL/dx = -l and

@@ -154,7 +154,7 @@ class FilteredFlight:
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
             record.rho[record.start :], _heights(record, flat.E), record.interval_s, flat.P,
-            _prompt(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
+            _without_lag(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
             np.arange(len(OUTPUTS)),
         )  # fmt: skip
         count = theta.size if slopes else 0
@@ -224,7 +224,7 @@ class FilteredFlight:
                 found.append((i, term, STATE_COLUMNS + int(axis[term])))
                 weights.append(same)
             elif parameter.name == "accel_bias_x" and record.moving_mass > 0.0:
-                # The thrust that the bias feigns, beside the bias itself.
+                # The apparent thrust of the bias, beside the bias itself.
                 found.append((i, -1, THRUST_COLUMN))
                 weights.append(-record.moving_mass * same)
             elif parameter.kind == "input":
@@ -275,8 +275,8 @@ class FilteredFlight:
     def _predicted(
         self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
-        """One step ahead and what is read. read_ahead: see `delay_measurements`; else readings that come late are
-        expected so, which keeps their noise out of what is compared with them.
+        """One step ahead and what is read. read_ahead: see `delay_measurements`; else delayed readings are
+        expected with their delay, which keeps their noise out of what is compared with them.
         """
         record, path = self.records[k], self.paths[k]
         lagging, effects = bool(np.any(flat.E[_LAGGING])), self._effects(flat, record)
@@ -396,7 +396,7 @@ class FilteredFlight:
 
 
 def _begun_at(system: System, mean: Array) -> System:
-    """The system whose state begins at a mean (states,) other than zero, told to passes that begin at zero."""
+    """The system whose state begins at a mean (states,) other than zero, expressed for passes that begin at zero."""
     if not np.any(mean):
         return system
     left, jump = system.left.copy(), system.jump.copy()
@@ -416,8 +416,8 @@ def _heights(record: Record, effects: Array) -> Array:
     return heights[record.start :] if heights.size else np.zeros(record.length)
 
 
-def _prompt(effects: Array) -> Array:
-    """Effects without those that remember the motion: the filter's gains take lift and sensors as prompt."""
-    prompt = effects.copy()
-    prompt[_LAGGING] = 0.0
-    return prompt
+def _without_lag(effects: Array) -> Array:
+    """Effects without those that remember the motion: the filter's gains take lift and sensors as free of lag."""
+    without_lag = effects.copy()
+    without_lag[_LAGGING] = 0.0
+    return without_lag

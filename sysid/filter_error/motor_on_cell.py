@@ -22,8 +22,8 @@ def misreads(P: Array, E: Array) -> bool:
 
 
 def at_the_centre(P: Array, E: Array) -> tuple[Array, Array]:
-    """P and E with a prompt accelerometer at the centre of gravity, in body axes."""
-    centred, prompt = P.copy(), E.copy()
+    """P and E with an undelayed accelerometer at the centre of gravity, in body axes."""
+    centred, undelayed = P.copy(), E.copy()
     centred[_ARM] = 0.0
-    prompt[[_OFFSET, _TILT, _LATE]] = 0.0
-    return centred, prompt
+    undelayed[[_OFFSET, _TILT, _LATE]] = 0.0
+    return centred, undelayed

@@ -53,7 +53,7 @@ class Path:
     def moved(self, free: IntArray, before: Array, after: Array) -> Path:
         """The path by deviations (N, nf) of its free states before and after each sample.
 
-        Where the first readings tell another airflow or attitude than they could be linearised over, they are
+        Where the first readings give another airflow or attitude than they could be linearised over, they are
         linearised where they lead to, as an iterated Kalman filter does (B. M. Bell & F. W. Cathey, IEEE TAC 38(2),
         1993): what was known of the start stays as it was, and counts against them.
         """

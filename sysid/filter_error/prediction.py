@@ -176,7 +176,7 @@ def predict_path(
     from the throttle. heights: (N,) m, 0 where no effect asks for one. lagging: whether some sensor lags. A
     lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
     readings, as a prediction may be, though not of the filter's state. part: of a sample, above 0 where some sensors
-    come late.
+    are delayed.
     Returns ahead (N - 1, 9), the channels at `places` (N, m), and the same `part` of a sample before each sample, on
     the way there from the sample before; (0, m) where `part` is 0.
     """

@@ -69,12 +69,12 @@ class _Regression:
 
     def values(self, parts: Sequence[FlightData], vehicle: Vehicle) -> Array:
         """(P,) in the order of `names`."""
-        told = equation_values(parts, body_of(vehicle), self.names, self.command_first, diffuse(self.names))
-        return np.array([told[name] for name in self.names])
+        found = equation_values(parts, body_of(vehicle), self.names, self.command_first, diffuse(self.names))
+        return np.array([found[name] for name in self.names])
 
 
 def diffuse(names: Sequence[str]) -> Gaussian:
-    """As little as is known of any aircraft: it says nothing where the flight tells anything."""
+    """As little as is known of any aircraft: it says nothing where the flight says anything."""
     size = np.array([PRIOR_SHARE * usual_size(name) for name in names])
     return Gaussian(tuple(names), np.zeros(size.size), np.diag(size**2))
 
@@ -123,12 +123,12 @@ def estimate_by_equations(
 def _bands_json(found: BandEstimates | None) -> dict[str, Any] | None:
     if found is None:
         return None
-    told = [
+    estimates = [
         {"band_hz": [round(float(edge), 3) for edge in edges], "value": float(value), "std": float(std)}
         for edges, value, std in zip(found.bands_hz, found.values, found.std, strict=True)
         if np.isfinite(value)
     ]
-    return {"estimates": told, "scatter": found.scatter}
+    return {"estimates": estimates, "scatter": found.scatter}
 
 
 def _from_sensors(
@@ -166,9 +166,9 @@ def _systematic(
     moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
     records = [stretch.record for flight in prepared for stretch in flight.stretches]
     for change, share in [*((one, SHARE) for one in perturbations(records)), (LATE, 1.0)]:
-        told = with_records(prepared, change.record)
+        changed = with_records(prepared, change.record)
         other = change.vehicle(vehicle)
-        values = step.values(make_parts(told, other, compatible), other)
+        values = step.values(make_parts(changed, other, compatible), other)
         for name, difference in zip(step.names, (values - base) / share, strict=True):
             moved[name][change.name] = float(difference)
     return moved

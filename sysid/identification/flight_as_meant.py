@@ -81,11 +81,11 @@ class FlightsRead:
     judges: Sequence[Meant]
 
     def mistakes(self) -> tuple[Mistake, ...]:
-        """What was mended in the flights that are fitted, or said of them."""
+        """What was mended in the flights that are fitted, or reported of them."""
         return tuple({one.sentence: one for each in self.fitted for one in each.mistakes}.values())
 
     def judged_warnings(self) -> list[str]:
-        """What is said of the flights to judge by."""
+        """What is reported of the flights to judge by."""
         each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
         return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
 
@@ -159,9 +159,9 @@ def has_whole_imu(signals: FlightSignals) -> bool:
 
 def without_dead(signals: FlightSignals) -> FlightSignals:
     """The flight without accelerometers and gyros that are dead; the attitude's rates stand for gyros, where it has
-    them. What is missing of the IMU is told.
+    them. What is missing of the IMU is reported.
     """
-    kept, told = dict(signals.signals), []
+    kept, warnings = dict(signals.signals), []
     if not any(name in kept for name in IMU):
         return signals
     for name in IMU:
@@ -170,12 +170,12 @@ def without_dead(signals: FlightSignals) -> FlightSignals:
         why = "no signal" if name not in kept else "no change of"
         rate = attitude_rate(signals, name)
         if rate is not None:
-            told.append(f"{why} {name}: {BY_ATTITUDE} is taken for it")
+            warnings.append(f"{why} {name}: {BY_ATTITUDE} is taken in its place")
             kept[name] = rate
         else:
-            told.append(f"{why} {name}: it is done without")
+            warnings.append(f"{why} {name}: it is done without")
             kept.pop(name, None)
-    return replace(signals, signals=kept, warnings=(*signals.warnings, *told)) if told else signals
+    return replace(signals, signals=kept, warnings=(*signals.warnings, *warnings)) if warnings else signals
 
 
 def attitude_rate(signals: FlightSignals, rate: str) -> Signal | None:

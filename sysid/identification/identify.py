@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
 _PULLED = 4.0
-# Outputs whose errors kinematics alone tell: attitude, and the velocity of the air.
+# Outputs whose errors kinematics alone determine: attitude, and the velocity of the air.
 _ALONE = ("phi", "theta", "vn", "ve", "vd")
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
@@ -107,7 +107,7 @@ def identify(
     are narrower there; "map" everywhere else, and "fe" where the free motion of the aircraft diverges. Where sensors
     are given "auto" is "oe": the other knows none of them.
     start_s, stop_s: the part to take, s.
-    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight tells.
+    sensors: sensor errors to estimate (names of SENSOR_ERRORS); None takes those that the flight identifies.
     as_recorded: signals that are taken as they are, whatever seems ("ax", ...).
     systematic: whether to say what errors of the vehicle file would do, which takes longer than the estimate.
     Raises SysidError subclasses in one line.
@@ -168,8 +168,8 @@ def _as_of_textbooks(
 
 
 def _pulled(books: Identification) -> bool:
-    """Whether a sensor error is not what kinematics alone tell: the motion's model then makes up for aerodynamics that
-    its structure does not hold.
+    """Whether a sensor error is not what kinematics alone estimate: the motion's model then makes up for aerodynamics
+    that its structure does not hold.
     """
     known = books.compatibility.parameters
     return any(
@@ -219,7 +219,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
-    # Kinematics tell zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
+    # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
         **found.estimate.sensor_errors(PRIOR_SHARE),
@@ -254,7 +254,7 @@ class _Posed:
     """Prepared flights with the problem to solve.
 
     start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
-    were not recorded, and what was said of them.
+    were not recorded, and what was reported of them.
     """
 
     asked: Request
@@ -270,7 +270,7 @@ class _Posed:
 
 @dataclass(frozen=True)
 class _Found:
-    """What an estimation told. errors: value, standard error and unit of every sensor error."""
+    """What an estimation found. errors: value, standard error and unit of every sensor error."""
 
     model: Model
     errors: Mapping[str, tuple[float, float, str]]

@@ -115,14 +115,14 @@ class LinearModel:
     """The state space of a model with its derivatives with respect to the coefficients.
 
     names: coefficients, (P,). covariance: (P, P). slopes: per coefficient the derivatives of (A, B, C, D).
-    told: whether longitudinal and lateral motion are known at all.
+    known: whether longitudinal and lateral motion are known at all.
     """
 
     system: StateSpace
     names: tuple[str, ...]
     covariance: Array
     slopes: tuple[tuple[Array, Array, Array, Array], ...]
-    told: tuple[bool, bool]
+    known: tuple[bool, bool]
 
     def modes(self) -> list[Mode]:
         """Modes of the motion that is known, longitudinal ones first, each group fastest first."""
@@ -131,13 +131,13 @@ class LinearModel:
         shares = np.abs(right * left.T)
         longitudinal = shares[_LONGITUDINAL].sum(axis=0) > shares[4:].sum(axis=0)
         modes = []
-        for known, chosen, namer in (
-            (self.told[0], longitudinal, _longitudinal_names),
-            (self.told[1], ~longitudinal, _lateral_names),
+        for is_known, chosen, namer in (
+            (self.known[0], longitudinal, _longitudinal_names),
+            (self.known[1], ~longitudinal, _lateral_names),
         ):
             places = [i for i in np.flatnonzero(chosen) if values[i].imag >= 0.0]
             places.sort(key=lambda i: -abs(values[i]))
-            if known:
+            if is_known:
                 names = namer([complex(values[i]) for i in places])
                 modes += [
                     self._mode(name, values[i], right[:, i], left[i]) for name, i in zip(names, places, strict=True)
@@ -178,7 +178,7 @@ class LinearModel:
         frequencies = np.array(RESPONSE_HZ)
         found = []
         for source, output in RESPONSES:
-            if not self.told[0 if source == "de" else 1]:
+            if not self.known[0 if source == "de" else 1]:
                 continue
             base, gain_std, phase_std = self.response(source, output, frequencies)
             found.append(
@@ -212,7 +212,7 @@ def linearise(
     coefficient that was refused counts as 0 with its usual size as standard error.
     Raises SimVehicleError where the vehicle cannot be trimmed there.
     """
-    told = {
+    motion_known = {
         longitudinal: any(
             entry.value is not None
             for name, entry in model.coefficients.items()
@@ -223,7 +223,7 @@ def linearise(
     whole = replace(
         model,
         coefficients={
-            name: _stand_in(name, told[is_longitudinal(name)]) if entry.value is None else entry
+            name: _stand_in(name, motion_known[is_longitudinal(name)]) if entry.value is None else entry
             for name, entry in model.coefficients.items()
         },
     )
@@ -252,23 +252,23 @@ def linearise(
         pairs = zip(_matrices(moved), _matrices(base), strict=True)
         a, b, c, d = ((after - before) / step for after, before in pairs)
         slopes.append((a, b[:, : len(system.inputs)], c, d[:, : len(system.inputs)]))
-    return LinearModel(system, tuple(names), spread, tuple(slopes), (told[True], told[False]))
+    return LinearModel(system, tuple(names), spread, tuple(slopes), (motion_known[True], motion_known[False]))
 
 
 def _any_thrust(vehicle: Vehicle) -> Propulsion:
-    """Enough thrust for any steady flight, on the vehicle's own thrust line where it tells one."""
+    """Enough thrust for any steady flight, on the vehicle's own thrust line where it has one."""
     enough = 3.0 * vehicle.mass.mass * vehicle.environment.gravity
     if vehicle.propulsion is None:
         return Propulsion(max_thrust=enough)
     return replace(vehicle.propulsion, max_thrust=enough, CT=(), CQ=())
 
 
-def _stand_in(name: str, motion_told: bool) -> Coefficient:
+def _stand_in(name: str, motion_known: bool) -> Coefficient:
     """What stands for a coefficient that was refused: 0 within its usual size.
 
     Where nothing is known of a motion, its modes are not given, and usual coefficients only let it be trimmed.
     """
-    return Coefficient(0.0, usual_size(name)) if motion_told else Coefficient(usual_size(name))
+    return Coefficient(0.0, usual_size(name)) if motion_known else Coefficient(usual_size(name))
 
 
 def _state_space(

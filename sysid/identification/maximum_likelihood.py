@@ -34,7 +34,7 @@ _COLOURED = 1.8
 class MaximumLikelihood:
     """An estimate, the problem it solves, and how.
 
-    method: "oe" or "fe". refused: sensor errors that the flight cannot tell beside the coefficients. warnings: in
+    method: "oe" or "fe". refused: sensor errors that the flight cannot identify beside the coefficients. warnings: in
     words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
     left_over: what output error has not explained, in words; its bars are too small then. linearised: of output error,
     where the last step started, the noise of the inputs not yet taken out.
@@ -105,7 +105,7 @@ def _in_calm_air(
     problem, result = here.problem, here.result
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
-    # What a bench's error or a law of the thrust does to the motion passes for aerodynamics, and has bars of its own.
+    # What a bench's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own.
     wider = None
     if not bench and all(record.thrust_source.measured for record in problem.records):
         try:
@@ -133,7 +133,7 @@ def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) 
         return ""
     return (
         f"what output error leaves of {most} is no noise of a sensor, its spectrum spans a factor of"
-        f" {np.exp(spans[most]):.0f}: surfaces that come late, gusts, vibration or a missing effect; the standard"
+        f" {np.exp(spans[most]):.0f}: delayed surfaces, gusts, vibration or a missing effect; the standard"
         " errors do not count it; use --method map"
     )
 
@@ -170,9 +170,9 @@ def _with_misfit(
     result, _ = carry(misled(held, here), here, result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
-    told = replace(corrected, known=problem.known)
+    completed = replace(corrected, known=problem.known)
     nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
-    return MaximumLikelihood(told, nearest, "oe", (), warnings, nothing, solved, linearised=here)
+    return MaximumLikelihood(completed, nearest, "oe", (), warnings, nothing, solved, linearised=here)
 
 
 def systematic(

@@ -34,7 +34,7 @@ from sysid.signals.sensor_groups import ACCEL
 _STATIC = frozenset(("alpha", "beta"))
 # A part of the flight is at most so long, s, at least so long.
 _LONGEST_S, _SHORTEST_S = 120.0, 5.0
-# Quiet flight of up to so long between two excited stretches stays in their part, s: it tells what noise there is.
+# Quiet flight of up to so long between two excited stretches stays in their part, s: it determines the noise.
 _JOINED_S = 15.0
 
 
@@ -91,9 +91,9 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     )
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated)
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
-    told = tuple(dict.fromkeys((*warnings, *found.warnings)))
+    every_warning = tuple(dict.fromkeys((*warnings, *found.warnings)))
     return PosteriorIdentification(
-        tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, told
+        tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
     )
 
 
@@ -133,19 +133,19 @@ def _dead_surfaces(
         return {}
     noise = [moment_noise(stretch.record, vehicle) for flight in prepared for stretch in flight.stretches]
     parts = corrected_parts(prepared, vehicle, compatible)
-    told = frozen_commands(parts, body_of(vehicle), noise, recorded)
-    return {part_of(name): sentence for name, sentence in told.items()}
+    frozen = frozen_commands(parts, body_of(vehicle), noise, recorded)
+    return {part_of(name): sentence for name, sentence in frozen.items()}
 
 
 def refusals_of(
     found: PosteriorEstimate, structure: Model, thrust: bool, estimated_inertia: bool = False
 ) -> list[Refusal]:
-    """Coefficients that the flights cannot tell, each with the reason."""
+    """Coefficients that the flights cannot identify, each with the reason."""
     refused = [
         Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
         for name in found.unexcited
     ]
-    joint, told = found.joint, set(found.joint.names)
+    joint, identified = found.joint, set(found.joint.names)
     for i, name in enumerate(joint.names):
         if name not in structure.coefficients:
             continue
@@ -161,11 +161,11 @@ def refusals_of(
             if estimated_inertia and name.startswith(("Cl_", "Cm_", "Cn_")):
                 reason += "; measure the moments of inertia"
         elif std > PRIOR_SHARE * found.prior_std[name]:
-            reason = "the flight tells no more of it than was known before"
+            reason = "the flight adds nothing to what was known before"
         else:
             continue
         refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
-    lost = [name for name in structure.coefficients if name not in told and name not in found.unexcited]
+    lost = [name for name in structure.coefficients if name not in identified and name not in found.unexcited]
     why = "; ".join(found.left_out.values()) or "the measurement that shows it is missing"
     return refused + [Refusal(name, why, helpful_manoeuvre(name)) for name in lost]
 
@@ -275,27 +275,27 @@ def _model(
     """Model file of the estimate."""
     reasons = {entry.name: entry.reason for entry in refused}
     joint = found.joint.of([name for name in found.joint.names if name not in reasons])
-    told = {} if joint is None else joint.entries()
+    entries = {} if joint is None else joint.entries()
     coefficients = {
-        key: Coefficient(None, refused=reasons[key]) if key in reasons else Coefficient(*told[key])
+        key: Coefficient(None, refused=reasons[key]) if key in reasons else Coefficient(*entries[key])
         for key in structure.coefficients
     }
     return Model(
         name,
         coefficients,
-        effects_with(structure.effects, told),
+        effects_with(structure.effects, entries),
         _validity(parts),
         None if joint is None else joint.correlation(),
     )
 
 
-def effects_with(effects: Sequence[ModelEffect], told: Mapping[str, tuple[float, float]]) -> tuple[ModelEffect, ...]:
+def effects_with(effects: Sequence[ModelEffect], found: Mapping[str, tuple[float, float]]) -> tuple[ModelEffect, ...]:
     """Effects of a model with values and standard errors by "effect.parameter"; what is not among them stays."""
     return tuple(
         replace(
             effect,
             parameters={
-                key: Coefficient(*told[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in told else entry
+                key: Coefficient(*found[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in found else entry
                 for key, entry in effect.parameters.items()
             },
         )

@@ -13,7 +13,7 @@ from sysid.signals.flight import FlightSignals
 
 @dataclass(frozen=True)
 class Request:
-    """The flights and all that was said of them. The fields are the parameters of `sysid.identify.identify`."""
+    """The flights and all that was stated of them. The fields are the parameters of `sysid.identify.identify`."""
 
     flights: Sequence[FlightSignals]
     vehicle: Vehicle

@@ -11,7 +11,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.identify import Identification
 from sysid.identification.linear_model import LinearModel
 from sysid.signal_check.sensor_assessment import verdicts
-from sysid.validation.largest_residual import told
+from sysid.validation.largest_residual import outlier_text
 from sysid.validation.residual_series import output_residuals, series_json
 from sysid.validation.statistics import Validation
 
@@ -117,7 +117,7 @@ def _validation(validation: Validation | None, flights: tuple[str, ...]) -> dict
         "acceptable": validation.acceptable,
         "limit": validation.limit,
         "reason": validation.reason,
-        "outliers": told(validation.largest),
+        "outliers": outlier_text(validation.largest),
     }
 
 

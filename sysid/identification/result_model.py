@@ -1,4 +1,4 @@
-"""What an identification tells of its estimates: the model with its refusals, ranges and what stands beside."""
+"""What an identification reports of its estimates: the model with its refusals, ranges and what stands beside."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
 from sysid.signals.preparation import Prepared
 
 
-def unique_refusals(refused: Sequence[Refusal], told: Mapping[str, object]) -> tuple[Refusal, ...]:
-    """Every refusal once, and none of what another method could tell after all."""
-    return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in told}.values())[::-1]
+def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object]) -> tuple[Refusal, ...]:
+    """Every refusal once, and none of what another method could estimate after all."""
+    return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in estimated}.values())[::-1]
 
 
 def linear_model(
@@ -47,7 +47,7 @@ def linear_model(
 
 
 def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]]) -> Model:
-    """The model with something told beside each estimate under `key`."""
+    """The model with something reported beside each estimate under `key`."""
 
     def beside(name: str, entry: Coefficient) -> Coefficient:
         if entry.value is None or not found.get(name):
@@ -81,15 +81,15 @@ def refuse_unexcited(structure: Sequence[str], names: Sequence[str], dead: Seque
 def equation_model(
     start: Model, found: EquationEstimate, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]
 ) -> Model:
-    """The model that equation error tells."""
+    """The model that equation error estimates."""
     reasons = {entry.name: entry.reason for entry in refused}
     joint = found.joint.of([name for name in found.joint.names if name not in reasons])
-    told = {} if joint is None else joint.entries()
+    estimated = {} if joint is None else joint.entries()
     entries = {
         name: Coefficient(None, refused=reasons[name])
         if name in reasons
-        else Coefficient(*told[name])
-        if name in told
+        else Coefficient(*estimated[name])
+        if name in estimated
         else entry
         for name, entry in start.coefficients.items()
     }

@@ -32,7 +32,7 @@ def corrected(
     for value, variance, chosen in zip(values, variances, factors, strict=True):
         for vane in VANES:
             error = errors.get(f"{vane}_scale")
-            if chosen == (vane,) and error is not None and error.told:
+            if chosen == (vane,) and error is not None and error.observed:
                 own = [max(one - shared[vane], _LEAST_OWN * one) for one in (variance / value**2, error.std**2)]
                 value *= 1.0 + error.value
                 variance = sum(own) * value**2

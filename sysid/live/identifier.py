@@ -36,7 +36,7 @@ from sysid.live.wording import change_sentence, sensor_warnings
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre
 
-_HEIGHT = ("altitude",)  # tells the ground from the air, where there is one
+_HEIGHT = ("altitude",)  # distinguishes ground and flight, where there is one
 _SPARSE = ("vn", "ve", "vd")
 # How long signals gather before it is settled which of them this aircraft has.
 _GATHER_S = 1.5
@@ -80,8 +80,8 @@ class LiveReport:
 class LiveIdentifier:
     """Coefficients of all six axes while samples come. vehicle: what is known before the flight.
 
-    runner: what estimates the last half minute by the estimator of after the flight; those coefficients are told then,
-    and recursive ones only watch for changes. Without it the recursive ones are told.
+    runner: what estimates the last half minute by the estimator of after the flight; those coefficients are reported
+    then, and recursive ones only watch for changes. Without it the recursive ones are reported.
     """
 
     def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
@@ -195,7 +195,7 @@ class LiveIdentifier:
         statuses = self._judged(errors) if self._window is None else self._window.statuses()
         coefficients = {**self._unknown(), **statuses}
         ordered = {name: coefficients[name] for name in self._names if name in coefficients}
-        sensors = {name: error for name, error in errors.items() if error.told}
+        sensors = {name: error for name, error in errors.items() if error.observed}
         nuisances: tuple[NuisanceEstimate, ...] = ()
         problem: tuple[str, ...] = ()
         if self._window is not None:
@@ -230,11 +230,11 @@ class LiveIdentifier:
             if one.estimate is None:
                 continue
             try:
-                told = corrected(axis, one.factors, one.estimate, errors, shared)
+                unbiased = corrected(axis, one.factors, one.estimate, errors, shared)
             except _FAULTS as error:
                 self._fault(axis, one, error)
                 continue
-            found |= zip(one.names, told, strict=True)
+            found |= zip(one.names, unbiased, strict=True)
         return found
 
     def _refresh(self) -> dict[str, AirDataError]:
@@ -386,8 +386,8 @@ class LiveIdentifier:
         self._watch.silent.take(rows)
         self._filter(rows)
         if self._air.rows:
-            told = {name: error.value for name, error in self._air.errors().items() if error.told}
-            self._equations.biases = told
+            known = {name: error.value for name, error in self._air.errors().items() if error.observed}
+            self._equations.biases = known
         sides = self._equations.take(rows)
         if not rows.continues:
             self._hand_on(ends=True)
@@ -425,8 +425,10 @@ class LiveIdentifier:
         return {name: one.variance for name, one in self._noise.items() if isfinite(one.variance)}
 
     def _update(self, axis: str, one: Axis, errors: Mapping[str, AirDataError], *, checked: bool) -> None:
-        # A scale of which the flight has said nothing counts as calibrated, as it does after the flight.
-        biases = {name: (error.value, error.std) for name, error in errors.items() if error.told or "scale" not in name}
+        # A scale on which the flight holds no information counts as calibrated, as it does after the flight.
+        biases = {
+            name: (error.value, error.std) for name, error in errors.items() if error.observed or "scale" not in name
+        }
         known = self._known_noise()
         one.estimate = one.estimator.estimate(known, biases)
         if one.estimate is None:
@@ -462,11 +464,11 @@ class LiveIdentifier:
         if self._base is None:
             return []
         missing = self._base.missing()
-        told = [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
-        told += [f"{READINGS[name]} does not move: nothing is identified meanwhile" for name in self._stuck.names]
+        lines = [f"no {', '.join(missing)} for a second: nothing is identified meanwhile"] if missing else []
+        lines += [f"{READINGS[name]} does not move: nothing is identified meanwhile" for name in self._stuck.names]
         alone = ", ".join(f"{name} ({count})" for name, count in self._base.left_out().items())
-        told += [f"{why}: {axis} stands still" for axis, why in self._standing.items()]
-        return [*told, f"readings left out that no motion makes: {alone}"] if alone else told
+        lines += [f"{why}: {axis} stands still" for axis, why in self._standing.items()]
+        return [*lines, f"readings left out that no motion makes: {alone}"] if alone else lines
 
 
 def _in_words(error: Exception) -> str:

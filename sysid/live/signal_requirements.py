@@ -1,4 +1,4 @@
-"""Which signals an axis needs: what an aircraft that lacks some of them cannot tell, and why."""
+"""Which signals an axis needs: what an aircraft that lacks some of them cannot identify, and why."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def refusals(
 ) -> dict[str, tuple[str, str]]:
     """Coefficients that cannot be estimated by the signals that are `there`: why, and what to fly.
 
-    surfaces: signals of the vehicle's. thrust: the signal that tells thrust, None for none.
+    surfaces: signals of the vehicle's. thrust: the signal that gives thrust, None for none.
     """
     refused: dict[str, tuple[str, str]] = {}
     missing = [name for name in CORE if name not in there]
@@ -31,7 +31,7 @@ def refusals(
         elif term.axis not in LONGITUDINAL_AXES and "beta" not in there:
             refused[name] = ("there is no sideslip vane (beta)", "")
         elif term.axis in ("CL", "CD") and thrust is None:
-            refused[name] = ("thrust is neither measured nor told by [propulsion]", "")
+            refused[name] = ("thrust is neither measured nor given by [propulsion]", "")
         elif lost:
             refused[name] = (f"there is no {', '.join(lost)}: its servo's output does not come", "")
     return refused

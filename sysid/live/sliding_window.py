@@ -61,7 +61,7 @@ class Runner(Protocol):
 
 @dataclass(frozen=True)
 class WindowEstimate:
-    """What a window tells. begin_s, end_s: of the window. cost_s: CPU. problem: why there is nothing, else "".
+    """The estimate of a window. begin_s, end_s: of the window. cost_s: CPU. problem: why there is nothing, else "".
 
     coefficients: those estimated, and why others are not known. nuisances: what stands between aircraft and log.
     ends: group of axes -> unknown -> its value.
@@ -227,16 +227,16 @@ class SlidingWindow:
         return {name: self._status(name, one) for name, one in self.found.coefficients.items()}
 
     def sensors(self) -> dict[str, AirDataError]:
-        """Scale errors of the air data, of which the newest window has told something."""
+        """Scale errors of the air data, on which the newest window holds information."""
         every = () if self.found is None else self.found.nuisances
         errors = {one.name: (one.value - _NULL[one.name], one.std, one.prior_std) for one in every if one.name in _NULL}
         found = {_SCALE[name]: AirDataError(*error, "1") for name, error in errors.items()}
-        return {name: error for name, error in found.items() if error.told}
+        return {name: error for name, error in found.items() if error.observed}
 
     def _accept(self, done: Future[WindowEstimate]) -> None:
         try:
             found = done.result()
-        except Exception as error:  # whatever a window makes of arithmetic, what is told beside it goes on
+        except Exception as error:  # whatever a window makes of arithmetic, what is reported beside it goes on
             words = f"the estimate was lost ({type(error).__name__}: {error})"
             found = WindowEstimate(self._begin, self._asked, 0.0, {}, problem=" ".join(words.split()))
         self.cost_s += found.cost_s

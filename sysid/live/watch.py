@@ -11,7 +11,8 @@ from sysid.live.estimators.change_detection import Change, ChangeDetector
 from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
 from sysid.live.signals.silent_channels import SilentChannels
 
-# A change of the aircraft waits so long where sensors disagree by so much of what tells a failure of one: doubt -> s.
+# A change of the aircraft waits so long where sensors disagree by so much of what indicates a sensor failure: doubt
+# -> s.
 _WAITS_S = {0.7: 5.0, 0.4: 1.6}
 # One within so long of a sensor's failure is that, and of another one the same, s.
 _BLAMED_S, _SAME_S = 3.0, 3.0
@@ -53,7 +54,7 @@ class Watch:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Forget what sensors have shown; what was told stands."""
+        """Forget what sensors have shown; what was reported stands."""
         self.sensors = SensorMonitor(self._vehicle.environment.gravity)
         self._open = {}
 
@@ -62,8 +63,8 @@ class Watch:
         self.failures += self.silent.gone(now_s)
 
     def notice(self, time_s: float, change: Change, detectors: Detectors) -> bool:
-        """Take a change of the aircraft that a detector sees; whether it is told."""
-        if any(change.time_s < one.time_s + _BLAMED_S for one in self.failures[-1:]) or self._is_told(change):
+        """Take a change of the aircraft that a detector sees; whether it is reported."""
+        if any(change.time_s < one.time_s + _BLAMED_S for one in self.failures[-1:]) or self._is_reported(change):
             return False
         if (dead := self.silent.dead(change.axis)) is not None:
             self._dead = dead
@@ -71,7 +72,7 @@ class Watch:
         known = {axis: one.known_before(change.time_s) for axis, one in detectors.items()}
         seen = _Seen(time_s, change, {axis: one for axis, one in known.items() if one is not None})
         if not self._waits_s:
-            self._tell(seen)
+            self._report(seen)
             return True
         self._doubted.append(seen)
         detectors[change.axis].restart()
@@ -80,7 +81,7 @@ class Watch:
     def judge(self, time_s: float, stuck: Mapping[str, float], detectors: Detectors) -> News:
         """What is news by now. stuck: sensors that repeat one reading, whose rows are left out, and since when, s."""
         failed_s = None
-        if new := [name for name in stuck if name not in self.sensors.told]:
+        if new := [name for name in stuck if name not in self.sensors.reported]:
             self.failures.append(self.sensors.stands_still(new[0], stuck[new[0]]))
         elif (failure := self._dead or self.sensors.check()) is not None:
             self.failures.append(failure)
@@ -90,20 +91,20 @@ class Watch:
         waits_s = self._waits_s
         waited = [one for one in self._doubted if time_s > one.since_s + waits_s]
         self._doubted = [one for one in self._doubted if time_s <= one.since_s + waits_s]
-        told = [one for one in waited[:1] if not self._is_told(one.change)]
-        for one in told:
-            self._tell(one)
-        return News(told[0].change.time_s if told else None, failed_s)
+        reported = [one for one in waited[:1] if not self._is_reported(one.change)]
+        for one in reported:
+            self._report(one)
+        return News(reported[0].change.time_s if reported else None, failed_s)
 
-    def _is_told(self, change: Change) -> bool:
-        """Whether it is another side of what was told last."""
+    def _is_reported(self, change: Change) -> bool:
+        """Whether it is another side of what was reported last."""
         return any(abs(change.time_s - one.time_s) < _SAME_S for one in self.changes[-1:])
 
     @property
     def _waits_s(self) -> float:
         return next((seconds for doubt, seconds in _WAITS_S.items() if self.sensors.doubt > doubt), 0.0)
 
-    def _tell(self, seen: _Seen) -> None:
+    def _report(self, seen: _Seen) -> None:
         self._open = seen.known
         self.changes.append(seen.change)
 

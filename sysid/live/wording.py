@@ -16,7 +16,7 @@ _MOTION = {"CL": "lift", "CD": "drag", "CY": "side force", "Cl": "roll", "Cm": "
 # A cause is named from this probability on, another beside it from that on.
 _NAMED, _BESIDE = 0.5, 0.1
 # An error that a pilot should know of, by its sensor.
-_WORTH_TELLING = {
+_WORTH_REPORTING = {
     "airspeed_scale": 0.03,
     "alpha_bias": 0.035,
     "beta_bias": 0.035,
@@ -91,14 +91,14 @@ def failure_text(failure: SensorFailure) -> str:
 
 
 def sensor_warnings(errors: Mapping[str, AirDataError]) -> list[str]:
-    """A line for each sensor error that is beyond doubt and worth telling."""
-    told = []
-    for name, limit in _WORTH_TELLING.items():
+    """A line for each sensor error that is beyond doubt and large enough to report."""
+    lines = []
+    for name, limit in _WORTH_REPORTING.items():
         error = errors.get(name)
         if error is None or abs(error.value) < max(limit, _SURE * error.std):
             continue
-        told.append(_sentence(name, error.value))
-    return told
+        lines.append(_sentence(name, error.value))
+    return lines
 
 
 def _sentence(name: str, value: float) -> str:

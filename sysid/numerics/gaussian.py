@@ -1,7 +1,7 @@
 """What is known of coefficients before a flight: a Gaussian with its correlations, from an earlier identification.
 
 Estimates of one flight are strongly correlated (CL_0 with CL_alpha, Cm_0 with CL_0: -0.95 and more). Standard errors
-alone would claim knowledge of combinations that no flight told, so a prior without correlations is no prior here.
+alone would claim knowledge of combinations that no flight determined, so a prior without correlations is no prior here.
 Source: H. Theil, A. S. Goldberger, "On pure and mixed statistical estimation in economics", International Economic
 Review 2, 1961 (the flight and the prior as two sets of observations); Klein & Morelli, chapter 5.
 """
@@ -100,7 +100,7 @@ class Gaussian:
 
 
 def known_from(model: Model) -> tuple[Gaussian | None, str]:
-    """What a model file tells as a prior, and a warning where it tells less than it seems to.
+    """What a model file says as a prior, and a warning where it says less than it seems to.
 
     Only entries with a standard error that stand in the model's correlation block count.
     """

@@ -172,5 +172,5 @@ def _cutoff_order(coefficients: Array) -> float:
     above = np.flatnonzero(mean > 4.0 * floor)
     if above.size == 0:
         return 1.0
-    # 1.8: a resonance just below the last order that stands out of the noise still passes with 97 % of its amplitude.
+    # 1.8: a resonance just below the last order that is above the noise still passes with 97 % of its amplitude.
     return float(min(max(above[-1] + 1.0 - window / 2.0, 1.0) * 1.8, count))

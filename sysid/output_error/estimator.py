@@ -29,7 +29,7 @@ COST_TOLERANCE, SLOW_TOLERANCE, SLOW_STEPS = 0.02, 0.5, 3
 # After a step that gained less than this the sensitivities hold for one step more.
 SAME_SENSITIVITIES = 1.0
 # Damping of the first step, if that gains its share of what the quadratic model promises, and what a step that does not
-# falls back to. Damped along what the flight hardly tells, a start near the estimate would take twice the steps.
+# falls back to. Damped along what the flight hardly determines, a start near the estimate would take twice the steps.
 _UNDAMPED, _DAMPED, _KEPT = 1e-9, 1e-3, 0.25
 # The cost cannot fall by so many times what its quadratic model promises, after the first step and before it.
 _NEAR, _FAR = 3.0, 6.0
@@ -295,7 +295,7 @@ class OutputError:
     def step_at(self, theta: Array) -> tuple[Array, Array]:
         """One Gauss-Newton step from `theta`, and the covariance of where it leads, corrected for coloured residuals.
 
-        Tells, at an estimate without some parameters, what these would be (score test).
+        Predicts, at an estimate without some parameters, what these would be (score test).
         """
         predicted = self.predict(theta)
         residuals = self.residuals(predicted)

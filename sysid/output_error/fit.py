@@ -54,10 +54,10 @@ def fit(
     """
     values = start_values(problem, model, coefficients, effects) | dict(start or {})
     return build(problem, model, coefficients, effects).solve(
-        values, told_by_step(progress), max_iterations, give_up_above
+        values, step_callback(progress), max_iterations, give_up_above
     )
 
 
-def told_by_step(progress: Progress) -> Callable[[int, float], None]:
+def step_callback(progress: Progress) -> Callable[[int, float], None]:
     """What output error calls after every step, from what a job calls."""
     return lambda step, cost: progress(min(1.0, step / 10.0), f"output error, step {step}")

@@ -13,7 +13,7 @@ from sysid.arrays import Array, IntArray
 from sysid.numerics.normal_equations import crossed, gram, require_numbers
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.output_error.fit import build, told_by_step
+from sysid.output_error.fit import build, step_callback
 from sysid.problem.problem import Problem, Progress, start_values
 from sysid.signals.record import OUTPUTS
 
@@ -53,7 +53,7 @@ class Linearised:
     ) -> Linearised:
         """The estimate of the problem, with what its last step knew already."""
         values = start_values(problem, model, coefficients, effects)
-        result, near = build(problem, model, coefficients, effects).solved(values, told_by_step(progress))
+        result, near = build(problem, model, coefficients, effects).solved(values, step_callback(progress))
         here = cls(problem, model, coefficients, effects, result)
         # Where the cached properties keep theirs; copies with another problem or result begin without.
         vars(here).update(predicted=near.predicted, S=near.S, normal=near.normal)

@@ -9,9 +9,9 @@ coefficient of an axis along the flight be
 X the regressors of the structure and M those of further terms. Outside X lies M_o = M - X P, with P the least-squares
 coefficients of M on X. M_o gamma is the misfit, and theta + P gamma are the structure's coefficients that come nearest
 to C along the flight: what a coefficient of a simplified model means, whatever noise the sensors have. The misfit has a
-Gaussian prior of one size for each axis, which the flight's marginal likelihood tells (a discrepancy orthogonal to the
-model: M. Plumlee, J. Amer. Stat. Assoc. 112, 2017; empirical Bayes), and is estimated beside all else. Where no axis
-shows a misfit the estimate stays as it is.
+Gaussian prior of one size for each axis, which maximises the flight's marginal likelihood (a discrepancy orthogonal to
+the model: M. Plumlee, J. Amer. Stat. Assoc. 112, 2017; empirical Bayes), and is estimated beside all else. Where no
+axis shows a misfit the estimate stays as it is.
 """
 
 from __future__ import annotations

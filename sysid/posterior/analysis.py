@@ -99,7 +99,7 @@ def estimate(
     """Estimate every group of axes that the parts excite.
 
     structure: a model whose coefficients (values ignored) and effects are flown. effects: (effect, parameter) that are
-    free. known: what a prior model tells. Priors of the nuisances that the vehicle file states replace the table's.
+    free. known: what a prior model says. Priors of the nuisances that the vehicle file states replace the table's.
     systematic: whether to say what usual errors of that file would do. lost: group -> why it cannot be estimated.
     near: group -> unknown -> where the estimate of much the same flight ended: another start. fine: whether the search
     ends with the full grid, and the longitudinal axes are fitted again once the sideslip is known.
@@ -192,7 +192,7 @@ def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
 
 
 def _alike(found: Mapping[str, GroupEstimate]) -> dict[str, Stated]:
-    """What the servos of one group tell of the other's: the same message, mostly the same make of servo."""
+    """What the servos of one group say of the other's: the same message, mostly the same make of servo."""
     stated: dict[str, Stated] = {}
     for model, result in ((one.posterior.model, one.result) for one in found.values()):
         for i, one in enumerate(model.unknowns, len(model.parameters)):
@@ -227,7 +227,7 @@ def _begun(
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
         scale = f"{FLOW_OF[group]}_scale"
-        # Every force and moment goes with the flow as the vane read it: no flight tells its scale then.
+        # Every force and moment goes with the flow as the vane read it: its scale is not identifiable then.
         doubts = [*doubts, *(flow_doubt(scale, one.std) for one in unknowns if one.name == scale)]
         unknowns = unknowns.without(scale)
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
@@ -256,7 +256,7 @@ def _begun(
         if known is not None:
             middle, information = _with_known(middle, information, model.names, known)
         begin = middle.copy()
-        # What equation error calls the delay is the servo's whole lateness.
+        # What equation error calls the delay is the servo's whole delay, lag included.
         lag_s = next((one.mean for one in unknowns if one.name == "servo_lag"), 0.0)
         for i, one in enumerate(unknowns, len(mean)):
             if one.name == "servo_delay" and not position:
@@ -289,7 +289,7 @@ def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Post
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
-    """The pitot's lag as all parts' kinematics tell it."""
+    """The pitot's lag as estimated by the kinematics of all parts."""
     weight = np.array([1.0 / max(part.airspeed.lag_std, 1e-6) ** 2 for part in parts])
     mean = float(weight @ [part.airspeed.lag for part in parts] / weight.sum())
     least = min(part.airspeed.lag_std for part in parts)
@@ -298,7 +298,7 @@ def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:
 
 
 def _with_known(mean: Array, information: Array, names: Sequence[str], known: Gaussian) -> tuple[Array, Array]:
-    """The prior with what another model tells of some unknowns."""
+    """The prior with what another model says of some unknowns."""
     stated = known.of([name for name in names if name in known.names])
     if stated is None:
         return mean, information

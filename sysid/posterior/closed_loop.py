@@ -19,14 +19,14 @@ from sysid.posterior.observations import CommonGrid
 LAW_OF = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
 # Share of a surface's motion that a feedback law explains, and delays of it that are tried, s.
 _LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
-# A shorter part cannot tell an answer from chance, s.
+# A shorter part cannot distinguish an answer from chance, s.
 SHORTEST_LOOP_S = 15.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
 LEAST_SHARE = 0.05
 # By so much more than it is of the motion a residual may be of a command: a loop that follows set points well has
 # commands that are small beside what it would do to the whole motion.
 _MOST_GAIN = 5.0
-# So many other times tell what chance explains, and so many of their standard deviations beyond is no chance.
+# So many other times show what chance explains, and so many of their standard deviations beyond is no chance.
 _SURROGATES, _BEYOND_CHANCE = 12, 3.0
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
@@ -115,7 +115,7 @@ def _normal_means(residual: Array, common: CommonGrid) -> tuple[Array, int]:
 
 def is_law(command: InputSignal, grid: Array, motion: Sequence[Array]) -> bool:
     """Whether a command is nothing but gains times some measured motion (N,), a little later: a damper, or an attitude
-    hold without set points. What it does to the aircraft cannot be told from damping and stability then.
+    hold without set points. What it does to the aircraft cannot be distinguished from damping and stability then.
     """
     A = np.stack([*motion, np.ones(grid.size)], axis=1)
     for delay in _LAW_DELAYS_S:

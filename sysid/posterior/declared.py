@@ -61,7 +61,7 @@ def zero_stds(vehicle: Vehicle) -> dict[str, float]:
 
 
 def airspeed_lag(vehicle: Vehicle, messages: Mapping[str, str]) -> tuple[float, float]:
-    """Mean and standard deviation, s, of how late the airspeed reads: lag, delay and stamps together."""
+    """Mean and standard deviation, s, of the delay of the airspeed: lag, delay and stamps together."""
     sensor, (offset, offset_std) = vehicle.sensors.airspeed, lateness(vehicle, messages, ("airspeed",))
     mean, std = AIRSPEED_LAG_S
     mean = mean if sensor.lag.value is None else sensor.lag.value
@@ -94,10 +94,10 @@ def unused_timing(vehicle: Vehicle, messages: Mapping[str, str]) -> list[str]:
 
 
 def _one(each: Iterable[Known]) -> Stated:
-    """What is said of several servos that one unknown stands for; what they differ by widens it."""
-    said = list(each)
-    values = [one.value for one in said if one.value is not None]
-    stds = [one.std for one in said if one.std is not None]
+    """What is stated of several servos that one unknown stands for; what they differ by widens it."""
+    stated = list(each)
+    values = [one.value for one in stated if one.value is not None]
+    stds = [one.std for one in stated if one.std is not None]
     mean = float(np.mean(values)) if values else None
     return mean, math.hypot(max(stds), float(np.std(values)) if values else 0.0) if stds else None
 

@@ -24,7 +24,7 @@ _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 class Doubt:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
-    model of the vehicle is told with that error, or with so small a part of it (one of `times`) that outputs move in
+    model of the vehicle is given with that error, or with so small a part of it (one of `times`) that outputs move in
     proportion.
     """
 
@@ -35,7 +35,7 @@ class Doubt:
 
 
 def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
-    """Doubts of a vehicle; thrust_measured: whether the flight told it."""
+    """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
     mass = vehicle.mass
     found = [_mass("mass", mass.mass_std)] if mass.mass_std is not None else [_shares("mass_1pct", ("mass",), 0.01)]
     stated = [(key, getattr(mass, f"{key}_std")) for key in _INERTIA]

@@ -1,4 +1,4 @@
-"""What the posterior tells of flights: coefficients with their covariance, and what stands beside them."""
+"""What the posterior gives for flights: coefficients with their covariance, and what stands beside them."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
 # What stands for an output's scale factor, and its null.
 _GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
-# Above this share of its prior a flight has told nothing of a number.
+# Above this share of its prior a flight holds no information on a number.
 PRIOR_SHARE = 0.7
 
 # A nuisance beyond so many of its prior standard deviations is none.
 _BELIEVED = 4.0
-# Of what is told by the flight itself, for its prior is narrower than what a pitot's hoses may do, s.
+# Of what is estimated from the flight itself, for its prior is narrower than what a pitot's hoses may do, s.
 _REALISTIC = {"airspeed_lag": 0.03}
 # Beginnings of the names of what such a one spoils, where it is not the whole group.
 _SPOILED = {"thrust_error": ("CD",)}
-# What a law moves can be told from damping by how late it comes alone: at the 1 Hz of a Dutch roll 20 deg of phase, s.
-_TOLD_APART_S = 0.05
+# What a law moves can be distinguished from damping by its delay alone: at the 1 Hz of a Dutch roll 20 deg of phase, s.
+_DISTINGUISHED_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class GroupEstimate:
 
 @dataclass(frozen=True)
 class PosteriorEstimate:
-    """What the flights tell. joint: coefficients and effect parameters, misfit included in the covariance.
+    """What is estimated from the flights. joint: coefficients and effect parameters, misfit included in the covariance.
 
     prior_std: of those. groups: of axes that were estimated. nuisances: of both groups. noise: what is left of every
     output. unexcited: coefficients whose surface did not move. left_out: group -> why it could not be estimated.
@@ -117,16 +117,16 @@ class PosteriorEstimate:
 
     def sensor_errors(self, share: float = np.inf) -> dict[str, tuple[float, float, str]]:
         """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that
-        it told better than `share` of what was known before.
+        it estimated better than `share` of what was known before.
         """
-        # Of two groups that tell the same one, the surer counts.
+        # Of two groups that estimate the same one, the surer counts.
         every = sorted(self.nuisances, key=lambda one: -one.std)
-        told = {one.name: one for one in every if one.std < share * one.prior_std}
+        informed = {one.name: one for one in every if one.std < share * one.prior_std}
         found = {}
         for error, (output, form, unit, _) in SENSOR_ERRORS.items():
             name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
-            if name in told:
-                found[error] = (told[name].value - null, told[name].std, unit)
+            if name in informed:
+                found[error] = (informed[name].value - null, informed[name].std, unit)
         return found
 
     def systematic(self) -> dict[str, dict[str, float]]:
@@ -176,7 +176,7 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
                 spoiled = ("",) if one.result.feedback > 0.0 else _SPOILED.get(nuisance.name, ("",))
                 reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
         servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
-        if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _TOLD_APART_S:
+        if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _DISTINGUISHED_S:
             for surface in one.result.laws:
                 hidden = {surface, _COMMANDED[surface]}
                 reasons |= {
@@ -209,7 +209,7 @@ def warnings_of(groups: Mapping[str, GroupEstimate], left_out: Mapping[str, str]
     for group, result in ((group, one.result) for group, one in groups.items()):
         warnings += [
             f"{_SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
-            " what it does is told from damping by its lateness alone; fly test inputs on it"
+            " what it does is distinguished from damping by its delay alone; fly test inputs on it"
             for name in result.laws
         ]
         if result.feedback > 0.0:

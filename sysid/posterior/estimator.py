@@ -166,7 +166,7 @@ class Posterior:
     def whitened(self, index: int, series: Array) -> Array:
         """(2 F m + m, C) real, of series (m, K, C) of a part: every frequency, then the mean."""
         common, band = self.parts[index].common, self._bands[index]
-        # A mean that went through the taper's edges would be told by frequencies that no zero error may reach.
+        # A mean that went through the taper's edges would be determined by frequencies that no zero error may reach.
         mean = common.taper @ series / common.taper.sum()
         Z = np.fft.rfft((series - mean[:, None, :]) * common.taper[None, :, None], axis=1)[:, band, :]
         W = self._factors[index] @ np.ascontiguousarray(Z.transpose(1, 0, 2))
@@ -346,8 +346,8 @@ class Posterior:
         H = self.prior.information.copy()
         laws = self._laws()
         feedback_of = self._feedback(at, laws)
-        # What answers noise tells nothing where the noise has any spectrum: in a loop the rest alone informs.
-        told, pull_of_rest = H.copy(), -H @ (at.theta - self.prior.mean)
+        # What answers noise is not informative where the noise has any spectrum: in a loop the rest alone informs.
+        rest_information, pull_of_rest = H.copy(), -H @ (at.theta - self.prior.mean)
         scores = []
         altered = [self.model.altered(doubt.changed(self.model.vehicle)) for doubt in doubts]
         pulls = np.zeros((len(doubts), H.shape[0]))
@@ -360,7 +360,7 @@ class Posterior:
             H += J.T @ J
             if feedback_of or laws:
                 rest = self.whitened(i, external(slopes, residual, self.parts[i].common))
-                told += rest.T @ rest
+                rest_information += rest.T @ rest
                 pull_of_rest += rest.T @ e
             means.append(np.column_stack((e, J))[-len(self.model.outputs) :] / self._zero[i][:, None])
             scores.append(self._block_scores(i, J, e))
@@ -376,7 +376,7 @@ class Posterior:
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
         if feedback_of or laws:
-            fisher = inverse(told)
+            fisher = inverse(rest_information)
         covariance = fisher * np.outer(growth, growth)
         if feedback_of or laws:
             # Where the rest alone would have led: the two agree but for what the loop does to the estimate.

@@ -5,7 +5,7 @@ attitude and the other group's motion are imposed as measured and smoothed, so t
 carry a simulation of minutes away. The equations are the compiled ones of sim_vehicle, effects included.
 
 Where an autopilot answers gusts, what it commands goes with what they do to the aircraft. Then the flow angle of the
-group is imposed too, as its vane told it: gusts are in it, and what is left has little of them that a command could
+group is imposed too, as its vane measured it: gusts are in it, and what is left has little of them that a command could
 answer. The vane's own errors then drive the simulation.
 """
 
@@ -75,7 +75,7 @@ class _Prepared:
 
 @dataclass(frozen=True)
 class Altered:
-    """What a model is told otherwise: vehicle; factors of density, flow, commands, readings; zeros of commands, rad."""
+    """What a model is given instead: vehicle; factors of density, flow, commands, readings; zeros of commands, rad."""
 
     vehicle: Vehicle
     density: float = 1.0
@@ -132,7 +132,7 @@ class GroupModel:
 
     @property
     def vehicle(self) -> Vehicle:
-        """What the model was told of the aircraft."""
+        """What the model was given of the aircraft."""
         return self._given.vehicle
 
     def flying(self, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]) -> GroupModel:
@@ -159,7 +159,7 @@ class GroupModel:
         return other
 
     def altered(self, by: Altered) -> GroupModel:
-        """The same model of the same parts, told otherwise."""
+        """The same model of the same parts, with other values given."""
         other = copy.copy(self)
         other._given, other.flat = by, flatten(by.vehicle, self._model)
         gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])[:, None]

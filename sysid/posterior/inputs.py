@@ -1,4 +1,4 @@
-"""Inputs as functions of time: what a surface was told between two samples, and what its servo made of it.
+"""Inputs as functions of time: what a surface was commanded between two samples, and what its servo made of it.
 
 A logged command is one of three things. A command that is really held steps at its stamps. One that is computed anew
 for each sample of the log is a smooth function seen at points, and a straight line between them would be a low-pass
@@ -123,13 +123,13 @@ def _steps(values: Array) -> bool:
     return float(change[alone].sum()) > _STEPPING * float(change[moves].sum())
 
 
-def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:
+def servo(commanded: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:
     """(N,) positions behind a servo on an even grid: delay, second order with `lag` = 2 damping / omega, play.
 
     delay, lag: s. backlash: half width, in the signal's unit.
     """
     h = float(grid[1] - grid[0])
-    behind = told.at(grid - delay, h)
+    behind = commanded.at(grid - delay, h)
     if lag > _SHORTEST_LAG_S:
         omega = 2.0 * SERVO_DAMPING / lag
         # State, input and its rise over one step: exact for an input that goes in straight lines.
@@ -140,7 +140,7 @@ def servo(told: InputSignal, grid: Array, delay: float, lag: float, backlash: fl
     return _play(behind, backlash) if backlash > 0.0 else behind
 
 
-def surface_means(told: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]) -> Array:
+def surface_means(commanded: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]) -> Array:
     """(count,) means of what a surface did from each point of an even grid to the next.
 
     begin: of the grid, s. step: s. servos: delay [s], lag [s] and backlash of its servo.
@@ -148,7 +148,7 @@ def surface_means(told: InputSignal, begin: float, step: float, count: int, serv
     # The servo has settled where the grid begins.
     lead = round(_SERVO_LEAD_S / step)
     half: Array = begin - lead * step + 0.5 * step * (np.arange(2 * (count + lead) + 2, dtype=np.float64) - 0.5)
-    return interval_means(servo(told, half, *servos), told.kind == "held")[lead:]
+    return interval_means(servo(commanded, half, *servos), commanded.kind == "held")[lead:]
 
 
 def interval_means(values: Array, averaged: bool) -> Array:

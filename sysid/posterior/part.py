@@ -30,7 +30,7 @@ _RISE_S = 0.5
 # Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
 _HALF_S = {"rates": 0.06, "angles": 0.10, "airspeed": 0.15}
 _HALF_SAMPLES = 2.6
-# By which an airspeed's position error is told, s: speeds change as slowly.
+# By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
 _THRUST_HALF_S = 0.1
@@ -45,7 +45,7 @@ class FlightPart:
 
     grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
     [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from
-    the throttle; thrust_from: the signal that tells it, "" for none. rho: (N,) kg/m3. channels: measured outputs by
+    the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels: measured outputs by
     name. common: grid of the residuals. highest_hz: to which they count. position: whether the log holds positions of
     the surfaces. messages: signal -> the message that carried it.
     """
@@ -220,8 +220,8 @@ def _thrust(
     rho: Array,
     span: tuple[float, float],
 ) -> tuple[Array, str]:
-    """Thrust, and the signal that tells it: measured, what accelerates the motor on its cell added, or by rpm; NaN
-    where the simulation takes it from the throttle, and none where nothing tells it.
+    """Thrust, and the signal that gives it: measured, what accelerates the motor on its cell added, or by rpm; NaN
+    where the simulation takes it from the throttle, and none where it is not known.
     """
     propulsion = vehicle.propulsion
     time_s, values = finite(signals, "thrust", *span)
@@ -279,7 +279,7 @@ def _at_centre(
 
 @dataclass(frozen=True)
 class VaneReading:
-    """A flow angle as its vane told it, smoothed onto the grid of a part: (N,) rad, rad/s, rad/s^2."""
+    """A flow angle as its vane measured it, smoothed onto the grid of a part: (N,) rad, rad/s, rad/s^2."""
 
     part: FlightPart
     name: str
@@ -307,7 +307,7 @@ class VaneReading:
 
 
 def vane_reading(part: FlightPart, name: str) -> VaneReading:
-    """What the vane of alpha or beta told through a part."""
+    """What the vane of alpha or beta measured through a part."""
     channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
     read = _flow_read((channel.time_s, channel.values), part.grid)
     rate = np.gradient(read, dt)
@@ -318,7 +318,7 @@ def with_vane(part: FlightPart, name: str, sensors: Sensors, values: Mapping[str
     """The part with a flow angle, alpha or beta, as it was before its vane: `values` are that vane's nuisances.
 
     What is imposed on one group of axes is read by the vane of the other: 60 ms of lag in it, times the rates, are as
-    large as what is to be told.
+    large as what is to be estimated.
     """
     if name not in part.channels:
         return part

@@ -22,7 +22,7 @@ _MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 def as_moved(
     prepared: Sequence[Prepared], signals: Sequence[FlightSignals], vehicle: Vehicle, found: PosteriorEstimate
 ) -> list[Prepared]:
-    """The flights with what their surfaces did from sample to sample in place of what they were told.
+    """The flights with what their surfaces did from sample to sample in place of their commands.
 
     signals: of each flight, on their own stamps. A group that was not estimated stays as it was recorded.
     """

@@ -22,8 +22,8 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
-# Windows of the spectrum by which noise is told from a signal, s, samples below which there is none, and the share of
-# a signal's power below which noise makes no derivative too small by as much as anybody sees.
+# Windows of the spectrum by which noise is distinguished from a signal, s, samples below which there is none, and the
+# share of a signal's power below which noise makes no derivative too small by as much as anybody sees.
 _SPECTRUM_S, _FEWEST, _LEAST_SHARE = 10.0, 50, 1e-3
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
 _BIAS_WALK, _LEAST_NOISE = 0.05, 0.01
@@ -149,7 +149,7 @@ def airspeed_through(time_s: Array, read: Array, grid: Array, along: Array, lag_
 
     lag, std = max(mean_s, 0.0), 0.0
     if prior_std > 0.0:
-        # Together: at a wrong lag gusts seem strong, and where gusts are strong no lag can be told.
+        # Together: at a wrong lag gusts seem strong, and where gusts are strong no lag is identifiable.
         lag = min(_LAGS_S, key=lambda one: cost(one, likeliest_power(one)))
         place = _LAGS_S.index(lag)
         low, high = _LAGS_S[max(place - 1, 0)], _LAGS_S[min(place + 1, len(_LAGS_S) - 1)]

@@ -23,7 +23,7 @@ LOWEST_HZ, HIGHEST_HZ = 0.05, 15.0
 # Share of the slowest message's rate up to which a residual is compared.
 NYQUIST_SHARE = 0.42
 _LONGEST_WINDOW_S, _LEAST_WINDOW_S, _WINDOWS = 8.0, 1.5, 6.0
-# Fewer windows than this tell nothing of how outputs go together.
+# Fewer windows than this say nothing of how outputs go together.
 _LEAST_FOR_CROSS = 6.0
 # What a structure never holds: this share of the motion, at most; the flight says how much of it (`misfit_share`). At
 # least what it costs that between two samples of a surface nobody knows where it was, and, where that is known, what

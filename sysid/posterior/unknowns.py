@@ -1,8 +1,8 @@
 """What is estimated beside coefficients, and what is known of it before the flight: the one table of priors.
 
-A nuisance is what stands between the aircraft and the numbers in the log: servos that come late, vanes that swing, an
-airspeed that reads too little. Each has a prior, for the flight alone often cannot tell it, and a null, the value at
-which it does nothing.
+A nuisance is what stands between the aircraft and the numbers in the log: servos that are delayed, vanes that swing, an
+airspeed that reads too little. Each has a prior, for from the flight alone it is often not identifiable, and a null,
+the value at which it does nothing.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def unknowns_of(
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
     stated: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones
-    of this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane told it.
+    of this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane measured it.
     flights: their names, where there are several.
     """
     free, fixed = [], {}

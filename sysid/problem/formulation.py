@@ -35,7 +35,7 @@ from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 
-# The air data scale is told by GPS in the compatibility check, which the output-error step does not see again.
+# The air data scale is determined by GPS in the compatibility check, which the output-error step does not see again.
 _FROM_COMPATIBILITY = ("airspeed_scale", "airspeed_bias")
 
 
@@ -50,10 +50,10 @@ def make_problem(
 ) -> Problem:
     """Estimation problem of all stretches: runs, start states from the reconstruction, sensor errors to estimate.
 
-    sensors: names to estimate; None takes those that the compatibility check can tell. run_s: longest free run, s.
+    sensors: names to estimate; None takes those that the compatibility check can identify. run_s: longest free run, s.
     ground: whether velocity over ground, where measured, counts in a motion that is free in all axes though no vane is
     missing; else it counts for the air data alone, by what the compatibility check made of it. dead: surfaces that
-    were not recorded and what was said of them; their part of the motion is taken from the measurement.
+    were not recorded and what was reported of them; their part of the motion is taken from the measurement.
     Raises EstimationError where that leaves nothing to be simulated.
     """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
@@ -73,8 +73,8 @@ def make_problem(
     known = compatible.parameters
     names = relevant_sensors(list(known) if sensors is None else sensors, motion)
     # The same readings must not count twice.
-    told = () if motion.ground else _FROM_COMPATIBILITY
-    priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in told}
+    with_prior = () if motion.ground else _FROM_COMPATIBILITY
+    priors = {n: (known[n].value, known[n].std) for n in names if n in known and n in with_prior}
     start = {name: known[name].value if name in known else 0.0 for name in names}
     at_once = command_shows_at_once(corrected_parts(prepared, vehicle, compatible), body_of(vehicle))
     first = timing_of(prepared, at_once)
@@ -91,11 +91,11 @@ def timing_of(prepared: Sequence[Prepared], at_once: bool) -> float:
 
 
 def with_unclear_sensors(problem: Problem, refused: Sequence[str]) -> Problem:
-    """The problem with those sensor errors as unknowns that kinematics could not tell (`refused`), each as far as it is
-    known of such sensors.
+    """The problem with those sensor errors as unknowns that kinematics could not identify (`refused`), each as far as
+    it is known of such sensors.
 
-    A pitch offset and an accelerometer's bias look alike to kinematics; the aircraft's own motion tells them apart, and
-    one that is held at zero though it could be told would go into the coefficients.
+    A pitch offset and an accelerometer's bias look alike to kinematics; the aircraft's own motion distinguishes them,
+    and one that is held at zero though it is identifiable would go into the coefficients.
     """
     more = [
         name for name in relevant_sensors(refused, problem.motion) if name in LIMITS and name not in problem.sensors
@@ -160,7 +160,7 @@ def start_model(
 
 
 def known_before(prior: Model | None, structure: Model, warnings: list[str]) -> Gaussian | None:
-    """What a prior model tells of the coefficients and effects of the structure."""
+    """What a prior model says of the coefficients and effects of the structure."""
     if prior is None:
         return None
     known, warning = known_from(prior)

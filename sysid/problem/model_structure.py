@@ -1,4 +1,4 @@
-"""Which coefficients a model has by default, how large they usually are, and what flight tells them."""
+"""Which coefficients a model has by default, how large they usually are, and what flight identifies them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _USUAL = {
 REFUSED_SHARE = 0.3
 # No aircraft has a derivative so many times as large as usual: what gives it such a value is something else.
 _BEYOND = 10.0
-# How far from zero a coefficient may lie before the flight has said anything, in usual sizes.
+# How far from zero a coefficient may lie a priori, in usual sizes.
 PRIOR_SHARE = 20.0
 
 _MANOEUVRE = {
@@ -53,7 +53,7 @@ def usual_size(name: str) -> float:
 
 
 def not_believed(name: str, value: float) -> str | None:
-    """Why a derivative of this size is not told; None where it may be so, or where nothing is known of its size."""
+    """Why a derivative of this size is not reported; None where it may be so, or where nothing is known of its size."""
     usual = usual_size(name)
     term = parse_term(name)
     known = name == "CD_k" or ("_".join(term.factors) or "0") in _USUAL[term.axis]

@@ -322,7 +322,7 @@ class Predictor:
                 moved_states[state] += step
                 variants.append((step, _state_vector(moved_states), flat.E, flat.C, base_shift))
             elif self.parameters[i].kind == "sensor":
-                # The thrust that a bias feigns, beside the bias itself.
+                # The apparent thrust of a bias, beside the bias itself.
                 variants.append((1e-4 / record.moving_mass, base, flat.E, flat.C, base_shift - 1e-4))
             else:
                 step = self.parameters[i].step * max(1.0, abs(theta[i]))

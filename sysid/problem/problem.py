@@ -51,8 +51,8 @@ Progress = Callable[[float, str], None]
 class Motion:
     """Which part of the motion is simulated freely; the other part's states are taken from the measurement.
 
-    still: surfaces (of de, da, dr) that never moved; nothing they multiply can be told. ground: whether velocity over
-    ground counts, with the wind unknown: where a vane is missing it tells the flow's direction.
+    still: surfaces (of de, da, dr) that never moved; nothing they multiply is identifiable. ground: whether velocity
+    over ground counts, with the wind unknown: where a vane is missing it determines the flow's direction.
     """
 
     longitudinal: bool
@@ -98,7 +98,7 @@ class Problem:
 
 
 def excited_motion(records: Sequence[Record], lost: Collection[str] = ()) -> Motion:
-    """Which surfaces moved enough to tell anything; longitudinal motion alone if none did.
+    """Which surfaces moved enough to be informative; longitudinal motion alone if none did.
 
     lost: "longitudinal" or "lateral" where a surface that steers it was not recorded; both parts may be left out then.
     """
@@ -246,8 +246,8 @@ def model_of(
     correlations.
     """
     reasons = {entry.name: entry.reason for entry in refused}
-    told = [*coefficients, *(f"{effect}.{key}" for effect, key in effects)]
-    joint = estimated(result, [name for name in told if name not in reasons])
+    unknowns = [*coefficients, *(f"{effect}.{key}" for effect, key in effects)]
+    joint = estimated(result, [name for name in unknowns if name not in reasons])
     if joint is not None and known is not None:
         joint = known.updated(joint)
     values = {} if joint is None else joint.entries()

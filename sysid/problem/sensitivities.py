@@ -49,7 +49,7 @@ class Inputs:
 
 def has_tangents(flat: FlatModel, interval_s: float) -> bool:
     """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
-    come late by a part of a sample.
+    are delayed by a part of a sample.
     """
     _, part = split_delay_ticks(flat.E, interval_s)
     return bool(flat.E[slot("unsteady_lift")] == 0.0 and flat.E[slot("ground_effect")] == 0.0 and part == 0.0)

@@ -1,1 +1,1 @@
-"""Whether a flight is good for identification, and what it told: one verdict with its reasons."""
+"""Whether a flight is good for identification, and what it determined: one verdict with its reasons."""

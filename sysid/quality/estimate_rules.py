@@ -1,4 +1,4 @@
-"""What an identification is worth: which derivatives it told and how well, and whether they are an aircraft's."""
+"""What an identification is worth: which derivatives it determined and how well, and whether they are an aircraft's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ _OF_GROUP = {"longitudinal": LONGITUDINAL, "lateral": LATERAL}
 class SeenEstimate:
     """An identification as the rules see it.
 
-    feedback: by group ("longitudinal", "lateral"), share of the commands that answers gusts, where the method tells it.
+    feedback: by group ("longitudinal", "lateral"), share of the commands that answers gusts, where the method estimates
+    it.
     misfit: what the structure does not hold, in words. left_over: what the method has not explained. mistakes: what was
     found wrong with the signals, in sentences.
     """

@@ -29,7 +29,7 @@ _MOVED_BY = {LONGITUDINAL: ("de",), LATERAL: ("da", "dr")}
 class SeenFlight:
     """A flight as the rules see it.
 
-    signals: as recorded, within the parts that are used. gusts: m/s, as kinematics tell them; 0 for calm air, or not
+    signals: as recorded, within the parts that are used. gusts: m/s, as estimated by kinematics; 0 for calm air, or not
     known.
     """
 

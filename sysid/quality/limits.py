@@ -19,7 +19,7 @@ class QualityLimits:
     still, small: standard deviation of a surface, rad, below which it has not moved (of the estimator, too), and below
     which servos' play of 0.15 deg is a fifth of it.
     excited_s: s, that test inputs last together at least.
-    alike: correlation of aileron and rudder, beyond which neither is told from the other.
+    alike: correlation of aileron and rudder, beyond which neither is distinguished from the other.
     gusts: m/s, that move a small aircraft as much as test inputs of 2 deg.
     lift, lift_usual: lift coefficient, by weight, airspeed and wing area, outside of which no aircraft flies level, and
     few do.

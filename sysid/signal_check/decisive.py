@@ -36,8 +36,8 @@ _SIMPLER = 0.02
 _FEWEST = 100  # samples of a part
 _LONGEST_S = 60.0
 _SPEEDS = frozenset((*GROUND, "airspeed"))
-# Two units are told apart where one leaves so many times the other's misfit.
-_TOLD_APART = 1.15
+# Two units are distinguished where one leaves so many times the other's misfit.
+_DISTINGUISHED = 1.15
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ def as_meant(
 ) -> tuple[FlightSignals, list[Mistake]]:
     """A flight without the mistakes that no owner would doubt, and what they are.
 
-    flight: the signals prepared. as_recorded: signals that are never taken for wrong, beside those of the vehicle file.
-    Raises SignalError where the density of the air is one that no air has, and for a name of no signal.
+    flight: the signals prepared. as_recorded: signals that are never considered wrong, beside those of the vehicle
+    file. Raises SignalError where the density of the air is one that no air has, and for a name of no signal.
     """
     kept = {*as_recorded, *vehicle.as_recorded}
     require_searched(kept)
@@ -96,11 +96,11 @@ def as_meant(
             _require_one_unit(one)
         signals = one.apply(signals)
     cured = named_cures([each.mistake for each in found], flight, vehicle)
-    told = [_told(one, each.others) for one, each in zip(cured, found, strict=True)]
+    reported = [_reported(one, each.others) for one, each in zip(cured, found, strict=True)]
     if strong is not None and not np.isfinite(strong.found):
         signals = replace(signals, signals={n: one for n, one in signals.signals.items() if n != "thrust"})
-        told.append(replace(strong, sentence=f"{strong.sentence}; it is left out"))
-    return signals, [*told, *unmended]
+        reported.append(replace(strong, sentence=f"{strong.sentence}; it is left out"))
+    return signals, [*reported, *unmended]
 
 
 def _require_one_unit(found: Correction) -> None:
@@ -114,7 +114,7 @@ def _require_one_unit(found: Correction) -> None:
         )
 
 
-def _told(mistake: Mistake, others: Sequence[Hypothesis]) -> Mistake:
+def _reported(mistake: Mistake, others: Sequence[Hypothesis]) -> Mistake:
     doubt = f" (or {' or '.join(one.unit for one in others)}: this flight does not distinguish them)" if others else ""
     keep = " ".join(f"--as-recorded {name}" for name in mistake.signals)
     return replace(mistake, sentence=f"{mistake.sentence}{doubt}; it was read so here ({keep} takes it as recorded)")
@@ -133,7 +133,7 @@ def decisive_corrections(
     """Mistakes of uniform parts without NaN in IMU, attitude and airspeed, the surest first; and those of which it is
     not sure whose they are, which nothing mends.
 
-    as_recorded: signals that are never taken for wrong.
+    as_recorded: signals that are never considered wrong.
     """
     # What the accelerometers' lever arm adds is small beside any mistake, and takes longer than all else.
     layout = replace(layout, accelerometer=(0.0, 0.0, 0.0))
@@ -173,11 +173,11 @@ def _best(mending: Sequence[tuple[Hypothesis, Misfit]]) -> Hypothesis:
 
 
 def _as_likely(best: Hypothesis, tried: Sequence[tuple[Hypothesis, Misfit]]) -> tuple[Hypothesis, ...]:
-    """Other units of the same signals that the flight does not tell from the best."""
+    """Other units of the same signals that the flight does not distinguish from the best."""
     if best.kind != "unit" or not set(best.signals) <= _SPEEDS:
         return ()
     alike = [(one, m.of_speed(best.signals)) for one, m in tried if one.kind == "unit" and one.signals == best.signals]
-    least = _TOLD_APART * next(left for one, left in alike if one is best)
+    least = _DISTINGUISHED * next(left for one, left in alike if one is best)
     return tuple(one for one, left in alike if one is not best and left < least)
 
 
@@ -212,7 +212,7 @@ def _tried(
 
 
 def _longest(parts: Sequence[FlightData]) -> list[FlightData]:
-    """The longest parts, together at most some minutes: more of the same tells nothing new."""
+    """The longest parts, together at most some minutes: more of the same adds nothing new."""
     kept: list[FlightData] = []
     total = 0.0
     for part in sorted(map(_whole, parts), key=lambda one: -one.time_s.size):

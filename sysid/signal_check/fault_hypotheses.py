@@ -142,7 +142,7 @@ def _swap(names: tuple[str, str]) -> Hypothesis:
 
 
 def _turned(names: tuple[str, ...], what: str) -> Iterator[Hypothesis]:
-    """All ways to exchange three axes, with or without signs; signs alone are told elsewhere."""
+    """All ways to exchange three axes, with or without signs; signs alone are tested elsewhere."""
     for order in itertools.permutations(range(3)):
         if order == (0, 1, 2):
             continue

@@ -1,4 +1,4 @@
-"""Signals that no other one tells, against what is possible at all: the density of the air, the thrust."""
+"""Signals that no other one determines, against what is possible at all: the density of the air, the thrust."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class Window:
         return {name: found[name] for name in self.relations}
 
     def through_air(self, s: Columns, measured: Columns) -> dict[str, Array]:
-        """Relation of GROUND that the air data tell -> (N,) velocity through the air in earth axes."""
+        """Relation of GROUND that the air data give -> (N,) velocity through the air in earth axes."""
         if self.relations[-1] not in GROUND:
             return {}
         still = np.zeros(self.size)

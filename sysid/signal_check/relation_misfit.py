@@ -65,12 +65,12 @@ class Misfit:
             states, half = window.states(one), i % 2
             measured, gaps = window.fast(window.measured(states, one)), window.gaps(states, one)
             for name, gap in gaps.items():
-                told = measured[name]
-                sums.setdefault(name, np.zeros((2, 4)))[half] += _products(told, told - gap)
+                taken = measured[name]
+                sums.setdefault(name, np.zeros((2, 4)))[half] += _products(taken, taken - gap)
             for name, through in window.through_air(states, window.measured(states, one)).items():
                 rows = window.rows[name]
-                told, made = one[name][rows], through[rows]
-                products = _products(told - told.mean(), made - made.mean())
+                taken, made = one[name][rows], through[rows]
+                products = _products(taken - taken.mean(), made - made.mean())
                 sums.setdefault(f"{name} over air", np.zeros((2, 4)))[half] += products
             forces[half] += window.level(states) * window.size
             for name, sizes in angles.items():
@@ -197,17 +197,17 @@ def _asked(row: Array, gap: float, both: Array, forces: Array) -> tuple[float, f
     return shared / max(made, 1e-300), 1.0 + (made - 2.0 * shared) / max(gap, 1e-300)
 
 
-def _products(told: Array, made: Array) -> tuple[float, float, float, float]:
-    gap = told - made
-    return float(gap @ gap), float(told @ told), float(made @ made), float(told @ made)
+def _products(taken: Array, made: Array) -> tuple[float, float, float, float]:
+    gap = taken - made
+    return float(gap @ gap), float(taken @ taken), float(made @ made), float(taken @ made)
 
 
 def _factor(sums: Array) -> float:
     """Logarithm of the least factor between what is measured and made: each may have all of the noise."""
-    _, told, made, both = sums
+    _, taken, made, both = sums
     if both <= 0.0:
         return 0.0
-    return float(max(np.log(both / made), -np.log(told / both), 0.0))
+    return float(max(np.log(both / made), -np.log(taken / both), 0.0))
 
 
 def _large(values: Array) -> float:

@@ -45,23 +45,23 @@ def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake]
         gap, noise = result.after[name].rms, result.noise.get(name, math.nan)
         return Verdict(name, f"{name} disagrees with the other sensors by {gap:.2g} (noise {noise:.2g})", "mistake")
     bias, scale = _IMU_BIAS.get(name, f"{name}_bias"), f"{name}_scale"
-    told = []
+    clauses = []
     if (found := result.parameters.get(scale)) is not None and _seen(found):
-        told.append(f"reads {_plus_minus(1.0 + found.value, found.std)} of true")
+        clauses.append(f"reads {_plus_minus(1.0 + found.value, found.std)} of true")
     if (found := result.parameters.get(bias)) is not None and _seen(found):
         way = "high" if found.value > 0.0 else "low"
         size, std, unit = abs(found.value), found.std, found.unit
         if unit.startswith("rad"):
             size, std, unit = math.degrees(size), math.degrees(std), unit.replace("rad", "deg")
-        told.append(f"reads {_plus_minus(size, std)} {unit} {way}")
-    if told and not corrects:
-        return Verdict(name, f"{name} {' and '.join(told)} by the kinematics alone: left as read", "unknown")
-    if told:
-        return Verdict(name, f"{name} {' and '.join(told)}: corrected", "corrected")
-    untold = [entry for entry in result.refused if entry.name in (bias, scale, _WIND.get(name))]
-    if untold and name in _IMU_BIAS:
-        return Verdict(name, f"{name}: its bias cannot be told: {untold[0].reason}", "unknown")
-    if _WIND.get(name) in {entry.name for entry in untold}:
+        clauses.append(f"reads {_plus_minus(size, std)} {unit} {way}")
+    if clauses and not corrects:
+        return Verdict(name, f"{name} {' and '.join(clauses)} by the kinematics alone: left as read", "unknown")
+    if clauses:
+        return Verdict(name, f"{name} {' and '.join(clauses)}: corrected", "corrected")
+    unidentified = [entry for entry in result.refused if entry.name in (bias, scale, _WIND.get(name))]
+    if unidentified and name in _IMU_BIAS:
+        return Verdict(name, f"{name}: its bias is not identifiable: {unidentified[0].reason}", "unknown")
+    if _WIND.get(name) in {entry.name for entry in unidentified}:
         return Verdict(name, f"{name}: without the wind it says nothing of the air data", "unknown")
     return Verdict(name, f"{name} agrees within its noise", "ok")
 

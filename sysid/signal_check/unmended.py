@@ -1,7 +1,7 @@
-"""Mistakes that are said and not mended, since a flight does not tell what is wrong.
+"""Mistakes that are reported and not corrected, since a flight does not show what is wrong.
 
 Where an angle turns by another multiple of what the rate says, or at another time, one of both is wrong, and kinematics
-do not tell which. Where the specific force along z is another one than carries the aircraft, az has a wrong scale or a
+do not show which. Where the specific force along z is another one than carries the aircraft, az has a wrong scale or a
 bias.
 """
 
@@ -19,7 +19,7 @@ from sysid.signals.sensor_groups import group_name, joined
 
 #: Angles and the rates that turn them.
 TURNS = (("phi", "p"), ("theta", "q"), ("psi", "r"))
-# Delays that are looked for, s: from the least that is said, above what filters in sensors and free-running streams
+# Delays that are looked for, s: from the least that is reported, above what filters in sensors and free-running streams
 # make, to the longest. The halves of a flight agree to the larger of a time and a share of the delay.
 _LEAST_S, _LONGEST_S = 0.04, 0.4
 _ALIKE_S, _ALIKE_SHARE = 0.01, 0.25
@@ -91,7 +91,7 @@ def _force_mistake(windows: Sequence[Window], columns: Sequence[Columns]) -> lis
 
 
 def _delay(angle: str, windows: Sequence[Window], columns: Sequence[Columns]) -> float | None:
-    """By how much an angle is later than its integrated rate, s; None for less than is said, and in doubt."""
+    """By how much an angle is later than its integrated rate, s; None for less than is reported, and in doubt."""
     interval_s = windows[0].interval_s
     most = round(_LONGEST_S / interval_s)
     sums = np.zeros((2, 3, 2 * most + 1))

@@ -60,7 +60,7 @@ class BenchPoints:
 
 @dataclass(frozen=True)
 class CalibrationCoefficient:
-    """One coefficient of a curve, in the units of references and readings; std None where no point is left to tell."""
+    """One coefficient of a curve, in the units of references and readings; std None where no point is left for it."""
 
     name: str
     value: float
@@ -74,7 +74,7 @@ class Calibration:
     form, unit: as asked for; coefficients are in that unit. si_unit: unit of what `apply` gives ("m/s" for pitot).
     residual_rms: of the fit, in the references' unit, for pitot in the readings'. hysteresis: largest difference
     between up and down at one reference, same unit; None without both directions. range: lowest and highest reading.
-    covariance: (K, K) of the coefficients, NaN where no point is left to tell.
+    covariance: (K, K) of the coefficients, NaN where no point is left for it.
     """
 
     form: str
@@ -109,14 +109,14 @@ class Calibration:
 
     @property
     def error_known(self) -> bool:
-        """Whether the bench had points to spare, whose scatter tells the curve's error."""
+        """Whether the bench had points to spare, whose scatter gives the curve's error."""
         return bool(np.isfinite(self.covariance).all())
 
     def error_modes(self, values: Array) -> Array:
         """What the curve's own error adds to measured values (N,) [SI], as (K, N) independent parts of one sigma each.
 
         The covariance of the curve at two values is the sum over the parts of their products. To first order in the
-        coefficients' errors; zeros where the bench does not tell them (`error_known`).
+        coefficients' errors; zeros where the bench does not determine them (`error_known`).
         """
         values = np.asarray(values, dtype=np.float64)
         if not self.error_known:
@@ -227,7 +227,7 @@ def _check_sizes(points: BenchPoints) -> None:
         if 0.0 < np.ptp(values) < _SMALLEST:
             low, high = values.min(), values.max()
             raise CalibrationError(
-                f"{points.source}: the {name}s, {low:g} to {high:g}, hardly differ: no instrument tells them apart;"
+                f"{points.source}: the {name}s, {low:g} to {high:g}, hardly differ: no instrument distinguishes them;"
                 " correct the points or give them in another unit"
             )
 
@@ -327,7 +327,8 @@ def _pitot(points: BenchPoints, unit: str) -> Calibration:
         raise CalibrationError(
             f"{points.source}: a pitot's references are in Pa, mmH2O or m/s, not {unit or 'no unit'}"
         )
-    # Two different flows and a point to spare tell the zero-flow reading; else readings count as differences from it.
+    # Two different flows and a point to spare determine the zero-flow reading; else readings count as differences from
+    # it.
     with_zero = np.unique(squared).size >= 2 and squared.size >= 3
     X = np.column_stack([squared, np.ones(squared.size)]) if with_zero else squared[:, None]
     if not np.any(squared):

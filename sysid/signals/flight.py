@@ -30,7 +30,7 @@ class Signal:
     """One measured quantity on the stamps of the messages that carried it.
 
     time_s: (N,) seconds from the flight's first stamp, vehicle's clock, non-decreasing.
-    values: (N,) SI units, radians; NaN where the sensor said it has no value.
+    values: (N,) SI units, radians; NaN where the sensor reported no value.
     unit: unit of `values`, as "rad/s".
     source: where it came from, as "HIGHRES_IMU.xgyro".
     calibration: the bench curve it went through, if any.

@@ -17,7 +17,7 @@ _FEWEST = 16  # samples that can be smoothed
 
 
 def height_above_ground(data: FlightData) -> Array:
-    """(N,) m, smoothed without lag; (0,) where nothing tells it.
+    """(N,) m, smoothed without lag; (0,) where it is not known.
 
     A rangefinder's `height` counts before the altitude, which is taken above where the recording began if the aircraft
     stood there.
@@ -34,7 +34,7 @@ def height_above_ground(data: FlightData) -> Array:
 
 
 def height_in_flight(data: FlightData) -> Array:
-    """(N,) m above the middle of the flight, smoothed without lag; (0,) where nothing tells it.
+    """(N,) m above the middle of the flight, smoothed without lag; (0,) where it is not known.
 
     Recorded altitude counts before the integral of the velocity over ground.
     """

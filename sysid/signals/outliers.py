@@ -20,7 +20,7 @@ MAD_TO_SIGMA = 1.4826
 def outliers(values: Array) -> NDArray[np.bool_]:
     """(N,) which readings are outliers. values: (N,) finite, in order of time; of angles, unwrapped.
 
-    Where more than 1 % of the readings stand out they are no accidents, and none counts as an outlier. Median filter
+    Where more than 1 % of the readings deviate so they are no accidents, and none counts as an outlier. Median filter
     after F. R. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974.
     """
     none = np.zeros(values.size, dtype=np.bool_)

@@ -97,8 +97,8 @@ def _with_values(signals: FlightSignals) -> FlightSignals:
     if not empty:
         return signals
     kept = {name: signal for name, signal in signals.signals.items() if name not in empty}
-    told = tuple(f"{name}: the signal carries no value at all; it is left out" for name in empty)
-    return FlightSignals(signals.name, kept, (*signals.warnings, *told))
+    dropped = tuple(f"{name}: the signal carries no value at all; it is left out" for name in empty)
+    return FlightSignals(signals.name, kept, (*signals.warnings, *dropped))
 
 
 def _check_alive(data: FlightData) -> None:
@@ -123,9 +123,11 @@ def _without_dead(data: FlightData, segments: Sequence[FlightSegment]) -> Flight
     names = [name for name in dead[0] if name not in NEEDED and all(name in others for others in dead)] if dead else []
     if not names:
         return data
-    told = tuple(f"{n}: repeats one value while {dead[0][n]} moves: the sensor is dead; it is left out" for n in names)
+    dropped = tuple(
+        f"{n}: repeats one value while {dead[0][n]} moves: the sensor is dead; it is left out" for n in names
+    )
     columns = {name: values for name, values in data.columns.items() if name not in names}
-    return replace(data, columns=columns, warnings=(*data.warnings, *told))
+    return replace(data, columns=columns, warnings=(*data.warnings, *dropped))
 
 
 def prepare(
@@ -142,12 +144,12 @@ def prepare(
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_vanes(_without_dead(data, segments), vehicle)
     if "thrust" in data and repeats(data["thrust"]):
-        columns, told = dict(data.columns), "if that sensor is dead, lift and drag coefficients are wrong"
+        columns, consequence = dict(data.columns), "if that sensor is dead, lift and drag coefficients are wrong"
         if dead_thrust(data["thrust"], data.columns.get("throttle", np.zeros(0))):
-            told = "though the throttle moves: the sensor is dead; it is left out"
+            consequence = "though the throttle moves: the sensor is dead; it is left out"
             del columns["thrust"]
         data = replace(
-            data, columns=columns, warnings=(*data.warnings, f"thrust: repeats one value throughout; {told}")
+            data, columns=columns, warnings=(*data.warnings, f"thrust: repeats one value throughout; {consequence}")
         )
     spans: list[tuple[FlightSegment, int, int]] = []
     for segment in segments:
@@ -159,8 +161,10 @@ def prepare(
         spans = _most_moved(data, spans)
         if len(spans) < len(every):
             found, used = (sum(b - a for _, a, b in those) * data.interval_s / 60.0 for those in (every, spans))
-            told = f"of {found:.0f} min of excited flight the {used:.0f} min are used in which the surfaces move most"
-            data = replace(data, warnings=(*data.warnings, f"{told}; --from and --to take others"))
+            limited = (
+                f"of {found:.0f} min of excited flight the {used:.0f} min are used in which the surfaces move most"
+            )
+            data = replace(data, warnings=(*data.warnings, f"{limited}; --from and --to take others"))
     windows = [data.window(a, b) for _, a, b in spans]
     for window in windows:
         _check_alive(window)
@@ -209,14 +213,15 @@ def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None =
 
 
 def require_thrust(prepared: Sequence[Prepared]) -> None:
-    """Raise SignalError where a flight does not tell its thrust."""
+    """Raise SignalError where a flight does not determine its thrust."""
     for flight in prepared:
         if flight.thrust_source.missing:
             raise SignalError(f"{flight.data.name}: thrust is unknown: {flight.thrust_source.missing}")
 
 
 def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
-    """(N,) by which an indicated airspeed grows when it is told as in the air that `layout.airspeed_factor` stands for.
+    """(N,) by which an indicated airspeed grows when it is expressed as in the air that `layout.airspeed_factor` stands
+    for.
 
     True over indicated airspeed is sqrt(1.225 / rho) at each sample; the kinematic equations know one factor only.
     """
@@ -227,7 +232,7 @@ def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
 
 
 def in_even_air(prepared: Sequence[Prepared]) -> list[FlightData]:
-    """All stretches, airspeed told as in air of the first flight's density, whatever height it was measured at."""
+    """All stretches, airspeed expressed as in air of the first flight's density, whatever height it was measured at."""
     layout = prepared[0].layout
     parts = []
     for stretch in (stretch for flight in prepared for stretch in flight.stretches):

@@ -73,10 +73,10 @@ class Record:
     `thrust`, each of one standard deviation; records of one flight with one `stretch` share them. rotor_doubt: (L, M)
     the same that a counter's noise leaves in the throttle, where that stands for the propeller's measured speed; where
     thrust follows from that speed, rows of the same number are one error. thrust_source: where thrust comes from.
-    thrust_read: (M,) N, as the sensor told it, where the airspeed explains a part of it; else (0,). law: how thrust
+    thrust_read: (M,) N, as the sensor read it, where the airspeed explains a part of it; else (0,). law: how thrust
     follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that it has in `thrust`; None and (0,) where
     it does not. heights: (M,) m above the ground, and relative_height: (M,) m above the middle of the flight, each (0,)
-    where nothing tells it. hysteresis_direction: (M,) the way in which the thrust sensor's reading moves
+    where it is not known. hysteresis_direction: (M,) the way in which the thrust sensor's reading moves
     (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
     above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next.
@@ -143,7 +143,7 @@ def simulated_effects(flat: FlatModel, record: Record) -> Array:
 
 
 def effects_at(flat: FlatModel, record: Record) -> Array:
-    """The effect vector for a record: at its own time, and without what its way of telling thrust holds already."""
+    """The effect vector for a record: at its own time, and without what its source of thrust holds already."""
     effects = flat.E.copy()
     effects[START_TIME] = record.time_s[0]
     if record.thrust_source.signal == "rpm":
@@ -172,12 +172,12 @@ def height_for(record: Record, effects: Array) -> Array:
     """(M,) m, the height of a record that an effect depends on, (0,) where none does: above the ground where that acts,
     else above the middle of the flight, so that the wind's shear there is no steady wind.
 
-    Raises SignalError where nothing tells it.
+    Raises SignalError where it is not known.
     """
     if effects[slot("ground_effect")] != 0.0:
         if not record.heights.size:
             raise SignalError(
-                f"{record.flight}: the model has ground_effect, but nothing tells the height above the ground: record "
+                f"{record.flight}: the model has ground_effect, but the height above the ground is not known: record "
                 "a rangefinder's height (DISTANCE_SENSOR), or altitude from before take-off on"
             )
         return record.heights
@@ -185,7 +185,7 @@ def height_for(record: Record, effects: Array) -> Array:
         return np.zeros(0)
     if not record.relative_height.size:
         raise SignalError(
-            f"{record.flight}: the model has wind_shear, but nothing tells the height: record altitude (HIGHRES_IMU, "
+            f"{record.flight}: the model has wind_shear, but the height is not known: record altitude (HIGHRES_IMU, "
             "VFR_HUD) or the vertical velocity (GLOBAL_POSITION_INT, LOCAL_POSITION_NED)"
         )
     return record.relative_height
@@ -194,7 +194,7 @@ def height_for(record: Record, effects: Array) -> Array:
 def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
     """Commands (M, 4) of a record with its height and its thrust's way behind them, (M, 6), if an effect needs one.
 
-    Raises SignalError where nothing tells the height that an effect needs.
+    Raises SignalError where the height that an effect needs is not known.
     """
     heights = height_for(record, effects)
     if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0:
@@ -222,12 +222,12 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
             f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
         )
     n = data.time_s.size
-    told = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
-    commands = np.stack([_as_acted(name, told[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
+    given = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
+    commands = np.stack([_as_acted(name, given[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
     doubt = np.zeros((0, 3))
     if has_positions(vehicle):
-        doubt = np.stack([position_doubt(told[name], vehicle.controls.get(_CONTROL_OF[name])) for name in SURFACES], 1)
+        doubt = np.stack([position_doubt(given[name], vehicle.controls.get(_CONTROL_OF[name])) for name in SURFACES], 1)
     return [_make_record(data, vehicle, start, stop, commands, heights, doubt) for start, stop in spans]
 
 
@@ -239,7 +239,7 @@ def position_doubt(values: Array, control: Control | None) -> Array:
     """
     if values.size < 3:
         return np.zeros(values.size)
-    # One that is told in other units has steps that are finer than a pulse's.
+    # One that is given in other units has steps that are finer than a pulse's.
     step = float(np.median(np.diff(np.unique(values)))) if np.ptp(values) > 0.0 else 0.0
     if control is not None:
         step = min(step, control.microsecond)

@@ -82,9 +82,9 @@ def _disagreement(one: Array, two: Array, name: str) -> str:
     (offset, slope), *_ = np.linalg.lstsq(design, difference, rcond=None)
     rest = float(np.std(difference - design @ (offset, slope)))
     std = rest * np.sqrt(np.diag(inverse(design.T @ design)))
-    told = []
+    differences = []
     if abs(offset) > SENSOR_ERRORS[f"{name}_bias"][3] + 3.0 * std[0]:
-        told.append(f"it reads {np.degrees(offset):+.1f} deg more")
+        differences.append(f"it reads {np.degrees(offset):+.1f} deg more")
     if abs(slope) > SENSOR_ERRORS[f"{name}_scale"][3] + 3.0 * std[1]:
-        told.append(f"its scale is {1.0 + slope:.2f} of the other's")
-    return " and ".join(told)
+        differences.append(f"its scale is {1.0 + slope:.2f} of the other's")
+    return " and ".join(differences)

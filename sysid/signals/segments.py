@@ -1,4 +1,4 @@
-"""The parts of a flight that can tell something: in the air, and excited."""
+"""The parts of a flight that are informative: in the air, and excited."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TAIL_S = 3.0  # the free response kept after the last one
 MERGE_S = 3.0
 MIN_LENGTH_S = 4.0
 WHOLE_SHARE = 0.7  # an airborne part excited for more than this share is taken whole
-SHORT_FLIGHT_S = 30.0  # so is one that is short altogether: trimmed samples tell the sensor biases
+SHORT_FLIGHT_S = 30.0  # so is one that is short altogether: trimmed samples determine the sensor biases
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def find_segments(
     """Find the airborne, excited parts of a flight.
 
     data: needs `airspeed` (m/s; else `vn ve`), body rates, and the surfaces `de da dr` where known; `altitude`
-        or `height` (m), where present, tells take-off roll and landing apart from flight.
+        or `height` (m), where present, distinguishes take-off roll and landing from flight.
     min_length_s: shortest part given, s.
     require_excited: if no part is excited, True raises and False gives the airborne parts as kind "steady".
     Returns the parts in order of time, without overlap and without gaps in the data.
@@ -123,7 +123,7 @@ def _speed(data: FlightData) -> Array:
     elif "vn" in data and "ve" in data and np.any(np.isfinite(data["vn"] + data["ve"])):
         speed = np.hypot(data["vn"], data["ve"])
     else:
-        raise SegmentError(f"{data.name}: no airspeed and no GPS velocity to tell flight from standing by")
+        raise SegmentError(f"{data.name}: no airspeed and no GPS velocity to distinguish flight from standing by")
     valid = np.isfinite(speed)
     filled = np.interp(data.time_s, data.time_s[valid], speed[valid])
     size = max(round(0.5 / data.interval_s), 1)
@@ -131,7 +131,7 @@ def _speed(data: FlightData) -> Array:
 
 
 def _above_ground(data: FlightData, fast: Mask) -> Mask | None:
-    """Whether the aircraft is at least 1.5 m above where it last stood; None where nothing tells."""
+    """Whether the aircraft is at least 1.5 m above where it last stood; None where it is not known."""
     if "height" in data and np.isfinite(data["height"]).mean() > 0.9:
         return np.asarray(np.nan_to_num(data["height"], nan=np.inf) > 1.0)
     if "altitude" not in data or not np.any(~fast & np.isfinite(data["altitude"])):

@@ -19,7 +19,7 @@ class SensorLayout:
     accelerometer, alpha_vane, beta_vane: (x, y, z) from the centre of gravity, body axes, m.
     beta_kind: "sideslip" (asin(v/V)) or "flank" (atan2(v, u)).
     airspeed_factor: true airspeed over what `airspeed` reads: sqrt(1.225/rho) for calibrated airspeed, 1 for true.
-    airspeed_is_true: whether the sensor tells true airspeed at any density.
+    airspeed_is_true: whether the sensor reads true airspeed at any density.
     gravity: m/s^2.
     """
 

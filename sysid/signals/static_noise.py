@@ -67,7 +67,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """What a signal at rest tells of its sensor.
+    """What a signal at rest shows of its sensor.
 
     mean: of all samples. sample_std: standard deviation of one sample about the slow drift. white, bias_instability,
     rate_random_walk: N, B and K. bandwidth_hz: where the sensor's own filter cuts, None where none shows.
@@ -150,10 +150,10 @@ def sensor_noise(signal: Signal) -> SensorNoise:
     peaks, clean = _peaks(frequencies, power, values.size, interval)
     top, bandwidth = _usable(frequencies, power, clean, 1.0 / interval)
     chosen = clean & (frequencies <= top)
-    found, told = _fit_density(frequencies[chosen], power[chosen], interval)
+    found, identified = _fit_density(frequencies[chosen], power[chosen], interval)
     units = {"N": f"{signal.unit}/sqrt(Hz)", "B": signal.unit, "K": f"{signal.unit}/s/sqrt(Hz)"}
     duration = values.size * interval
-    estimates = [_estimate(found, told, term, units[term], duration) for term in TERMS]
+    estimates = [_estimate(found, identified, term, units[term], duration) for term in TERMS]
     taus, deviations = allan_deviation(values, interval)
     span = max(3, 2 * round(_TREND_S / interval / 2.0) + 1)
     around = values - uniform_filter1d(values, span, mode="reflect")
@@ -182,13 +182,13 @@ def _uniform(signal: Signal) -> tuple[Array, Array, float]:
     time, values = signal.time_s[good], signal.values[good]
     if values.size < SHORTEST_SAMPLES:
         raise SignalError(
-            f"{signal.source}: {values.size} samples are too few to tell noise; record {SHORTEST_SAMPLES}"
+            f"{signal.source}: {values.size} samples are too few to estimate noise; record {SHORTEST_SAMPLES}"
         )
     if np.ptp(values) == 0.0:
         raise SignalError(f"{signal.source} never changes; the sensor is dead, or its noise is below its step")
     interval = _interval(time)
     if interval <= 0.0:
-        raise SignalError(f"{signal.source}: its time stamps do not advance; the noise cannot be told")
+        raise SignalError(f"{signal.source}: its time stamps do not advance; the noise cannot be estimated")
     places = np.rint((time - time[0]) / interval).astype(np.int64)
     places, first = np.unique(places, return_index=True)
     missing = 1.0 - places.size / (places[-1] + 1)
@@ -225,7 +225,7 @@ def _periodogram(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def _peaks(frequencies: Array, power: Array, size: int, interval: float) -> tuple[tuple[Peak, ...], NDArray[np.bool_]]:
-    """Lines that stand out of their neighbourhood by chance once in 1000 records, and the bins without them."""
+    """Lines that exceed their neighbourhood by chance once in 1000 records, and the bins without them."""
     half = min(max(16, power.size // 40), max(power.size // 4, 1))
     around = median_filter(power, size=2 * half + 1, mode="reflect") / math.log(2.0)
     # A tapered bin is nearly exponential; neighbours share energy, so the number of independent ones is no larger.
@@ -263,7 +263,7 @@ def _usable(frequencies: Array, power: Array, clean: NDArray[np.bool_], rate: fl
 def _fit_density(frequencies: Array, power: Array, interval: float) -> tuple[dict[str, tuple[float, float]], bool]:
     """Terms of the density that the periodogram shows, each with its coefficient and standard error.
 
-    And whether the kind of drift can be told; where it cannot, flicker and random walk are left out.
+    And whether the kind of drift can be identified; where it cannot, flicker and random walk are left out.
     """
     shapes = {
         "N": np.ones(frequencies.size),
@@ -280,7 +280,7 @@ def _fit_density(frequencies: Array, power: Array, interval: float) -> tuple[dic
     terms = max(sets, key=lambda names: fits[names][1] - enough * len(names))
     # With one kind of drift in the record, the other one must be clearly worse for the name to count.
     rivals = [fits[other][1] for other in sets[1:3] if len(terms) == 2 and other != terms]
-    told = not rivals or fits[terms][1] - rivals[0] > enough
+    identified = not rivals or fits[terms][1] - rivals[0] > enough
     weights = fits[terms][0]
     chosen = np.array([shapes[term] for term in terms])
     relative = chosen * weights[:, None] / (weights @ chosen) * np.sqrt(counts)
@@ -289,9 +289,9 @@ def _fit_density(frequencies: Array, power: Array, interval: float) -> tuple[dic
     found = {
         term: (math.sqrt(weight), math.sqrt(weight) * 0.5 * math.sqrt(covariance[i, i]))
         for i, (term, weight) in enumerate(zip(terms, weights, strict=True))
-        if term == "N" or told
+        if term == "N" or identified
     }
-    return found, told
+    return found, identified
 
 
 _TAPER_LOSS = 35.0 / 18.0  # sum w^4 n / (sum w^2)^2 of the Hann taper
@@ -326,7 +326,7 @@ def _whittle(shapes: Sequence[Array], power: Array, counts: Array) -> tuple[Arra
 
 
 def _estimate(
-    found: dict[str, tuple[float, float]], told: bool, term: str, unit: str, duration: float
+    found: dict[str, tuple[float, float]], identified: bool, term: str, unit: str, duration: float
 ) -> NoiseEstimate:
     if found.get(term, (0.0, 0.0))[0] > 0.0:
         value, std = found[term]
@@ -334,9 +334,12 @@ def _estimate(
             factor = math.sqrt(2.0 * math.log(2.0) / math.pi)
             return NoiseEstimate(value * factor, std * factor, unit)
         return NoiseEstimate(value, std, unit)
-    if not told:
+    if not identified:
         return NoiseEstimate(
-            None, None, unit, f"it drifts, but {duration:.0f} s do not tell flicker from a random walk; record longer"
+            None,
+            None,
+            unit,
+            f"it drifts, but {duration:.0f} s do not separate flicker from a random walk; record longer",
         )
     return NoiseEstimate(
         None, None, unit, f"none shows in {duration:.0f} s at rest; record longer to see a smaller one"

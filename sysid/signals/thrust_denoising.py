@@ -98,7 +98,7 @@ def smooth_series(values: Array, max_share: float = 0.5) -> Array:
 
 
 def _terms(values: Array, coefficients: Array, max_share: float) -> int:
-    """How many terms of the cosine series of `values` stand out of the noise."""
+    """How many terms of the cosine series of `values` are above the noise."""
     n = values.size
     power = np.concatenate((np.cumsum(coefficients[::-1] ** 2)[::-1][1:], [0.0]))
     limit = max(1, int(max_share * n))
@@ -176,7 +176,7 @@ def _explained(
 
     Two powers of the airspeed, and the throttle behind its lag, count where the Bayesian information criterion asks for
     them. Where the airspeed counts it is a propeller that pulls, and a throttle that moves counts as well: swings of
-    it that are too small to be seen would else be taken for drag, which they moved by two standard errors.
+    it that are too small to be seen would else be mistaken for drag, which they moved by two standard errors.
     """
     n = thrust.size
     best: tuple[Array, Array, AirspeedLaw | None] = (thrust, np.ones((n, 1)), None)

@@ -26,7 +26,7 @@ _THROTTLE_MOVED = 0.1
 
 @dataclass(frozen=True)
 class ThrustSource:
-    """signal: "thrust" (measured), "rpm" or "throttle"; "" where nothing tells it, and `missing` says why. law: how
+    """signal: "thrust" (measured), "rpm" or "throttle"; "" where thrust is not known, and `missing` says why. law: how
     thrust follows from it, "" where it is measured.
     """
 
@@ -143,7 +143,7 @@ def with_rotor_speed(
     leaves in that throttle, each of one standard deviation.
 
     The simulation passes a held throttle through the motor's lag; here that lag is undone, so that the propeller turns
-    as measured at every sample. Without a counter the throttle stays as commanded; where CQ is known but nothing tells
+    as measured at every sample. Without a counter the throttle stays as commanded; where CQ is known but nothing gives
     the propeller's speed, it counts as standing, without torque.
     """
     propulsion = vehicle.propulsion

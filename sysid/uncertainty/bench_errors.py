@@ -112,7 +112,7 @@ def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
 
 @dataclass(frozen=True)
 class BenchEffect:
-    """A bench error with what it feigns, and what it adds to the residuals (N, 15) of each record."""
+    """A bench error with the change that it seems to be, and what it adds to the residuals (N, 15) of each record."""
 
     error: BenchError
     apparent: ApparentChange
@@ -171,7 +171,7 @@ class ApparentChange:
 
 
 def apparent_change(changed: Problem, problem: Problem) -> ApparentChange:
-    """What the difference of two sets of records feigns: `changed` after a bench error, `problem` as measured."""
+    """What the difference of two sets of records seems to be: `changed` after a bench error, `problem` as measured."""
     pairs = list(zip(changed.records, problem.records, strict=True))
     outputs = [new.z - old.z for new, old in pairs]
     inputs = any(

@@ -1,6 +1,6 @@
 """What errors of the vehicle file would do to the coefficients: the column beside the statistical error.
 
-Each perturbation changes what the estimator was told, not what was measured. Where the changed model fits as well as
+Each perturbation changes what the estimator was given, not what was measured. Where the changed model fits as well as
 the first one did (mass, inertia, density, linkage), one Gauss-Newton step for a thousandth of the change gives where
 the estimate would move, to first order: the change moves the residuals, and hardly the sensitivities. Late commands do
 not fit, which moves the weights of the outputs as well: there the estimation is repeated, on runs from all over a long
@@ -35,7 +35,7 @@ SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A change of what the estimator is told: SHARE of what its name in results says."""
+    """A change of what the estimator is given: SHARE of what its name in results says."""
 
     name: str
     vehicle: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle
@@ -90,8 +90,8 @@ LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12  # of Gauss-Newton, from the estimate
 # Seconds of flight on which an estimation is repeated.
 _REPEATED_S = 60.0
-# What these runs tell of each parameter, over what as much of the whole flight tells in the mean, at least.
-_LEAST_TOLD = 0.3
+# Least information of these runs on each parameter, over what an equal share of the whole flight holds on average.
+_LEAST_INFORMATION = 0.3
 
 
 def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
@@ -140,10 +140,10 @@ def _moved_by_late_commands(
     late = replace(some, records=tuple(map(LATE.record, some.records)))
     try:
         if some is not whole:
-            prompt = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
-            if not prompt.converged:
+            undelayed = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+            if not undelayed.converged:
                 return {}
-            values = {name: prompt.value(name) for name in values}
+            values = {name: undelayed.value(name) for name in values}
         again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
     except EstimationError:
         return {}
@@ -153,8 +153,8 @@ def _moved_by_late_commands(
 def _some_runs(here: Linearised, problem: Problem) -> Problem:
     """The problem with runs of some _REPEATED_S, evenly spread over its flights.
 
-    The problem itself comes back where it is no longer, or where those runs do not tell of every parameter what they
-    should: one axis may have been flown in the others.
+    The problem itself comes back where it is no longer, or where those runs do not hold the information on every
+    parameter that they should: one axis may have been flown in the others.
     """
     total_s = sum(record.length * record.interval_s for record in problem.records)
     if total_s <= _REPEATED_S:
@@ -162,9 +162,9 @@ def _some_runs(here: Linearised, problem: Problem) -> Problem:
     count, share = len(problem.records), _REPEATED_S / total_s
     kept = np.unique(np.linspace(0.0, count - 1.0, max(1, round(count * share))).round().astype(int))
     columns, sigma, p = here.estimation.columns, here.result.sigma, len(here.result.parameters)
-    told = sum(np.diag(gram(here.S[k], problem.records[k].z, columns, sigma)[0])[:p] for k in kept)
-    all_told = np.diag(here.normal[0])[:p] - np.diag(here.estimation.prior_information)
-    if np.any(told < _LEAST_TOLD * share * all_told):
+    information = sum(np.diag(gram(here.S[k], problem.records[k].z, columns, sigma)[0])[:p] for k in kept)
+    whole_information = np.diag(here.normal[0])[:p] - np.diag(here.estimation.prior_information)
+    if np.any(information < _LEAST_INFORMATION * share * whole_information):
         return problem
     return replace(
         problem,

@@ -1,8 +1,8 @@
 """The noise of measured thrust and propeller speed, inputs of the simulation, as part of the one-step estimate.
 
 The likelihood takes inputs as exact. Smoothed thrust still has errors of level, gain and lag, known in size, and so has
-a propeller's smoothed speed, whose torque rolls the aircraft. The motion itself tells them as well: each becomes an
-unknown c_k with a Gaussian prior of one standard deviation beside the parameters. They are small, so one joint
+a propeller's smoothed speed, whose torque rolls the aircraft. The motion itself determines them as well: each becomes
+an unknown c_k with a Gaussian prior of one standard deviation beside the parameters. They are small, so one joint
 Gauss-Newton step from the estimate with exact inputs is enough (errors in inputs as nuisance parameters with priors:
 Maine & Iliff, NASA RP-1168, section 5.4, maximum a posteriori).
 """

@@ -27,8 +27,8 @@ def comparison(
     command_first: float,
 ) -> ModelComparison:
     """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
-    told = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
-    known = replace(model, coefficients=told, effects=tuple(e for e in model.effects if not e.refused()))
+    estimated = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
+    known = replace(model, coefficients=estimated, effects=tuple(e for e in model.effects if not e.refused()))
     axes = sorted({name.partition("_")[0] for name in known.coefficients})
     values = {name: value for name, (value, _, _) in errors.items()}
     return ModelComparison(tuple(flights), vehicle, Fixed(flatten(vehicle, known), values, command_first), tuple(axes))

@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.arrays import Array
 
-#: Times the noise beyond which a residual is told: five standard deviations of the twofold noise that a fit may leave.
+#: Times the noise beyond which a residual is reported: five standard deviations of twice the noise, as a fit may leave.
 BEYOND = 10.0
 # A surface steps where a sample changes its command by this share of its range in the stretch; a residual belongs to
 # the step within that time, about which a derivative taken below 8 Hz rings.
@@ -74,7 +74,7 @@ def _step_at(one: ResidualHistory, moment: float) -> str | None:
     return _SURFACES[most] if share[most] >= _STEP else None
 
 
-def told(largest: Mapping[str, Largest]) -> str:
+def outlier_text(largest: Mapping[str, Largest]) -> str:
     """What exceeds BEYOND times the noise, in a sentence that begins with the worst; empty where nothing does."""
     worse = sorted(((n, one) for n, one in largest.items() if one.over_noise > BEYOND), key=lambda e: -e[1].over_noise)
     if not worse:

@@ -28,7 +28,7 @@ _DENSE = 0.5
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """Flights and the model they are compared with. axes: coefficients of which the model tells something."""
+    """Flights and the model they are compared with. axes: coefficients of which the model holds a value."""
 
     flights: tuple[Prepared, ...]
     vehicle: Vehicle

@@ -22,7 +22,7 @@ from sysid.signals.preparation import Prepared
 Progress = Callable[[float, str], None]
 
 # Sensor errors estimated beside every model: those that change with every power-up, and the vanes', which no effect can
-# be told from. Then what a bench calibration leaves of the airspeed, with its usual size.
+# be distinguished from. Then what a bench calibration leaves of the airspeed, with its usual size.
 NUISANCE = (
     "accel_bias_x", "accel_bias_y", "accel_bias_z", "gyro_bias_p", "gyro_bias_q", "gyro_bias_r", "alpha_scale",
     "alpha_bias", "beta_scale", "beta_bias",
@@ -40,7 +40,7 @@ _TIMING = 5.0
 
 @dataclass(frozen=True)
 class Flights:
-    """What every step of a comparison needs: flights, what kinematics say of them, and the wish to be told."""
+    """What every step of a comparison needs: flights, what kinematics say of them, and the progress callback."""
 
     prepared: Sequence[Prepared]
     compatible: CompatibilityResult

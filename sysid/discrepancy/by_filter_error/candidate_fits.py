@@ -38,7 +38,7 @@ _ROUNDS = 4
 _TRIAL_STEPS = 12
 # Times Wald's statistic that a gain may be: standard errors with gains held fixed are not exact.
 _BORNE_OUT = 4.0
-# Effects with a hill of the likelihood for every sample that something comes late, and steps to see which is highest.
+# Effects with a local maximum of the likelihood for every sample of a delay, and steps to find the highest.
 _HILLY, _FIRST_STEPS = Remembers.LATENESS, 3
 # Log likelihood by which one step is like another.
 _ALIKE = 1.0

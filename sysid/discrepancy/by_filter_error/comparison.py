@@ -228,7 +228,7 @@ def _held_out(held_out: Sequence[Prepared], problem: Problem, models: Mapping[st
         if name != "after" and isinstance(best, FilterErrorResult):
             own = sensors_alone(other, model, best)
         stages[name] = fixed_model(other, model, own, checked)
-    # Kinematics alone take for gusts what an effect makes of a vane; the model that has it knows better.
+    # Kinematics alone mistake what an effect does to a vane for gusts; the model that has it knows better.
     air = Turbulence(checked.gust_sigma, checked.gust_sigma)
     if isinstance(best, FilterErrorResult):
         air = best.turbulence

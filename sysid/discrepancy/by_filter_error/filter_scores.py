@@ -2,7 +2,7 @@
 
 One Kalman pass carries the columns of all candidates (how one step and one reading change where an effect is there)
 along with the slopes by the parameters and gives information and gradient of all together. Gusts are process noise of
-the same filter, so that what an effect does is not taken for what they do.
+the same filter, so that what an effect does is not mistaken for what they do.
 """
 
 from __future__ import annotations

@@ -143,9 +143,10 @@ def eliminate_redundant(search: Search) -> None:
     """
     while len(search.named) > 1:
         asked = [(one, _without(search, one)) for one in search.named]
-        told = {one.effect: without.gain for one, without in asked if without is not None}
+        gains = {one.effect: without.gain for one, without in asked if without is not None}
         search.named = [
-            replace(one, weight=_weighed(one, told[one.effect])) if one.effect in told else one for one in search.named
+            replace(one, weight=_weighed(one, gains[one.effect])) if one.effect in gains else one
+            for one in search.named
         ]
         needless = [
             (without, one)

@@ -37,13 +37,14 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
 
-# What the estimate tells beside coefficients that a simulation lacks: said where it is so many standard errors off, and
-# where the flight tells it so much better than was known before.
-_SEEN, _TELLING = 3.0, 0.5
+# What is estimated beside the coefficients: reported where it is so many standard errors off, and
+# where the flight determines it so much better than was known before.
+_SEEN, _INFORMED = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
-# Name -> what is said where it is above its null and below it, "" for nothing, the null, the factor to the unit said.
+# Name -> what is reported where it is above its null and below it, "" for nothing, the null, the factor to
+# its unit.
 _BESIDE = {
-    "servo_delay": ("the servos answer {:.0f} ms late", "", 0.0, 1e3),
+    "servo_delay": ("the servos are delayed by {:.0f} ms", "", 0.0, 1e3),
     "servo_lag": ("the servos lag by {:.0f} ms", "", 0.0, 1e3),
     "servo_backlash": ("the linkages have {:.2f} deg of play to either side", "", 0.0, 180.0 / np.pi),
     "airspeed_error": ("the airspeed reads {:.1f} % too much", "the airspeed reads {:.1f} % too little", 0.0, 100.0),
@@ -101,7 +102,7 @@ def _searched(
         progress(0.72, "standard errors")
         best = base.of({group: fit.ended() for group, fit in found.groups.items()})
         found.named = [replace(one, values=_values(one.candidate.names, one.values, best)) for one in found.named]
-    before, after = _told(model, base), _told(found.model, best)
+    before, after = _updated(model, base), _updated(found.model, best)
     signals = [one.signals for one in read.fitted]
     used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
     verdict, reasons = _verdict(asked, base, found, used)
@@ -135,11 +136,11 @@ def _free_effects(model: Model) -> list[tuple[str, str]]:
 
 
 def _fitted(parts: Sequence[FlightPart], asked: Asked, model: Model) -> PosteriorEstimate:
-    def told(share: float, text: str) -> None:
+    def report(share: float, text: str) -> None:
         asked.progress(0.08 + 0.2 * share, text)
 
-    told(0.0, "its coefficients fitted again")
-    return estimate(parts, asked.vehicle, model, _free_effects(model), systematic=False, progress=told)
+    report(0.0, "its coefficients fitted again")
+    return estimate(parts, asked.vehicle, model, _free_effects(model), systematic=False, progress=report)
 
 
 def _with_trims(model: Model) -> Model:
@@ -154,16 +155,18 @@ def _values(
     names: Sequence[tuple[str, str]], found: Mapping[str, tuple[float, float]], best: PosteriorEstimate
 ) -> dict[str, tuple[float, float]]:
     """Values and standard errors of an effect's parameters, with bars that count all."""
-    told = best.joint.entries()
+    entries = best.joint.entries()
     keys = {name: f"{effect}.{name}" for effect, name in names}
-    return {name: told.get(keys.get(name, name), entry) for name, entry in found.items()}
+    return {name: entries.get(keys.get(name, name), entry) for name, entry in found.items()}
 
 
-def _told(model: Model, found: PosteriorEstimate) -> Model:
-    """The model with what the flights tell of it; what they do not tell stays as given."""
-    told = found.joint.entries()
-    coefficients = {name: Coefficient(*told[name]) if name in told else e for name, e in model.coefficients.items()}
-    return replace(model, coefficients=coefficients, effects=effects_with(model.effects, told), correlation=None)
+def _updated(model: Model, found: PosteriorEstimate) -> Model:
+    """The model with its estimates from the flights; what they do not identify stays as given."""
+    entries = found.joint.entries()
+    coefficients = {
+        name: Coefficient(*entries[name]) if name in entries else e for name, e in model.coefficients.items()
+    }
+    return replace(model, coefficients=coefficients, effects=effects_with(model.effects, entries), correlation=None)
 
 
 def _beside(
@@ -216,7 +219,7 @@ def _verdict(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared
 
 
 def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:
-    """How far what the flights tell is from what was given (Wald's test), and of how many coefficients."""
+    """How far the estimates are from what was given (Wald's test), and of how many coefficients."""
     given = model.values()
     names = [name for name in base.joint.names if name in given and name not in base.not_believed]
     places = [base.joint.names.index(name) for name in names]
@@ -227,11 +230,13 @@ def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:
 def _nuisances(base: PosteriorEstimate) -> list[str]:
     """What servos and sensors do that the model does not hold, in words, the surer group of each."""
     surest = {one.name: one for one in sorted(base.nuisances, key=lambda one: -one.std)}
-    told = []
+    sentences = []
     for name, (more, less, null, factor) in _BESIDE.items():
         one = surest.get(name)
-        if one is None or abs(one.value - null) < _SEEN * one.std or one.std > _TELLING * one.prior_std:
+        if one is None or abs(one.value - null) < _SEEN * one.std or one.std > _INFORMED * one.prior_std:
             continue
         if words := more if one.value > null else less:
-            told.append(f"{words.format(factor * abs(one.value - null))} (± {factor * one.std:.2g}), beside the model")
-    return told
+            sentences.append(
+                f"{words.format(factor * abs(one.value - null))} (± {factor * one.std:.2g}), beside the model"
+            )
+    return sentences

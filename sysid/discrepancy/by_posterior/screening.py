@@ -1,9 +1,9 @@
 """What every candidate promises a group of axes, at the cost of one simulation each.
 
-At the maximum without it Rao's score test tells what an effect would gain (sysid.discrepancy.score_test), with what is
-left of the outputs as noise. A model without a damping that the aircraft has, or without a lift that lags, is fitted so
-far from the truth that slopes tell nothing there. So every candidate is looked at from elsewhere too, beside the model
-without it from the same place: from equation error's values, and from the model as it was given.
+At the maximum without it Rao's score test predicts what an effect would gain (sysid.discrepancy.score_test), with what
+is left of the outputs as noise. A model without a damping that the aircraft has, or without a lift that lags, is fitted
+so far from the truth that slopes say nothing there. So every candidate is looked at from elsewhere too, beside the
+model without it from the same place: from equation error's values, and from the model as it was given.
 """
 
 from __future__ import annotations

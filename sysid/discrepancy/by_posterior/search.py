@@ -64,14 +64,14 @@ class Found:
 
 
 def search(found: Found, most: int, progress: Progress) -> None:
-    """Name effects, one after the other, until none stands out; then what is left without a name."""
+    """Name effects, one after the other, until none is significant; then what is left without a name."""
     while len(found.named) < most:
         if not _extend(found, partial(_part_of, progress, len(found.named), most + 1.0)):
             break
     _eliminate(found)
     progress(1.0 - 1.0 / (most + 1.0), "what is left without a name")
     _look_at_the_rest(found)
-    _keep_what_stands_out(found)
+    _keep_what_is_conclusive(found)
 
 
 def _part_of(progress: Progress, done: int, of: float, share: float, text: str) -> None:
@@ -80,7 +80,7 @@ def _part_of(progress: Progress, done: int, of: float, share: float, text: str) 
 
 def _choices(found: Found) -> list[Candidate]:
     """Every effect that the flights could show, from its own starts. What coefficients all but imitate is one of them
-    in flights of the textbooks alone: a structure that lacks a term would be told by the term's imitation.
+    in flights of the textbooks alone: a structure that lacks a term would be reported as the term's imitation.
     """
     kept = []
     for one in candidates(found.problem, found.model):
@@ -91,7 +91,7 @@ def _choices(found: Found) -> list[Candidate]:
 
 
 def _extend(found: Found, progress: Progress) -> bool:
-    """Add the likeliest effect if it stands out; returns whether one did."""
+    """Add the likeliest effect if it is significant; returns whether one did."""
     choices = _choices(found)
     progress(0.0, f"a first look at {len(choices)} effects")
     looked = {group: _looked(found, group, choices) for group in found.groups}
@@ -102,7 +102,7 @@ def _extend(found: Found, progress: Progress) -> bool:
     limit = max(RULES.least_promise, RULES.promise_share * total[order[0]]) if order else np.inf
     worth = [i for i in order[: RULES.most_tried] if total[i] >= limit]
     if worth:
-        # No slope tells of what coefficients imitate but for how it bends.
+        # What coefficients imitate shows in no slope, only in its curvature.
         worth += [i for i in order if choices[i].effect.by_curvature and i not in worth]
     again = _worth_a_second_look(looks)
     tried: list[Trial] = []
@@ -119,10 +119,10 @@ def _extend(found: Found, progress: Progress) -> bool:
     weights = _weighed(tried)
     top = max(range(len(tried)), key=lambda i: tried[i].evidence)
     best, weight = tried[top], weights[top]
-    if _stands_out(best, weight, len(choices)):
+    if _is_conclusive(best, weight, len(choices)):
         progress(1.0, f"standard errors of {best.candidate.effect.name}")
         weight = _with_full_bars(best, weight)
-    if not _stands_out(best, weight, len(choices)):
+    if not _is_conclusive(best, weight, len(choices)):
         if is_unlikely(weight, len(choices)):
             found.notes.append(nearly(best.candidate.effect.name, weight, len(choices)))
         return False
@@ -268,7 +268,7 @@ def _with_full_bars(trial: Trial, weight: Weight) -> Weight:
     return Weight(weight.probability, gain, float(special.chdtrc(len(places), max(gain, 0.0))))
 
 
-def _stands_out(trial: Trial, weight: Weight, choices: int) -> bool:
+def _is_conclusive(trial: Trial, weight: Weight, choices: int) -> bool:
     return trial.evidence > 2.0 * RULES.evidence and is_significant(weight, choices)
 
 
@@ -289,7 +289,7 @@ def _eliminate(found: Found) -> None:
         _leave_out(found, named, groups, "not needed beside the others")
 
 
-def _keep_what_stands_out(found: Found) -> None:
+def _keep_what_is_conclusive(found: Found) -> None:
     """Take out what was named beside the first and explains less than what is left without a name asks for."""
     for named in found.named[1:]:
         groups = _without(found, named)

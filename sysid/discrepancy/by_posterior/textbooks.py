@@ -1,4 +1,4 @@
-"""Flights of the textbooks; flights as the field gives them: servos that come late or lag, no force with white noise.
+"""Flights of the textbooks; flights as the field gives them: servos with a delay or a lag, no force with white noise.
 
 What a textbook's aircraft does not have is no unknown of it, so that a lag, a play or a delay is an effect like others.
 """
@@ -29,19 +29,19 @@ Part = TypeVar("Part", Control, Sensor)
 
 
 def is_of_the_field(found: PosteriorEstimate) -> bool:
-    """Whether in a group of axes servos come late, lag or have play, and no force leaves white noise in either.
+    """Whether in a group of axes servos have a delay, a lag or play, and no force leaves white noise in either.
 
     One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks. In
-    the group that lacks something nothing can be said of servos.
+    the group that lacks something nothing is known of servos.
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE for one in found.noise)
     return not white and any(_is_loose(one) for one in found.nuisances)
 
 
 def as_of_textbooks(vehicle: Vehicle) -> Vehicle:
-    """The vehicle with servos and sensors that do at once and exactly as told, where its file says nothing else.
+    """The vehicle with servos and sensors that do at once and exactly as commanded, where its file says nothing else.
 
-    How late the airspeed comes stays open: accelerometers tell it, whatever the model.
+    The delay of the airspeed stays free: accelerometers determine it, whatever the model.
     """
     sensors = vehicle.sensors
     controls = {name: _exact(one, "delay", "lag", "backlash") for name, one in vehicle.controls.items()}

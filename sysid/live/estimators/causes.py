@@ -2,9 +2,9 @@
 
 A cause changes coefficients along directions that hang on their own values: half an elevator takes half of every term
 in de, a centre of gravity that moved changes both stabilities by force derivatives times an arm, a surface that sticks
-takes its terms away and leaves a constant. The equations since the change tell by least squares with a prior on each
-size what explains that which the coefficients known before leave, of all axes together; causes are weighed by their
-evidence, tempered, since samples follow one another.
+takes its terms away and leaves a constant. From the equations since the change least squares estimates, with a prior on
+each size, what explains that which the coefficients known before leave, of all axes together; causes are weighed by
+their evidence, tempered, since samples follow one another.
 Sources: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, section 7.2 (signatures); for a tailplane
 Etkin & Reid, "Dynamics of Flight", 1996, section 5.3.
 """
@@ -191,9 +191,9 @@ def likeliest(axes: Sequence[AxisEquations], lengths: Lengths) -> list[CauseFoun
     values = {n: float(v) for axis in axes for n, v in zip(axis.known.names, axis.known.values, strict=True)}
     scores, found = [], []
     for cause in CAUSES:
-        told = _evidence(cause, axes, values, lengths)
-        if told is not None:
-            score, size, std = told
+        evidence = _evidence(cause, axes, values, lengths)
+        if evidence is not None:
+            score, size, std = evidence
             low, high = cause.possible
             if size + 2.0 * std < low or size - 2.0 * std > high:
                 continue

@@ -2,8 +2,8 @@
 
 For each coefficient j of an axis the residuals e of the last seconds are explained by a step d of that coefficient
 alone: d = sum(x_j e) / sum(x_j^2), and d^2 over its variance is the generalised likelihood ratio, twice its logarithm.
-A change is told where the likeliest one is beyond doubt, is a large share of the coefficient, and explains most of the
-residuals, twice in a row. Its time is where the likelihood of "from here on" is largest (the CUSUM's own estimate).
+A change is reported where the likeliest one is beyond doubt, is a large share of the coefficient, and explains most of
+the residuals, twice in a row. Its time is where the likelihood of "from here on" is largest (the CUSUM's own estimate).
 Source: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, sections 2.2 and 2.4.
 """
 
@@ -27,9 +27,9 @@ _LEARNED_S = 6.0  # of flight, before which standard errors are too young to cal
 _RATIO = 60.0
 _SHARE = 0.1
 _EXPLAINED = 0.6
-_KNOWN = 0.15  # relative standard error of a coefficient whose change can be told
+_KNOWN = 0.15  # relative standard error of a coefficient whose change can be detected
 _NOISE_MEMORY = 100.0
-# A term tells of its coefficient where its power is so many times that of its noise, and of this rms.
+# A term is informative on its coefficient where its power is so many times that of its noise, and of this rms.
 _MOVED = 10.0
 _STILL = 1e-4
 
@@ -156,7 +156,7 @@ class ChangeDetector:
             explained = step**2 * power / max(float(e @ e), 1e-300)
             if ratio > best[0]:
                 best = (ratio, j, step, explained)
-        # The likeliest one is told or none: beside a small change of one coefficient a large one of another whose
+        # The likeliest one is reported or none: beside a small change of one coefficient a large one of another whose
         # motion is alike explains nearly as much.
         ratio, j, step, explained = best
         if j < 0 or total < 4.0 * self._variance * residuals.size:

@@ -64,7 +64,7 @@ class LiveEquations:
         self._place(terms)
         self._tail: dict[str, Array] | None = None
         self._tail_time: Array = np.empty(0)
-        self._tail_told = np.empty(0, np.bool_)
+        self._tail_known = np.empty(0, np.bool_)
         self._pressure: float | None = None
         # Angular accelerations' jumps, of p q r, for each unit of a command's, rad/s^2; from the estimates.
         self._jumps: Array | None = None
@@ -98,17 +98,17 @@ class LiveEquations:
         if rows.continues and self._tail is not None:
             columns = {name: np.concatenate([self._tail[name], rows.columns[name]]) for name in self._tail}
             time_s = np.concatenate([self._tail_time, rows.time_s])
-            told = np.concatenate([self._tail_told, rows.told])
+            commands_known = np.concatenate([self._tail_known, rows.commands_known])
         else:
-            columns, time_s, told = rows.columns, rows.time_s, rows.told
+            columns, time_s, commands_known = rows.columns, rows.time_s, rows.commands_known
         self._tail = {name: values[-TAIL:] for name, values in columns.items()}
-        self._tail_time, self._tail_told = time_s[-TAIL:], told[-TAIL:]
+        self._tail_time, self._tail_known = time_s[-TAIL:], commands_known[-TAIL:]
         if time_s.size <= TAIL:
             return None
         table = self._sides(FlightData("live", rows.interval_s, time_s, self.corrected(columns)))
         # A command that is not known bends the rates in the intervals beside it. Each equation holds by itself: those
         # that need it count as 0 = 0, which keeps the others in their places.
-        known = told[:-3] & told[1:-2] & told[2:-1]
+        known = commands_known[:-3] & commands_known[1:-2] & commands_known[2:-1]
         if not known.all():
             table *= known[:, np.newaxis]
         return Sides(time_s[1:-2], table, self._places)

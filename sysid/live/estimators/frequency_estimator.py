@@ -3,8 +3,8 @@
 Samples are taken in windows of 10 s, whose lines at whole multiples of 0.1 Hz are orthogonal. A full window's products
 are added up and its transforms begin anew; the open window counts as it stands. So nothing is lost between
 the lines however long the flight is, and products of each line are kept, by which residuals are known line by line.
-White noise of a vane, whose size the samples themselves tell, adds a known power to the regressors' own: it is taken
-off, else it would make every derivative too small.
+White noise of a vane, whose size is estimated from the samples themselves, adds a known power to the regressors' own:
+it is taken off, else it would make every derivative too small.
 Sources: Morelli, AIAA-99-4043; Klein & Morelli, chapter 7; W. A. Fuller, "Measurement Error Models", 1987, 2.2
 (known error variances); H. White, Econometrica 48, 1980.
 """

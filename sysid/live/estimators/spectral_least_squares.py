@@ -97,13 +97,13 @@ def _spread(A: Array, X: Array, rest: Array, spectrum: Array, prior_std: Array) 
     n = A.shape[0]
     inverse = np.zeros((n, n))
     inverse[:] = np.linalg.inv(A)
-    told = _normal(2.0 * rest / spectrum**2, X, np.zeros(n), prior_std)
+    observed = _normal(2.0 * rest / spectrum**2, X, np.zeros(n), prior_std)
     growth = np.ones(n)
     for i in range(n):
         robust = 0.0
         for j in range(n):
             for k in range(n):
-                robust += inverse[i, j] * told[j, k] * inverse[k, i]
+                robust += inverse[i, j] * observed[j, k] * inverse[k, i]
         growth[i] = np.sqrt(max(robust / inverse[i, i], 1.0))
     for i in range(n):
         for j in range(n):
@@ -151,7 +151,7 @@ def weighted(
     error, left_in: (n,) noise in each regressor's power that is taken off, and that is not. sizes: (n,) usual ones.
     windows: how many windows the products are of.
     A differentiated rate's noise rises with the square of the frequency, a vane's is flat: both are in the residuals.
-    The covariance is the larger, by each coefficient, of what that spectrum and what each line's own residual tell,
+    The covariance is the larger, by each coefficient, of what that spectrum and what each line's own residual give,
     with what the regressors' noise leaves in doubt, and as much larger as few data make it.
     """
     lines, n = y.shape

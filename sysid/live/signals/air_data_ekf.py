@@ -4,8 +4,8 @@ An extended Kalman filter of the air-relative velocity u v w, driven by accelero
 attitude (the equations of `sysid.compatibility.kinematics`), with airspeed and vanes as measurements of its sum with
 the gusts, and the ground velocity of a satellite receiver as its sum with the wind. Its further states are constants or
 drift slowly: accelerometer biases, wind, the airspeed's scale, and each vane's bias and scale. Gusts fade as a
-first-order process does; how strong they are the measurements tell (`air_data_imm`). A second filter of attitude gives
-the gyros' biases. What the flight cannot tell keeps the standard error that it had at the start.
+first-order process does; how strong they are is estimated from the measurements (`air_data_imm`). A second filter of
+attitude gives the gyros' biases. What is not identifiable keeps the standard error that it had at the start.
 Source: Klein & Morelli, "Aircraft System Identification", chapter 10 (the equations and the errors' form).
 """
 
@@ -25,7 +25,7 @@ STATES = (
     *("airspeed_scale", "alpha_bias", "alpha_scale", "beta_bias", "beta_scale"),
 )
 _GYRO = ("gyro_bias_p", "gyro_bias_q", "gyro_bias_r")
-# Variances of noise: before the samples have told their own, and the least.
+# Variances of noise: before it is estimated from the samples, and the least.
 _NOISE = {"airspeed": (0.0025, 0.0004), "alpha": (2.5e-5, 1e-6), "beta": (2.5e-5, 1e-6)}
 _ACCELERATIONS = ("ax", "ay", "az")
 _INDEX = {name: i for i, name in enumerate(STATES)}
@@ -41,8 +41,8 @@ class AirDataError:
     unit: str
 
     @property
-    def told(self) -> bool:
-        """Whether the flight has said something of it."""
+    def observed(self) -> bool:
+        """Whether the flight holds information on it."""
         return self.std < 0.5 * self.prior
 
 

@@ -1,7 +1,7 @@
 """The steps of the live air filter, compiled: one pass over all rows that have come.
 
-How gusty the air is nobody tells, and a filter that believes it calmer than it is takes gusts for sensor errors. So
-several filters run side by side, each with its own intensity of the gusts, and are mixed by how well each foretells
+How gusty the air is, is not known, and a filter that believes it calmer than it is takes gusts for sensor errors. So
+several filters run side by side, each with its own intensity of the gusts, and are mixed by how well each predicts
 the measurements, with a small chance at every row that the intensity has changed (the interacting multiple model).
 Every measurement has noise of its own, so those of one row are taken one by one, which is the joint correction: each
 innovation counts what the earlier ones of the row have already moved.
@@ -33,7 +33,7 @@ FADES_S = np.array([1.0, *(fades for fades in _FADING for _ in _STEPS)])
 _ACROSS_FADES, _ACROSS_VARIANCE = 1.0 / np.sqrt(3.0), np.sqrt(3.0) / 2.0
 _CHANGES_S = 60.0  # mean time in which the intensity changes
 _WIND_DRIFT = 0.05  # m/s in a second
-LEAST_DRIFT = 0.005  # m/s in the root of a second, of what the accelerometer's white noise does not tell
+LEAST_DRIFT = 0.005  # m/s in the root of a second, of what the accelerometer's white noise does not hold
 ATTITUDE_NOISE = 0.001
 _GPS_NOISE = 0.15
 # The fourth difference, by which a sensor's noise is known, holds so much of what gusts add from row to row: of their

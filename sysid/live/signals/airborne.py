@@ -27,7 +27,7 @@ _LONGEST_ROLL_S = 10.0
 
 
 class Airborne:
-    """Takes rows as they come and passes on those that were flown. vehicle: tells mass and wing."""
+    """Takes rows as they come and passes on those that were flown. vehicle: gives mass and wing."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         weight = vehicle.mass.mass * vehicle.environment.gravity
@@ -37,7 +37,7 @@ class Airborne:
         self._fast_s = self._slow_s = 0.0
         self._ground: float | None = None
         self._height: float | None = None
-        self._by_height = False  # whether the height told the take-off, and so may tell the landing
+        self._by_height = False  # whether the height showed the take-off, and so may show the landing
         self.flying: bool | None = None  # not known before the first row
 
     def flown(self, pieces: Sequence[Rows]) -> Iterator[Rows]:

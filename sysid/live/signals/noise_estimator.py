@@ -20,7 +20,7 @@ class WhiteNoise:
     """Variance of a sensor's white noise, by the fourth difference, in which motion does not show.
 
     jumps: whether what is measured may bend from one sample to the next, as a rate does at a step of a command. Then
-    the median tells it.
+    the median estimates it.
     """
 
     jumps: bool = False

@@ -28,19 +28,19 @@ class Rows:
     """N rows without gaps. time_s: (N,). columns: name -> (N,). continues: whether the first one follows the last.
 
     Commands are means over the interval before each row, as their own stamps have them.
-    told: (N,) whether all commands are known; the one before is held where a message is lost.
+    commands_known: (N,) whether all commands are known; the one before is held where a message is lost.
     """
 
     interval_s: float
     time_s: Array
     columns: dict[str, Array]
     continues: bool
-    told: NDArray[np.bool_]
+    commands_known: NDArray[np.bool_]
 
     def part(self, start: int, stop: int, *, continues: bool) -> Rows:
         """Some of the rows."""
         columns = {name: values[start:stop] for name, values in self.columns.items()}
-        return Rows(self.interval_s, self.time_s[start:stop], columns, continues, self.told[start:stop])
+        return Rows(self.interval_s, self.time_s[start:stop], columns, continues, self.commands_known[start:stop])
 
 
 class TimeBase:
@@ -102,7 +102,7 @@ class TimeBase:
         values = self._tracks.at(stamps)
         self._average_commands(stamps, values)
         commands = self._commands[np.isfinite(newest[self._commands])]
-        pieces = self._cut(stamps, values, self._tracks.told(stamps, commands))
+        pieces = self._cut(stamps, values, self._tracks.held_known(stamps, commands))
         self._last = float(stamps[-1])
         self._tracks.trim(self._last - _KEPT_S)
         return pieces
@@ -131,9 +131,9 @@ class TimeBase:
         ]
         return np.sort(np.concatenate([stamps, *extra]))
 
-    def _cut(self, stamps: Array, values: Array, told: NDArray[np.bool_]) -> list[Rows]:
+    def _cut(self, stamps: Array, values: Array, commands_known: NDArray[np.bool_]) -> list[Rows]:
         assert self.interval_s is not None
-        whole = Rows(self.interval_s, stamps, dict(zip(self._tracks.names, values, strict=True)), False, told)
+        whole = Rows(self.interval_s, stamps, dict(zip(self._tracks.names, values, strict=True)), False, commands_known)
         good = np.asarray(np.isfinite(values[self._needed]).all(axis=0), np.bool_)
         follows: NDArray[np.bool_] = np.diff(stamps, prepend=self._last) <= 1.5 * self.interval_s
         pieces: list[Rows] = []

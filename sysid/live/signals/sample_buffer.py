@@ -31,7 +31,7 @@ class Tracks:
         self._count = np.zeros(size, np.int64)
         self._angle = np.array([name in ANGLES for name in self.names], np.bool_)
         self.held: Flags = np.array([is_held(name) for name in self.names], np.bool_)
-        # One reading of each may wait for the next one, which tells whether it stands alone: stamp, value.
+        # One reading of each may wait for the next one, which shows whether it stands alone: stamp, value.
         self._waiting = np.full((size, 2), np.nan)
         self._period_s, self._gap_s = np.full(size, GAP_S), np.full(size, GAP_S)
         self.newest = np.full(size, -np.inf)
@@ -99,13 +99,13 @@ class Tracks:
         _means(begins, stamps, chosen, self._time_s, self._values, self._count, found)
         return found
 
-    def told(self, stamps: Array, chosen: IntArray) -> Flags:
+    def held_known(self, stamps: Array, chosen: IntArray) -> Flags:
         """(N,) whether the held values of these signals, by place, are known at the stamps.
 
         They are not where the next one should have come and did not.
         """
         found = np.ones(stamps.size, np.bool_)
-        _told(stamps, chosen, self._time_s, self._count, self._period_s, found)
+        _held_known(stamps, chosen, self._time_s, self._count, self._period_s, found)
         return found
 
     def trim(self, before_s: float) -> None:
@@ -234,7 +234,7 @@ def _means(
 
 
 @jit
-def _told(stamps: Array, chosen: IntArray, time_s: Array, count: IntArray, period_s: Array, found: Flags) -> None:
+def _held_known(stamps: Array, chosen: IntArray, time_s: Array, count: IntArray, period_s: Array, found: Flags) -> None:
     for n in range(chosen.size):
         i = chosen[n]
         late = _LOST * period_s[i]

@@ -1,11 +1,11 @@
-"""Sensors that fail in flight, told by kinematics and redundancy alone: no aerodynamics, so that no aircraft is blamed.
+"""Sensors that fail in flight, detected by kinematics and redundancy alone: without aerodynamics no aircraft is blamed.
 
 What a sensor reads is compared with what the others make of the same motion: attitude with the integral of the gyros,
 airspeed and vanes with that of the accelerometers turned by the attitude, ground velocity with the same in the earth's
 axes (the equations of `sysid.compatibility.kinematics`). Over the last seconds each comparison is a curve; a failure
 from some moment on is a curve of its own in one or several of them: a step (bent, jumped), a ramp (a zero that stepped
 in what is integrated, a drift), or what was integrated itself (stuck, blocked). The hypothesis that explains most is
-told where it is far beyond what the comparison is usually off by and leaves little of it.
+reported where it is far beyond what the comparison is usually off by and leaves little of it.
 Sources: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, section 7.2 (a bank of matched
 signatures); R. J. Patton, P. M. Frank & R. N. Clark, "Fault Diagnosis in Dynamic Systems", 1989, chapter 2 (analytical
 redundancy).
@@ -32,11 +32,11 @@ _LEAST = {
 }  # fmt: skip
 # Sizes below which an attitude that wanders does the same: gyros rad/s, accelerometers m/s^2 (3 deg of it).
 _LEAST_SIZE = {**dict.fromkeys("pqr", 0.0175), **dict.fromkeys(("ax", "ay", "az"), 0.5)}
-# A failure is told from so many times what is usual on, of the airspeed of more, since a wind that grows along the way
-# looks alike; and where it explains so much of what is off.
+# A failure is reported from so many times what is usual on, of the airspeed of more, since a wind that grows along the
+# way looks alike; and where it explains so much of what is off.
 _FAR, _FAR_IN_WIND, _EXPLAINED = 5.0, 8.0, 0.8
-# A reading that jumps from one moment to the next is told though gusts go further in time: from so many times the usual
-# jump of means over so many kept rows on, and from this size on.
+# A reading that jumps from one moment to the next is reported though gusts go further in time: from so many times the
+# usual jump of means over so many kept rows on, and from this size on.
 _JUMP, _JUMP_ROWS = 6.0, 2
 _LEAST_JUMP = {"V": 1.5, "alpha": 0.035, "beta": 0.035, "psi": 0.2}
 # A comparison in which a failure would be seen from so many times what is usual on must bear it out.
@@ -159,7 +159,7 @@ def comparisons(columns: Mapping[str, Array], gravity: float) -> tuple[dict[str,
 
 
 class SensorMonitor:
-    """Takes rows as they come; tells each sensor that fails once. gravity: m/s^2."""
+    """Takes rows as they come; reports each sensor that fails once. gravity: m/s^2."""
 
     def __init__(self, gravity: float) -> None:
         self._gravity = gravity
@@ -175,7 +175,7 @@ class SensorMonitor:
         self._windows = 0
         # How far a comparison is off, of what is far.
         self.doubt = 0.0
-        self.told: dict[str, SensorFailure] = {}
+        self.reported: dict[str, SensorFailure] = {}
         self._suspect = ""
 
     def restart(self) -> None:
@@ -232,7 +232,7 @@ class SensorMonitor:
             return None
         times = np.array([one[0] for one in self._kept])
         gaps = {name: _unwrapped(name, np.array([one[1][name] for one in self._kept])) for name in _LEAST}
-        lost = {"V" if signal == "airspeed" else signal for signal in self.told}
+        lost = {"V" if signal == "airspeed" else signal for signal in self.reported}
         gaps = {n: gap for n, gap in gaps.items() if n not in lost and np.isfinite(gap).sum() > 0.3 * gap.size}
         seconds = times - times[0]
         flat = {name: gap - self._drift.get(name, 0.0) * seconds for name, gap in gaps.items()}
@@ -252,8 +252,8 @@ class SensorMonitor:
         return failure
 
     def _found(self, failure: SensorFailure) -> None:
-        """What is told is told: what comes is compared anew, and this sensor with nothing more."""
-        self.told[failure.signal] = failure
+        """What is reported stands: what comes is compared anew, and this sensor with nothing more."""
+        self.reported[failure.signal] = failure
         self._kept.clear()
         self._drift.clear()
         self._windows = 0
@@ -286,7 +286,7 @@ class SensorMonitor:
             return None
         _, name, size, place = found[0]
         one = next(one for one in _HYPOTHESES if one.kind == "step" and name in one.curves)
-        if one.signal in self.told:
+        if one.signal in self.reported:
             return None
         words = one.words.format(f"{one.factor * size:+.2g} {one.unit}")
         moment = float(times[place + _JUMP_ROWS])
@@ -302,7 +302,7 @@ class SensorMonitor:
         found: tuple[float, SensorFailure] | None = None
         for one in _HYPOTHESES:
             names = [name for name in one.curves if name in gaps]
-            if one.signal in self.told or max((off[name] for name in names), default=0.0) < _LOOK * _FAR:
+            if one.signal in self.reported or max((off[name] for name in names), default=0.0) < _LOOK * _FAR:
                 continue
             gain, size, place = _fitted(one, names, curves, gaps, sigma)
             if gain <= 0.0 or (found is not None and gain <= found[0]):

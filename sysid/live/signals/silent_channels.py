@@ -38,7 +38,7 @@ class SilentChannels:
 
     def __init__(self) -> None:
         self._came: dict[str, tuple[float, float, int]] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         # Of each row: time, and whether each command changed.
         self._rows: deque[tuple[float, NDArray[np.bool_]]] = deque()
         self._last: Array = np.full(len(_SURFACES), np.nan)
@@ -67,13 +67,18 @@ class SilentChannels:
         for name, (first, last, count) in self._came.items():
             signal, words = _GROUPS.get(name, (name, _NAMES.get(name, "")))
             interval = (last - first) / max(count - 1, 1)
-            if words and signal not in self._told and count > 1 and now_s - last > max(_GONE_S, _INTERVALS * interval):
-                self._told.add(signal)
+            if (
+                words
+                and signal not in self._reported
+                and count > 1
+                and now_s - last > max(_GONE_S, _INTERVALS * interval)
+            ):
+                self._reported.add(signal)
                 found.append(SensorFailure(last, f"{signal}_lost", signal, 1.0, "", f"{words} has not come", _RECEIVER))
         return found
 
     def dead(self, axis: str) -> SensorFailure | None:
-        """The command that may be to blame where an axis no longer goes with what it was told."""
+        """The command that may be to blame where an axis no longer follows its commands."""
         if not self._rows:
             return None
         times = np.array([one[0] for one in self._rows])
@@ -81,7 +86,7 @@ class SilentChannels:
         for surface in _MOVES[axis]:
             j = list(_SURFACES).index(surface)
             last = np.flatnonzero(changed[:, j])
-            if surface in self._told or not last.size:
+            if surface in self._reported or not last.size:
                 continue
             since = float(times[last[-1]])
             before, later = (times <= since) & (times > since - _BEFORE_S), times > since
@@ -89,7 +94,7 @@ class SilentChannels:
                 continue
             others = np.delete(changed[later], j, axis=1).mean(axis=0)
             if changed[before, j].mean() > _ALIVE and others.max() > _BESIDE:
-                self._told.add(surface)
+                self._reported.add(surface)
                 text = f"the {_SURFACES[surface]} moves, but the telemetry repeats its command"
                 return SensorFailure(since, f"{surface}_channel", surface, 1.0, "", text, "that channel's messages")
         return None

@@ -14,14 +14,14 @@ _FELT_BY = {"alpha": "az", "beta": "ay", "airspeed": "ax"}
 _FELT_M_S2 = 0.25  # m/s^2, standard deviation of an acceleration of an aircraft that moves
 # Rows are left out after so long without a change of a reading, s: an airspeed comes seldom, in steps.
 _STILL_S = {"alpha": 0.3, "beta": 0.3, "airspeed": 2.0}
-# It is told to be stuck, and to have failed, after so long: one that sticks for a moment is one with friction.
-_TOLD_S, _FAILED_S = 1.5, {"alpha": 5.0, "beta": 5.0, "airspeed": 3.0}
+# It is reported as stuck, and as failed, after so long: one that sticks for a moment is one with friction.
+_REPORTED_S, _FAILED_S = 1.5, {"alpha": 5.0, "beta": 5.0, "airspeed": 3.0}
 _REMEMBERED_S = 60.0
 
 
 class StuckReadings:
-    """Takes rows as they come and passes on those in which no reading is stuck; `names` are those told to be, `failed`
-    those that have been for long, and since when, s.
+    """Takes rows as they come and passes on those in which no reading is stuck; `names` are those reported as stuck,
+    `failed` those that have been for long, and since when, s.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class StuckReadings:
         """The rows, but for those that end with a reading stuck."""
         for rows in pieces:
             still = {name: self._still_s(name, rows) for name in _FELT_BY if name in rows.columns}
-            self.names = tuple(name for name, seconds in still.items() if seconds > _TOLD_S)
+            self.names = tuple(name for name, seconds in still.items() if seconds > _REPORTED_S)
             end = float(rows.time_s[-1])
             self.failed = {name: end - seconds for name, seconds in still.items() if seconds > _FAILED_S[name]}
             after_gap, self._left_out = self._left_out, any(still.values())

@@ -23,7 +23,7 @@ class LiveThrust:
         self._signal: str | None = None
 
     def source(self, there: Collection[str]) -> str | None:
-        """The signal that tells thrust among those that are there."""
+        """The signal that gives thrust among those that are there."""
         known = self._propulsion is not None and self._propulsion.max_thrust is not None
         by_speed = known and self._propulsion is not None and bool(self._propulsion.max_rpm)
         choices = ("thrust", *(("rpm",) if by_speed else ()), *(("throttle",) if known else ()))

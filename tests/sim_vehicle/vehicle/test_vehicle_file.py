@@ -129,7 +129,7 @@ IMPOSSIBLE = {
     "controls.elevator.servo must be": BASE + ELEVATOR.replace("servo = 2", "servo = 0"),
     "controls.elevator.signal is 'wish'": BASE + ELEVATOR + "signal = 'wish'\n",
     "controls.elevator.mix is missing": BASE + ELEVONS.replace("mix = [0.5, 0.5]\n", ""),
-    "controls.mix over servos (1, 2) cannot tell": BASE + ELEVONS.replace("[0.5, -0.5]", "[0.5, 0.5]"),
+    "controls.mix over servos (1, 2) cannot distinguish": BASE + ELEVONS.replace("[0.5, -0.5]", "[0.5, 0.5]"),
     "controls.aileron gives servo 1 another": BASE + "[0.4, 0.41]".join(ELEVONS.rsplit("[-0.4, 0.4]", 1)),
     "throttle goes from 0 to 1": BASE + ELEVATOR.replace("elevator", "throttle"),
     "propulsion.max_thrust is missing": BASE + "[propulsion]\ndiameter = 0.2\n",

@@ -64,7 +64,7 @@ def test_effects_that_the_flight_cannot_tell_apart_stand_together_with_the_manoe
     found = sentence(result("missing_effect", {**LAG, "probability": 0.62}))
     assert found == (
         "The servos lag by 40 ms (probability 62 %), or it is delay of the commands (31 %) or lag of the flow vanes "
-        "(5 %): this flight cannot tell them apart. What would: two amplitudes with content from 3 to 6 Hz. Adding "
+        "(5 %): this flight cannot distinguish them. What would: two amplitudes with content from 3 to 6 Hz. Adding "
         "the first closes 91 % of the gap of alpha on the flight not used (from 5.1 to 1.1 times the noise floor); "
         "the rest is noise."
     )
@@ -77,7 +77,7 @@ def test_several_effects() -> None:
     )
     assert found.endswith(
         "Instead of lag of the servos it may be delay of the commands (31 %) or lag of the flow vanes (5 %); what "
-        "would tell them apart: two amplitudes with content from 3 to 6 Hz."
+        "would distinguish them: two amplitudes with content from 3 to 6 Hz."
     )
 
 

@@ -64,7 +64,7 @@ def test_what_feedback_alone_excites_is_refused(seed):
     told = joint.entries()
     for name in TRUE:
         assert abs(told[name][0] - TRUE[name]) > 20.0 * told[name][1]
-        assert "bands of frequency tell" in str(refusal(told[name][0], bands[name]))
+        assert "bands of frequency give" in str(refusal(told[name][0], bands[name]))
 
 
 def test_bands_of_flights_with_open_loop_agree():

@@ -78,7 +78,7 @@ def test_the_attitude_stands_for_a_gyro_that_is_lost(name: str, change: str, fli
         signals[name] = replace(one, values=np.full_like(one.values, 0.0 if change == "dead" else np.nan))
     found = identify([replace(flight, signals=signals)], VEHICLE, systematic=False)
     assert worst(found) < 4.0
-    assert any(f"{name}: the attitude's rate of change is taken for it" in warning for warning in found.warnings)
+    assert any(f"{name}: the attitude's rate of change is taken in its place" in warning for warning in found.warnings)
     assert not [one.name for one in found.refused if one.name in TRUE]
 
 

@@ -29,7 +29,7 @@ def rows(still: str = "", *, hands_off: bool = False) -> Rows:
     held = int(np.argmax(time_s >= STOPS_S))
     for name in columns if hands_off else [still] if still else []:
         columns[name][held:] = columns[name][held]
-    return Rows(DT, time_s, columns, continues=True, told=np.ones(time_s.size, dtype=bool))
+    return Rows(DT, time_s, columns, continues=True, commands_known=np.ones(time_s.size, dtype=bool))
 
 
 def test_a_command_that_the_telemetry_repeats_is_to_blame_for_its_axis() -> None:

@@ -24,6 +24,6 @@ def test_each_sensor_gets_a_verdict_in_words() -> None:
     assert told["alpha"] == ("alpha reads 1.080 ± 0.020 of true: corrected", "corrected")
     assert told["q"] == ("q reads 0.498 ± 0.011 deg/s low: corrected", "corrected")
     assert told["ax"] == ("ax agrees within its noise", "ok")
-    assert told["ay"] == ("ay: its bias cannot be told: nothing turned", "unknown")
+    assert told["ay"] == ("ay: its bias is not identifiable: nothing turned", "unknown")
     assert told["airspeed"] == ("airspeed agrees within its noise", "ok")
     assert told["theta"] == ("theta disagrees with the other sensors by 0.3 (noise 0.001)", "mistake")

@@ -1,4 +1,4 @@
-"""The largest residual is told with its time, and the surface that steps there."""
+"""The largest residual is reported with its time, and the surface that steps there."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sysid.validation.largest_residual import BEYOND, ResidualHistory, largest_residual, told
+from sysid.validation.largest_residual import BEYOND, ResidualHistory, largest_residual, outlier_text
 
 TIME = 4.0 + 0.02 * np.arange(500)
 NOISE = 1e-3
@@ -29,12 +29,12 @@ def test_a_residual_at_a_step_is_told_with_time_and_surface():
     assert found.over_noise == pytest.approx(40.0)
     assert (found.flight, found.step, found.residual < 0.0) == ("second", "aileron", True)
     assert found.share == pytest.approx(1.0 / TIME.size)
-    words = told({"Cl": found})
+    words = outlier_text({"Cl": found})
     assert words == (
         "The largest residuals of second in times of the noise:"
         " Cl 40 at 9.0 s, where the aileron steps (0.2 % of the samples beyond 10)"
     )
-    both = told({"Cl": found, "Cn": replace(found, flight="third", over_noise=50.0, step=None, share=0.0)})
+    both = outlier_text({"Cl": found, "Cn": replace(found, flight="third", over_noise=50.0, step=None, share=0.0)})
     assert both.startswith("The largest residuals in times of the noise: Cn 50 at 9.0 s of third (less than 0.1 % of")
     assert "; Cl 40 at 9.0 s of second, where" in both
 
@@ -44,14 +44,14 @@ def test_a_step_elsewhere_is_not_blamed(step_at):
     found = largest_residual("Cl", NOISE, [stretch(9.0, 40.0 * NOISE, step_at)])
     assert found is not None
     assert found.step is None
-    assert "steps" not in told({"Cl": found})
+    assert "steps" not in outlier_text({"Cl": found})
 
 
 def test_nothing_is_told_of_noise_and_of_unknown_noise():
     found = largest_residual("Cl", NOISE, [stretch(9.0, 0.0, 9.0)])
     assert found is not None
     assert found.over_noise < BEYOND
-    assert told({"Cl": found}) == ""
+    assert outlier_text({"Cl": found}) == ""
     assert largest_residual("Cl", 0.0, [stretch(9.0, 1.0, None)]) is None
     assert largest_residual("Cl", NOISE, []) is None
 
