@@ -17,7 +17,7 @@ class WatchedVehicle:
     """A vehicle file that its user may edit between flights.
 
     vehicle: what counts; None while the file has been bad since the process began. notes: what its user is to know
-    while this flight lasts; the first line alone tells what happened, the others what is doubtful in a new file.
+    while this flight lasts; the first line alone says what happened, the others what is doubtful in a new file.
     """
 
     def __init__(self, name: str) -> None:
@@ -54,7 +54,7 @@ class WatchedVehicle:
             self.notes = ()  # mended by putting back what was there
             return False
         if _digest(given) != before:
-            self._seen = ()  # saved while it was read: the next look tells what is in it now
+            self._seen = ()  # saved while it was read: the next look finds what is in it now
         self._used = self._seen
         self.vehicle = vehicle
         doubts = (f"{vehicle.path.name}: {doubt}" for doubt in vehicle.warnings)

@@ -78,7 +78,7 @@ function verdict({ validation }) {
 function compatible({ compatibility: found }) {
   if (typeof found?.compatible !== 'boolean') return ''
   return remark(found.compatible ? 'good' : 'bad', h('p', {}, found.compatible
-    ? 'After correction the sensors tell one motion.' : 'The sensors do not tell one motion.'))
+    ? 'After correction the sensors agree on one motion.' : 'The sensors do not agree on one motion.'))
 }
 
 const verdicts = result => table('What is said of each sensor', ['Sensor', 'In words', 'Status'],

@@ -1,4 +1,4 @@
-// Coefficients as the flight tells them: a table of all, and the bands of the main ones converging.
+// Coefficients as they are estimated in flight: a table of all, and the bands of the main ones converging.
 
 import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'

@@ -149,11 +149,11 @@ def test_of_a_flight_that_has_just_begun_nothing_of_the_last_one_is_told(tmp_pat
     feed.flight = "first"
     feed._take({**signals, "flight": "first"})
     feed._take({"kind": "estimate", "identification": {"time_s": 8.0}})
-    assert feed.told.identification == {"time_s": 8.0}
+    assert feed.current.identification == {"time_s": 8.0}
     feed.flight = None  # it has ended, and what was known of it stands
-    assert feed.told.time_s == 8.0
+    assert feed.current.time_s == 8.0
     feed.flight = "second"
-    assert (feed.told.time_s, feed.told.identification) == (None, None)
+    assert (feed.current.time_s, feed.current.identification) == (None, None)
     feed._take({"kind": "begin"})
     feed._take({**signals, "time_s": 0.1, "flight": "second"})
-    assert (feed.told.time_s, feed.told.identification) == (0.1, None)
+    assert (feed.current.time_s, feed.current.identification) == (0.1, None)
