@@ -4,8 +4,8 @@ A stamp may count from boot or from 1970, be 32 or 64 bits wide, come from anoth
 missing. All are put on the reference component's time since boot:
 
 - 32-bit stamps are unwrapped against the time of reception, and joined to the others by whole periods;
-- stamps since 1970 are recognised by their size (as the MAVLink definition of `time_usec` says) and moved by the difference
-  that SYSTEM_TIME gives, or, without it, by the difference of the two kinds' arrival;
+- stamps since 1970 are recognised by their size (as the MAVLink definition of `time_usec` says) and moved by the
+  difference that SYSTEM_TIME gives, or, without it, by the difference of the two kinds' arrival;
 - another component whose stamps disagree is moved so that its earliest arrivals agree, with a warning;
 - a message without a stamp gets its time of reception through the fitted line of reception over stamp.
 """

@@ -109,7 +109,7 @@ class _Mapping:
         return table
 
     def _first(self, name: str, *fields: str) -> Table | None:
-        """As `_table`, of several instances the one that the autopilot used most if the log says so, else the lowest."""
+        """As `_table`, of several instances the one that the autopilot used most if logged, else the lowest."""
         table = self._table(name, *fields)
         instance = next((field for field in _INSTANCE_FIELDS if table is not None and field in table), None)
         if table is None or instance is None:

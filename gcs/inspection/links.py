@@ -27,7 +27,7 @@ _COUNTERS = ("rxerrors", "fixed")
 class LinkCounts:
     """One link's bytes, those in no frame, its checksum failures, and its frames by their signatures.
 
-    bad_crc: None where the dialect that distinguishes them from other noise is neither in the recording nor known by its name.
+    bad_crc: None where the dialect that identifies them among noise is neither in the recording nor known by its name.
     """
 
     signatures: SignatureCounts

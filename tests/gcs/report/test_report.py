@@ -229,7 +229,8 @@ def test_equations_have_their_numbers(page: Page) -> None:
     [
         "<first> & foremost", "output error", "Not acceptable, fly again", "TIC above 0.25: CL 0.31",
         "alpha reads 1.081 ± 0.021 of true", "the flight holds no yaw", "rudder doublets", "pitch is in degrees",
-        "the mass is doubtful", "first.mcap", "ab12", "gcs 1.2", "5 estimated, 1 refused", "40.2 ± 1.1", "1.440 ± 0.012",
+        "the mass is doubtful", "first.mcap", "ab12", "gcs 1.2", "5 estimated, 1 refused",
+        "40.2 ± 1.1", "1.440 ± 0.012",
     ],
 )  # fmt: skip
 def test_it_says(words: str, page: Page) -> None:
