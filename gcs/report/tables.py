@@ -135,7 +135,7 @@ def compatibility(result: Result) -> str:
 
 
 def verdicts(result: Result) -> str:
-    """What is said of each sensor in words."""
+    """The verdict on each sensor in words."""
     rows = [
         [text(one["signal"]), text(one["verdict"]), text(one["status"])]
         for one in (result.get("compatibility") or {}).get("verdicts", [])

@@ -81,7 +81,7 @@ function compatible({ compatibility: found }) {
     ? 'After correction the sensors agree on one motion.' : 'The sensors do not agree on one motion.'))
 }
 
-const verdicts = result => table('What is said of each sensor', ['Sensor', 'In words', 'Status'],
+const verdicts = result => table('Verdict on each sensor', ['Sensor', 'In words', 'Status'],
   (result.compatibility?.verdicts ?? []).map(one => [one.signal, one.verdict, one.status]))
 
 function compatibility({ compatibility: found }) {

@@ -46,7 +46,7 @@ export async function live(page, parts, query, signal) {
 class LiveView {
   constructor(query, signal) {
     this.signal = signal
-    // Only what is a change of state is said aloud; the running time beside it is not.
+    // Only a change of state is announced; the running time beside it is not.
     this.words = h('p', { role: 'status' }, 'Asking the ground station …')
     this.clock = h('p', { class: 'clock' })
     this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock)
