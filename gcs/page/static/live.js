@@ -102,7 +102,7 @@ class LiveView {
   disconnected(reason) {
     this.broken = true
     this.instruments.stale(true)
-    this.showState('bad', `The connection to the ground station is lost: ${reason}. It is tried again by itself.`)
+    this.showState('bad', `The connection to the ground station is lost: ${reason}. It is tried again automatically.`)
   }
 
   signals(event) {

@@ -97,7 +97,7 @@ def test_a_process_that_starts_anew_beside_a_bad_vehicle_file_goes_on_and_takes_
     before = feed.state.signals_number
     wait_until(lambda: fly() and feed.state.signals_number > before)
     assert feed.problem.startswith("the vehicle file cannot be used (")
-    assert "waits until it is mended" in feed.problem
+    assert "waits until it is corrected" in feed.problem
     assert feed.state.identification is None
     craft.write_text(good, encoding="utf-8")
     wait_until(lambda: fly() and feed.state.identification)
