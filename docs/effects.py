@@ -6,19 +6,19 @@ HEAD = """# Effects
 
 What `sim-vehicle fly --effect NAME:KEY=VALUE` flies and `gcs discrepancy` looks for. This page is printed by
 `python docs/effects.py`. Ranges are those in which an estimate is sought. Equations stand in `sim_vehicle/effects/`.
-An effect with an alias is flown but never named: no flight can tell it from that. Times are seconds from the flight's
-first stamp on the vehicle's clock. Ground effect is looked for where a rangefinder or a recording from before take-off
-on tells the height, wind shear where altitude or the velocity over ground tells it; its wind is the steady one at
-`[flight] altitude` in a simulated flight, and in the middle of a recorded one.
+An effect with an alias is flown but never named: no flight can distinguish it from that. Times are seconds from the
+flight's first stamp on the vehicle's clock. Ground effect is looked for where the height is known from a rangefinder,
+or from a recording that begins before take-off; wind shear where altitude or the velocity over ground is known. Its
+wind is the steady one at `[flight] altitude` in a simulated flight, and in the middle of a recorded one.
 
-| name | effect | acts on | parameters (range) | told apart by | easily taken for | alias |
+| name | effect | acts on | parameters (range) | distinguished by | easily mistaken for | alias |
 |---|---|---|---|---|---|---|"""
 
 
 PAIRS = """
-What tells two of them apart where it is not the effect's own manoeuvre:
+What distinguishes two of them where it is not the effect's own manoeuvre:
 
-| taken for one another | manoeuvre |
+| mistaken for one another | manoeuvre |
 |---|---|"""
 
 

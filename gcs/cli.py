@@ -77,8 +77,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         return int(args.run(args))
     except (GcsError, SysidError, SimVehicleError) as error:
         noticed = list(getattr(error, "__notes__", ()))
-        told = [*noticed[:_NOTICED], *([f"and {len(noticed) - _NOTICED} more"] if len(noticed) > _NOTICED else [])]
-        before = f" (noticed before: {'; '.join(told)})" if told else ""
+        shown = [*noticed[:_NOTICED], *([f"and {len(noticed) - _NOTICED} more"] if len(noticed) > _NOTICED else [])]
+        before = f" (noticed before: {'; '.join(shown)})" if shown else ""
         print(f"gcs {args.command}: {error}{before}", file=sys.stderr)
         return 2 if isinstance(error, _WRONG_USE) else 1
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Putting the service together and running it until it is told to stop."""
+"""Putting the service together and running it until it is asked to stop."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
 
 
 class _Server(uvicorn.Server):
-    """Ends the streams of events when it is told to stop: it waits for every answer to be complete."""
+    """Ends the streams of events when it is asked to stop: it waits for every answer to be complete."""
 
     def __init__(self, config: uvicorn.Config, live: LiveFeed) -> None:
         super().__init__(config)
@@ -136,7 +136,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             voice = StationVoice(settings.link.own_key)
             live = LiveFeed(settings, recorder.live_vehicles)
             station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
-            live.on_estimate = EstimateTelemetry(station.tell_stations, settings.link.own_key).take
+            live.on_estimate = EstimateTelemetry(station.send_to_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
@@ -152,7 +152,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
 
 
 def _stop_on_signals(server: uvicorn.Server, recovery: Recovery) -> None:
-    """Being told to stop is a good end, so the signal that the server raises again behind it must not be a bad one."""
+    """Being asked to stop is a good end, so the signal that the server raises again behind it must not be a bad one."""
 
     def stopped(number: int, frame: FrameType | None) -> None:
         server.should_exit = True

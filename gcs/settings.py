@@ -18,7 +18,7 @@ _MIN_TOKEN = 8
 
 @dataclass(frozen=True)
 class Settings:
-    """What the service is told at its start.
+    """What the service is given at its start.
 
     connect, forward: connection strings to receive from, and of other ground stations to pass frames on to and from.
     link: dialect and signatures.

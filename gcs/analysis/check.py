@@ -70,17 +70,17 @@ def check_text(found: Mapping[str, Any]) -> str:
         lines += ["axis  verdict  standard errors to expect", *(_axis_line(axis, found) for axis in axes), ""]
     for flight, rates in found["rates"].items():
         slow = {rate: [name for name, one in rates.items() if one == rate] for rate in sorted(set(rates.values()))}
-        told = "; ".join(f"{', '.join(names)} {rate:g} Hz" for rate, names in reversed(slow.items()))
-        lines.append(f"{flight}: {told}")
+        words = "; ".join(f"{', '.join(names)} {rate:g} Hz" for rate, names in reversed(slow.items()))
+        lines.append(f"{flight}: {words}")
     return "\n".join([*lines, *(f"warning: {one}" for one in found["warnings"])])
 
 
 def _axis_line(axis: str, found: Mapping[str, Any]) -> str:
-    told = [
+    known = [
         f"{name} ±{entry['std']:.2g}"
         for name, entry in found["expected"].items()
         if name.startswith(f"{axis}_") and entry["std"]
     ]
     lost = [one["name"] for one in found["refused"] if one["name"].startswith(f"{axis}_")]
-    words = ", ".join(told) + (f"{'; ' if told else ''}refused: {', '.join(lost)}" if lost else "")
+    words = ", ".join(known) + (f"{'; ' if known else ''}refused: {', '.join(lost)}" if lost else "")
     return f"{axis:<5} {found['quality']['axes'][axis]['verdict']:<8} {words}".rstrip()

@@ -1,4 +1,4 @@
-"""What is said of recordings that were cut off: beside their result, or where what is left of them does not do."""
+"""Messages on recordings that were cut off: beside their result, or where what is left of them does not do."""
 
 from __future__ import annotations
 

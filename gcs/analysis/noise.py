@@ -47,7 +47,7 @@ def noise_of_recording(
 ) -> dict[str, Any]:
     """Noise of every sensor of one recording, MCAP. start, stop: s from the first stamp.
 
-    Raises SignalMapError or RecordingError in one line; what a single signal cannot tell is in `refused`.
+    Raises SignalMapError or RecordingError in one line; what a single signal does not show is in `refused`.
     """
     flight = extract(Recording(path), vehicle, system)
     names = [name for group in SENSORS.values() for name in group]
@@ -69,7 +69,7 @@ def noise_of_recording(
     filtered = [name for name, signal in signals.items() if name in found and signal.source.split(".")[0] in _FILTERED]
     if not found:
         reason = refused[0]["reason"] if refused else "it holds no signal of a sensor"
-        raise SignalMapError(f"{path}: no noise can be told: {reason}")
+        raise SignalMapError(f"{path}: no noise can be estimated: {reason}")
     return {
         "schema": "noise/1",
         "file": path.name,
@@ -127,7 +127,7 @@ def _movement(found: dict[str, SensorNoise], signals: dict[str, Signal]) -> list
 
 
 def _is_unsteady(signal: Signal, step: float | None) -> bool:
-    """Whether the whole scatters far more than its pieces do; step: of the reading, below which nothing is told."""
+    """Whether the whole scatters far more than its pieces do; step: of the reading, below which nothing is known."""
     values = signal.values[np.isfinite(signal.values)]
     if values.size < _PIECES * _PIECE_LEAST:
         return False

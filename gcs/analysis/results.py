@@ -36,8 +36,8 @@ def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
 
 def _model_lines(model: dict[str, Any]) -> list[str]:
     entries = model.get("coefficients", {}).values()
-    told = "systematic" if any("systematic" in entry for entry in entries) else ""
-    lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26} {told}".rstrip()]
+    head = "systematic" if any("systematic" in entry for entry in entries) else ""
+    lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26} {head}".rstrip()]
     for name, entry in model.get("coefficients", {}).items():
         if "refused" in entry:
             lines.append(f"  {name:<24} {'refused':>12} {entry['refused']}")
@@ -55,7 +55,7 @@ def _systematic_lines(model: dict[str, Any]) -> list[str]:
     stated = {name for name in names if name.endswith(STATED)}
     lines = ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names - stated))]
     lines += ["  std holds what the vehicle file says of its own errors: " + ", ".join(sorted(stated))]
-    return [line for line, told in zip(lines, (names - stated, stated), strict=True) if told]
+    return [line for line, named in zip(lines, (names - stated, stated), strict=True) if named]
 
 
 def _bench_lines(model: dict[str, Any]) -> list[str]:
@@ -66,8 +66,8 @@ def _bench_lines(model: dict[str, Any]) -> list[str]:
             sources[source] = max(sources.get(source, 0.0), share / entry["std"] if entry.get("std") else 0.0)
     if not sources:
         return []
-    told = ", ".join(f"{source} (up to {share:.0%})" for source, share in sources.items())
-    return ["  std holds the bench's own errors, and the share of them in it: " + told]
+    shares = ", ".join(f"{source} (up to {share:.0%})" for source, share in sources.items())
+    return ["  std holds the bench's own errors, and the share of them in it: " + shares]
 
 
 def _unknown_lines(entries: Sequence[dict[str, Any]]) -> list[str]:
@@ -108,7 +108,7 @@ def _mode_lines(modes: Any) -> list[str]:
 
 
 def _regression_lines(report: dict[str, Any] | None) -> list[str]:
-    """How well each axis is explained, and what cannot be told apart."""
+    """How well each axis is explained, and what cannot be distinguished."""
     if not report:
         return []
     lines = ["", "regression:", f"  {'axis':<6}{'R2':>9}{'condition':>11}   R2 in frequency, band   terms by stepwise"]
@@ -201,7 +201,7 @@ def discrepancy_text(result: dict[str, Any]) -> str:
         for other in effect.get("alternatives", []):
             lines.append(f"  or {other['name']}, probability {probability_text(other.get('probability'))}")
         if effect.get("alternatives") and effect.get("separating_manoeuvre"):
-            lines.append(f"  would tell them apart: {effect['separating_manoeuvre']}")
+            lines.append(f"  would distinguish them: {effect['separating_manoeuvre']}")
             lines.append("  an effect that a test on the ground clears is ruled out with --rule-out EFFECT")
     for flights, gap in (result.get("gap") or {}).items():
         if gap:

@@ -36,7 +36,7 @@ def create_app(
 ) -> FastAPI:
     """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue.
 
-    others: further parts whose trouble /api/health tells. live: what flies now; None makes one that nobody feeds.
+    others: further parts whose trouble /api/health reports. live: what flies now; None makes one that nobody feeds.
     """
 
     feed = live or LiveFeed(settings, recorder.live_vehicles)

@@ -1,4 +1,4 @@
-"""What was told of the signals over the last minute, for a page that is opened while the aircraft flies."""
+"""The signals streamed over the last minute, for a page that is opened while the aircraft flies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LastMinute:
     async def follow(self, feed: LiveFeed) -> None:
         """Look at the feed until cancelled."""
         while True:
-            self.look(feed.told)
+            self.look(feed.current)
             await asyncio.sleep(_EVERY_S)
 
     def look(self, state: LiveState) -> None:

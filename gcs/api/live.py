@@ -35,7 +35,7 @@ def live(service: Serving) -> Live:
 
 @router.get("/api/live/minute")
 def minute(service: Serving) -> Minute:
-    """What the stream told of the signals over the last minute; units are in /api/live."""
+    """The signals streamed over the last minute; units are in /api/live."""
     return Minute.model_validate(service.minute.to_json())
 
 
@@ -52,7 +52,7 @@ async def stream(service: Serving) -> StreamingResponse:
 
 def snapshot(service: Service) -> dict[str, Any]:
     """The answer of GET /api/live."""
-    feed, state = service.live, service.live.told
+    feed, state = service.live, service.live.current
     now_ns = time.time_ns()
     signals = {
         name: {"value": value, "unit": unit, "age_s": max(now_ns - received_ns, 0) / 1e9}
@@ -103,16 +103,16 @@ def _event(name: str, data: dict[str, Any]) -> str:
 
 async def _events(service: Service) -> AsyncIterator[str]:
     feed = service.live
-    told: object = None
+    sent: object = None
     signals = estimate = 0
     spoken = time.monotonic()
     while not feed.ending.is_set():
-        state, link = feed.told, feed.link_state
+        state, link = feed.current, feed.link_state
         text = ""
         name = feed.vehicle or vehicle_name(service.settings.vehicle)
         now = {"state": link, "flight": feed.flight, "vehicle": name}
-        if now != told:
-            told = now
+        if now != sent:
+            sent = now
             text += _event("state", {**now, "time_s": state.time_s})
         if state.signals_number != signals:
             signals = state.signals_number

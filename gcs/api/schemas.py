@@ -147,7 +147,7 @@ class FlightItem(BaseModel):
     start: str
     end: str
     duration_s: float = Field(description="From the first to the last message received, by this computer's clock")
-    vehicle_duration_s: float | None = Field(description="By the vehicle's clock, null where it does not tell")
+    vehicle_duration_s: float | None = Field(description="By the vehicle's clock, null where it does not give the time")
     messages: int
     bytes: int
     end_reason: str

@@ -20,7 +20,7 @@ from gcs.station.station import RecordingStation
 
 
 class Watched(Protocol):
-    """A part that tells in words what goes wrong in it, nothing when all is well."""
+    """A part that says in words what goes wrong in it, nothing when all is well."""
 
     @property
     def problem(self) -> str: ...
@@ -30,7 +30,7 @@ class Watched(Protocol):
 class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
-    live: the flight as it is now; minute: as it was told over the last minute.
+    live: the flight as it is now; minute: as it was streamed over the last minute.
     """
 
     settings: Settings

@@ -38,7 +38,7 @@ class FlightViewer:
     def summary(self, flight: Flight) -> dict[str, Any]:
         """Messages per topic, losses, damage, and the names that `series` accepts.
 
-        Of a flight that is being recorded it tells what is on disk already.
+        Of a flight that is being recorded it gives what is on disk already.
         """
         try:
             contents = self._contents_of(flight.kept_files(self._settings.flights))

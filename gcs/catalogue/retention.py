@@ -109,7 +109,7 @@ class Retention:
         return self._clock() - flight.end_ns
 
     def _may_hold_a_vehicle(self, flight: Flight) -> bool:
-        """Whether an autopilot speaks in the recording, though no HEARTBEAT told of one; also if it is unreadable."""
+        """Whether an autopilot speaks in the recording, though no HEARTBEAT announced one; also if it is unreadable."""
         try:
             heard = Recording(flight.kept_files(self._folder)).systems()
         except (RecordingError, CatalogueError, OSError):

@@ -1,4 +1,4 @@
-"""How long a flight was by the vehicle's own clock, which a flight told faster than flown makes another time."""
+"""How long a flight was by the vehicle's own clock, which differs in a flight sent faster than flown."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs.errors import GcsError
 from gcs.flights.streams import load_streams
 from gcs.recording.reader import Recording
 
-# Messages with a stamp that nearly every vehicle sends, the commonest first: one of them tells.
+# Messages with a stamp that nearly every vehicle sends, the commonest first: one of them suffices.
 _STAMPED = ("ATTITUDE", "HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")
 
 

@@ -51,8 +51,8 @@ class ClockFit:
     """Reception = stamp + offset + drift (stamp - origin) for a message that arrives without further delay.
 
     drift: by how much the receiver's clock gains on the sender's. offset_std_s: of the offset at `origin_ns`.
-    Standard errors are infinite where the messages are too few to tell. anchor: the delay that the offset contains,
-    the smallest one or the "typical" one (the centre of the core of two-sided jitter); one-way messages cannot tell
+    Standard errors are infinite where the messages are too few. anchor: the delay that the offset contains,
+    the smallest one or the "typical" one (the centre of the core of two-sided jitter); one-way messages do not show
     how long that is.
     """
 
@@ -225,7 +225,7 @@ def _through_core(t: Array, d: Array, first: _Line) -> _Line | None:
         return None
     offset, sigma = found
     together = max(1.0, variance / float(np.sum((score * t) ** 2)))
-    # A normal core cut off one sigma above its centre tells it half as well as a whole one.
+    # A normal core cut off one sigma above its centre determines it half as well as a whole one.
     offset_std = sigma * float(np.hypot(2.0 * np.sqrt(together / rest.size), 0.01))
     return _Line(offset, drift, offset_std, float(np.sqrt(variance)) / abs(float(change)))
 

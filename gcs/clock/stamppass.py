@@ -25,7 +25,7 @@ SMALLEST_EPOCH_NS = 500_000_000 * SECOND_NS  # stamps beyond count from 1970
 WRAP_NS = (1 << 32) * 1_000_000
 # A request of this station has these last digits in ts1: whole microseconds, and the station's system number.
 TAG_NS, TAG_PERIOD_NS = 255, 1000
-LONGEST_NS = 10 * SECOND_NS  # a reply that takes longer tells nothing
+LONGEST_NS = 10 * SECOND_NS  # a reply that takes longer is of no use
 # What is read of a message: nothing, a stamp in ms since boot (32 bits), in us (64 bits), or a TIMESYNC reply.
 NOTHING, STAMP_MS, STAMP_US, REPLY = range(4)
 

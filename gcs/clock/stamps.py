@@ -4,8 +4,8 @@ A stamp may count from boot or from 1970, be 32 or 64 bits wide, come from anoth
 missing. All are put on the reference component's time since boot:
 
 - 32-bit stamps are unwrapped against the time of reception, and joined to the others by whole periods;
-- stamps since 1970 are told by their size (as the MAVLink definition of `time_usec` says) and moved by the difference
-  that SYSTEM_TIME gives, or, without it, by the difference of the two kinds' arrival;
+- stamps since 1970 are recognised by their size (as the MAVLink definition of `time_usec` says) and moved by the
+  difference that SYSTEM_TIME gives, or, without it, by the difference of the two kinds' arrival;
 - another component whose stamps disagree is moved so that its earliest arrivals agree, with a warning;
 - a message without a stamp gets its time of reception through the fitted line of reception over stamp.
 """
@@ -30,14 +30,14 @@ OTHER_COMPONENT_NS = NS_PER_S // 10  # a second board's clock is as good as its 
 RESET_NS = NS_PER_S
 AT_ONCE_NS = 3 * NS_PER_S // 10
 STRAY_NS = 10 * NS_PER_S
-NEIGHBOURS = 7  # stamps among which up to three strays are told
+NEIGHBOURS = 7  # stamps among which up to three strays are detected
 
 
 @dataclass(frozen=True)
 class Stamps:
     """Stamps of one message of one component in order of reception.
 
-    log_ns: (N,) time of reception, UTC. raw_ns: (N,) the message's own stamp; what a 0 means, `valid` tells.
+    log_ns: (N,) time of reception, UTC. raw_ns: (N,) the message's own stamp; what a 0 means, `valid` says.
     period_ns: after how long the field wraps, 0 for 64 bits.
     """
 
@@ -100,7 +100,7 @@ class VehicleClock:
 
     @property
     def utc_start_ns(self) -> int:
-        """UTC of second 0: by the vehicle's own UTC where it tells, else by the receiver's clock."""
+        """UTC of second 0: by the vehicle's own UTC where it sends one, else by the receiver's clock."""
         if self.epoch_ns is not None:
             return self.start_ns + self.epoch_ns
         slope = self.fit.drift * (self.start_ns - self.fit.origin_ns)
@@ -173,7 +173,7 @@ def _way(clock: VehicleClock, replies: tuple[Times, Times, Times]) -> int:
 
 
 def _leader(group: Sequence[Stamps]) -> Stamps:
-    """The message that tells a component's time: its commonest with a stamp that does not wrap."""
+    """The message that gives a component's time: its commonest with a stamp that does not wrap."""
     return max([entry for entry in group if not entry.is_short] or group, key=lambda entry: entry.raw_ns.size)
 
 
@@ -206,9 +206,9 @@ def _first_stamp(clock: VehicleClock, entry: Stamps) -> int:
 def _behind(log_ns: Times, stamp_ns: Times, clock_log_ns: Times, clock_stamp_ns: Times) -> int:
     """How far, ns, stamps lie behind another message's of the same clock, by the order of reception alone.
 
-    log_ns, stamp_ns: (N,) of the message. clock_log_ns, clock_stamp_ns: (M,) of the one that tells the time. A stamp
+    log_ns, stamp_ns: (N,) of the message. clock_log_ns, clock_stamp_ns: (M,) of the one that gives the time. A stamp
     belongs between those of the messages received before and after it; the median of how far it lies outside bears
-    strays, pauses, bursts and a flight told faster than it was flown, which a line through the arrivals does not.
+    strays, pauses, bursts and a flight sent faster than it was flown, which a line through the arrivals does not.
     """
     before = np.searchsorted(clock_log_ns, log_ns, side="left") - 1
     after = np.searchsorted(clock_log_ns, log_ns, side="right")
@@ -260,7 +260,7 @@ def longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, in
         if entry.component == reference:
             edges.update(restarts(entry).tolist())
     cuts = sorted(edges)
-    # Messages of the same restart are told apart by moments only.
+    # Messages of the same restart are moments apart.
     cuts = [cut for i, cut in enumerate(cuts) if i == 0 or cut - cuts[i - 1] > 2 * NS_PER_S or i == len(cuts) - 1]
     runs = [(a, b - 1) for a, b in pairwise(cuts)]
     if len(runs) > 1:
@@ -275,7 +275,7 @@ def longest_run(stamped: Sequence[Stamps], warnings: list[str]) -> tuple[int, in
 def _epoch(
     stamped: Sequence[Stamps], system_time: tuple[Times, Times, Times] | None, warnings: list[str]
 ) -> int | None:
-    """1970 minus boot, ns; None where neither SYSTEM_TIME nor two kinds of stamps tell."""
+    """1970 minus boot, ns; None where neither SYSTEM_TIME nor two kinds of stamps give it."""
     if system_time is not None:
         _, unix, boot = system_time
         known = (unix > SMALLEST_EPOCH_NS) & (boot > 0)
@@ -311,8 +311,8 @@ def _align(clock: VehicleClock, group: Sequence[Stamps]) -> None:
     if component == clock.reference:
         leader = _leader(group)
         order = np.argsort(leader.log_ns, kind="stable")
-        told = (leader.log_ns[order], times[leader.message][order])
-        delays = {entry.message: _behind(entry.log_ns, times[entry.message], *told) for entry in group}
+        timed = (leader.log_ns[order], times[leader.message][order])
+        delays = {entry.message: _behind(entry.log_ns, times[entry.message], *timed) for entry in group}
         apart = {message: late for message, late in delays.items() if abs(late) > SAME_COMPONENT_NS}
     else:
         delays = {e.message: int(np.quantile(clock.fit.delay(e.log_ns, times[e.message]), 0.05)) for e in group}

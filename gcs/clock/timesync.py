@@ -1,7 +1,7 @@
 """Round trips by TIMESYNC (mavlink.io/en/services/timesync.html): the station asks, each vehicle answers.
 
 A request carries tc1 = 0 and ts1 = the station's time; the reply carries ts1 back and the vehicle's time in tc1. Two
-stations may ask the same vehicle, and a reply may go to both: the last three digits of ts1 tell whose it is, now and
+stations may ask the same vehicle, and a reply may go to both: the last three digits of ts1 show whose it is, now and
 when a recording is read.
 """
 
@@ -33,7 +33,7 @@ def own_replies(log_ns: Times, tc1: Times, ts1: Times) -> NDArray[np.bool_]:
 
 
 class RoundTrips:
-    """What N >= 1 round trips tell: log_ns, tc1, ts1: (N,) reception, the vehicle's time, the request's sending, ns."""
+    """N >= 1 round trips: log_ns, tc1, ts1: (N,) reception, the vehicle's time, the request's sending, ns."""
 
     def __init__(self, log_ns: Times, tc1: Times, ts1: Times, drift: float = 0.0) -> None:
         taken = (log_ns - ts1).astype(np.float64) / 1e9

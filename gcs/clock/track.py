@@ -158,16 +158,16 @@ class ClockTracker:
         return taken
 
     def systems(self) -> list[int]:
-        """Systems that tell their time."""
+        """Systems that send their time."""
         return sorted({int(sender) >> 8 for sender in self._state[: self._rows, SENDER]})
 
     def states(self, until_ns: int | None = None) -> list[ClockState]:
-        """The clock of every system that tells its time, as `state` gives it."""
+        """The clock of every system that sends its time, as `state` gives it."""
         found = (self.state(system, until_ns) for system in self.systems())
         return [state for state in found if state is not None]
 
     def state(self, system: int, until_ns: int | None = None) -> ClockState | None:
-        """The clock of a system's autopilot, or else of the component that told it most; None where none does.
+        """The clock of a system's autopilot, or else of the component that sent it most; None where none does.
 
         until_ns: end of a flight, UTC; where the clock restarted since then, as it was before.
         """
@@ -207,9 +207,9 @@ class ClockTracker:
         if trips.size:
             found = RoundTrips(trips[:, 0], trips[:, 1], trips[:, 2], fit.drift)
             round_trip, delay = found.median_s, found.delay_s
-            told = found.offset_ns(now_ns)
-            if abs(told - offset) < _SAME_CLOCK_NS + 1e9 * found.median_s:
-                offset, bound = told, found.asymmetry_s
+            measured = found.offset_ns(now_ns)
+            if abs(measured - offset) < _SAME_CLOCK_NS + 1e9 * found.median_s:
+                offset, bound = measured, found.asymmetry_s
                 std = float(np.hypot(found.offset_std_s, fit.drift_std * (now_ns - found.at_ns) / NS_PER_S))
         span = float(np.ptp(seconds[:, 0])) / NS_PER_S
         rate = 1.0 / (1.0 + fit.drift) if span >= _RATE_AFTER_S and fit.drift > -1.0 else None

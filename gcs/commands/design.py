@@ -1,4 +1,4 @@
-"""`gcs design`: what a planned flight will tell, before it is flown."""
+"""`gcs design`: what a planned flight can identify, before it is flown."""
 
 import argparse
 from pathlib import Path
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Design, write what was asked for, print what the flight will tell."""
+    """Design, write what was asked for, print what the flight can identify."""
     from gcs.analysis.results import check_targets
     from gcs.design.ardupilot import lua_script
     from gcs.design.prediction import Request, compare, design

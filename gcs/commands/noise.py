@@ -1,10 +1,10 @@
-"""`gcs noise`: what a recording at rest tells of the sensors' noise."""
+"""`gcs noise`: the sensors' noise, estimated from a recording at rest."""
 
 import argparse
 from pathlib import Path
 
 NAME = "noise"
-HELP = "tell the noise of each sensor from a recording at rest"
+HELP = "estimate the noise of each sensor from a recording at rest"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

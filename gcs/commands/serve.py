@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until told to stop."""
+    """Serve until asked to stop."""
     from gcs.errors import SettingsError
     from gcs.links.url import parse_url
     from gcs.options.links import link_options

@@ -27,12 +27,12 @@ def draw(result: dict[str, Any], truth: dict[str, float], found: dict[str, Any],
 
 
 def _coefficients(axes: Any, entries: dict[str, Any], truth: dict[str, float]) -> None:
-    told = {name: e for name, e in entries.items() if e.get("std")}
-    names = list(told)
+    estimated = {name: e for name, e in entries.items() if e.get("std")}
+    names = list(estimated)
     sizes = [abs(truth.get(name, 0.0)) for name in names]
     scale = [size if size > 0.0 else 1.0 for size in sizes]
-    error = [100.0 * (told[n]["value"] - truth.get(n, 0.0)) / s for n, s in zip(names, scale, strict=True)]
-    bar = [196.0 * told[n]["std"] / s for n, s in zip(names, scale, strict=True)]
+    error = [100.0 * (estimated[n]["value"] - truth.get(n, 0.0)) / s for n, s in zip(names, scale, strict=True)]
+    bar = [196.0 * estimated[n]["std"] / s for n, s in zip(names, scale, strict=True)]
     rows = range(len(names))
     axes.errorbar(error, rows, xerr=bar, fmt="o", markersize=3, color=_COLOURS[1], capsize=2)
     axes.axvline(0.0, color="black", linewidth=0.8)

@@ -1,1 +1,1 @@
-"""Flight tests: what a planned one will tell, and the plan in forms that a board can fly."""
+"""Flight tests: what a planned one can identify, and the plan in forms that a board can fly."""

@@ -1,4 +1,4 @@
-"""A planned flight and what it will tell, as JSON of schema design/1 and as a table."""
+"""A planned flight and what it can identify, as JSON of schema design/1 and as a table."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Design:
-    """A plan, what it will tell, and the vehicle and model it is for, settings applied."""
+    """A plan, what it can identify, and the vehicle and model it is for, settings applied."""
 
     vehicle: Vehicle
     model: Model
@@ -85,7 +85,7 @@ class Design:
 
 
 def design(vehicle: Vehicle, model: Model, request: Request, progress: Progress = _silent) -> Design:
-    """Make the plan asked for and predict what it will tell.
+    """Make the plan asked for and predict what it can identify.
 
     Raises SettingsError for a request that cannot be meant; SysidError and SimVehicleError for what cannot be flown.
     """
@@ -100,7 +100,7 @@ def design(vehicle: Vehicle, model: Model, request: Request, progress: Progress 
 def compare(
     vehicle: Vehicle, model: Model, request: Request, durations: Sequence[float], progress: Progress = _silent
 ) -> list[dict[str, Any]]:
-    """What each usual manoeuvre, tuned, would tell in each duration, s: one row each, best first within a duration.
+    """What each usual manoeuvre, tuned, would identify in each duration, s: one row each, best first within a duration.
 
     A row's `score` is the geometric mean of standard errors over usual sizes: half of it is twice as good.
     """

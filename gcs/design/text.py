@@ -17,8 +17,8 @@ def design_text(result: dict[str, Any]) -> str:
     lines = [f"{result['vehicle']}, model {result['model']}: {result['duration_s']:.1f} s in {air}"]
     lines += [_segment_line(segment) for segment in result["plan"]["segments"] if segment["manoeuvre"] != "cruise"]
     if result["peak_factors"]:
-        told = ", ".join(f"{axis} {factor:.2f}" for axis, factor in result["peak_factors"].items())
-        lines.append(f"relative peak factors: {told}")
+        factors = ", ".join(f"{axis} {factor:.2f}" for axis, factor in result["peak_factors"].items())
+        lines.append(f"relative peak factors: {factors}")
     lines += ["flown: " + ", ".join(_reach(result, name) for name in ("V", "alpha", "beta", "phi", "theta")), ""]
     lines.append(f"  {'coefficient':<14} {'prior':>10} {'std':>10} {'percent':>9}")
     lines += [_row(entry) for entry in result["coefficients"]]
@@ -56,10 +56,10 @@ def _row(entry: dict[str, Any]) -> str:
 def comparison_text(rows: Sequence[dict[str, Any]]) -> str:
     """Candidates as a table of standard errors, percent of the prior's value (absolute where that is 0)."""
     names = [name for name in COMPARED if any(name in row["coefficients"] for row in rows)]
-    lines = [f"{'manoeuvre':<22}{'s':>6}{'told':>6}{'score':>9}" + "".join(f"{name:>10}" for name in names)]
+    lines = [f"{'manoeuvre':<22}{'s':>6}{'estimated':>11}{'score':>9}" + "".join(f"{name:>10}" for name in names)]
     for row in rows:
         cells = "".join(f"{_cell(row['coefficients'].get(name)):>10}" for name in names)
-        lines.append(f"{row['name']:<22}{row['duration_s']:>6.0f}{row['told']:>6}{row['score']:>9.2g}{cells}")
+        lines.append(f"{row['name']:<22}{row['duration_s']:>6.0f}{row['told']:>11}{row['score']:>9.2g}{cells}")
     lines += ["", "standard errors in percent of the prior's value, absolute where that is 0; -: refused.",
               "score: geometric mean of standard errors over the coefficients' usual sizes."]  # fmt: skip
     return "\n".join(lines)

@@ -71,7 +71,9 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
         if name not in controls and DEFLECTION_SIGNALS[name] not in vehicle.signals and not taken & set(control.servos)
     }
     if np.linalg.matrix_rank(mixing_matrix(more)[1]) < len(more):
-        warnings.append("[controls] is not given, and the servos of the log's parameters cannot be told apart: give it")
+        warnings.append(
+            "[controls] is not given, and the servos of the log's parameters cannot be distinguished: give it"
+        )
         more = {}
     for name, control in more.items():
         controls[name] = control

@@ -26,7 +26,7 @@ FIX_2D = 2.0  # GPS_FIX_TYPE_2D_FIX
 ADC_CHANNELS = 16
 SERVOS = 16
 
-# Messages that may come from several instances of one component, told apart by this field; the lowest one counts.
+# Messages that may come from several instances of one component, distinguished by this field; the lowest one counts.
 INSTANCE_FIELDS = {
     "HIGHRES_IMU": "id",
     "RAW_IMU": "id",

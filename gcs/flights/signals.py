@@ -217,7 +217,7 @@ class _Flight:
             self.make_airspeed_true(self.signals["airspeed"])
 
     def make_airspeed_true(self, given: Signal) -> None:
-        """A pressure tells calibrated airspeed; where the vehicle file says true, the air's density makes it so."""
+        """A pressure gives calibrated airspeed; where the vehicle file says true, the air's density makes it so."""
         if not given.source.endswith("(calibrated airspeed)"):
             return
         density = self.signals.get("air_density")

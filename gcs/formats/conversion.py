@@ -9,7 +9,7 @@ from pathlib import Path
 from gcs.errors import ImportFileError, RecordingError
 from gcs.mavlink.dialect import DEFAULT_DIALECT, Dialect
 
-#: Told the share that is done, 0 to 1.
+#: Gets the share that is done, 0 to 1.
 Progress = Callable[[float], None]
 
 

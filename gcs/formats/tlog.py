@@ -29,7 +29,7 @@ LINK_NAME = "tlog"
 _STAMP_BYTES = 8
 _BLOCK_BYTES = 16 << 20
 _CHUNK_SECONDS = 4.0  # nothing is lost if an import breaks off, so a chunk may be longer than a live one
-_STAMP_WINDOW = 9  # frames whose median time an odd stamp is held against
+_STAMP_WINDOW = 9  # frames with whose median time an odd stamp is compared
 _STAMP_TOLERANCE_US = 3_600_000_000
 _LATEST_US = 4_102_444_800_000_000  # the year 2100; later is no time but noise
 
@@ -104,7 +104,7 @@ def import_tlog(
     """Turn a .tlog, called `name` there, into a recording, block by block; what was found.
 
     Bytes that belong to no frame and no stamp are kept as noise. ImportFileError if the file cannot be read or
-    holds no frame. progress: told the share of the file that is done.
+    holds no frame. progress: gets the share of the file that is done.
     """
     source = Path(path)
     dialect = dialect or Dialect.load()

@@ -109,7 +109,7 @@ class _Mapping:
         return table
 
     def _first(self, name: str, *fields: str) -> Table | None:
-        """As `_table`, of several instances the one that the autopilot used most if it tells, else the lowest."""
+        """As `_table`, of several instances the one that the autopilot used most if logged, else the lowest."""
         table = self._table(name, *fields)
         instance = next((field for field in _INSTANCE_FIELDS if table is not None and field in table), None)
         if table is None or instance is None:
@@ -151,7 +151,7 @@ class _Mapping:
             instances = whole(table.values("I"), "uint8") if "I" in table else np.full(len(table), number)
             parts += [(instance, table.only(instances == instance)) for instance in np.unique(instances).tolist()]
         if parts and parts[0][0] > 0:
-            self._notes["imu"] = f"instance {parts[0][0]} is the first that was logged, and told as 0"
+            self._notes["imu"] = f"instance {parts[0][0]} is the first that was logged, and given as 0"
         for instance, (_, part) in enumerate(parts):
             given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
             given |= {f"{axis.lower()}gyro": part.values(f"Gyr{axis}") for axis in "XYZ"}
@@ -254,8 +254,8 @@ class _Mapping:
     def _core(self, name: str, table: Table) -> int:
         """The estimator's core that was the primary one for longest, else the lowest that is in the log."""
         cores = np.unique(table.rows["C"])
-        told = self._tables.get(f"{name[:-1]}4")
-        primary = np.empty(0) if told is None else told.values("PI")
+        estimator = self._tables.get(f"{name[:-1]}4")
+        primary = np.empty(0) if estimator is None else estimator.values("PI")
         primary = primary[np.isin(primary, cores)].astype(np.int64)
         return int(np.bincount(primary).argmax() if primary.size else cores.min())
 
@@ -288,7 +288,7 @@ class _Mapping:
         return [] if table is None else [make.rc_channels(table.time_us, _channels(table))]
 
     def _armed(self) -> list[tuple[int, int]] | None:
-        """(time in us, 1 or 0) from then on; None where the log does not tell."""
+        """(time in us, 1 or 0) from then on; None where the log does not say."""
         for name, field in (("ARM", "ArmState"), ("EV", "Id"), ("STAT", "Armed")):
             table = self._table(name, field)
             if table is None:
@@ -299,7 +299,7 @@ class _Mapping:
                 table, states = table.only(changes), states[changes] == EV_ARMED
             armed = [(time, int(state != 0)) for time, state in zip(table.time_us.tolist(), states, strict=True)]
             if armed and name != "STAT":
-                # The log tells of changes only; before the first it was the other way round.
+                # The log has changes only; before the first it was the other way round.
                 armed.insert(0, (min(t.time_us.min() for t in self._tables.values()), 1 - armed[0][1]))
             if armed:
                 return armed

@@ -161,7 +161,7 @@ class _Mapping:
         return make.static_pressure(topic.time_us, pressure, temperature, altitude)
 
     def _air_temperature(self, time_us: Ints) -> Values:
-        """(N,) degC outside the aircraft at these times, as far as a sensor tells; else NaN."""
+        """(N,) degC outside the aircraft at these times, as far as a sensor measures it; else NaN."""
         for name, field in (
             ("airspeed", "air_temperature_celsius"),
             ("vehicle_air_data", "ambient_temperature"),
@@ -313,7 +313,7 @@ class _Mapping:
         return [make.rc_channels(topic.time_us, topic.vector("values", min(count, 18)))]
 
     def _armed(self) -> list[tuple[int, int]] | None:
-        """(time in us, 1 or 0) from then on, changes only; None where the log does not tell."""
+        """(time in us, 1 or 0) from then on, changes only; None where the log does not say."""
         for name, field, armed in (("vehicle_status", "arming_state", ARMED), ("actuator_armed", "armed", 1)):
             topic = self._topic(name, field)
             if topic is None:

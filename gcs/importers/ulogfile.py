@@ -62,7 +62,7 @@ class Topic:
         return field in self._data
 
     def _sampled(self) -> Ints:
-        """(N,) when the sample was taken where the log tells, else when it was published."""
+        """(N,) when the sample was taken where the log gives it, else when it was published."""
         published = self._data["timestamp"].astype(np.int64)
         if "timestamp_sample" not in self._data:
             return published

@@ -24,10 +24,10 @@ def clocks(recording: ColumnSource) -> list[dict[str, Any]]:
     boot, in the middle of that run; `delays`: s beyond the smallest, or typical, one that the offset contains.
     """
     utc = _by_sender(recording, "SYSTEM_TIME")
-    told = {**utc, **_by_sender(recording, "ATTITUDE")}
+    timed = {**utc, **_by_sender(recording, "ATTITUDE")}
     replies = _by_sender(recording, "TIMESYNC")
     found = []
-    for sender, columns in sorted(told.items()):
+    for sender, columns in sorted(timed.items()):
         stamps = Stream(columns.name, columns.component, columns.log_time, columns.fields).stamps
         if not stamps.valid.any():
             continue

@@ -1,4 +1,4 @@
-"""What a recording tells of its links: signatures, and what the telemetry radios reported."""
+"""What a recording shows of its links: signatures, and what the telemetry radios reported."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _COUNTERS = ("rxerrors", "fixed")
 class LinkCounts:
     """One link's bytes, those in no frame, its checksum failures, and its frames by their signatures.
 
-    bad_crc: None where the dialect that tells them from other noise is neither in the recording nor known by its name.
+    bad_crc: None where the dialect that identifies them among noise is neither in the recording nor known by its name.
     """
 
     signatures: SignatureCounts

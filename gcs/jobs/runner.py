@@ -209,7 +209,7 @@ class JobRunner:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            with contextlib.suppress(BrokenPipeError):  # it died at its start; exit code and last words tell why
+            with contextlib.suppress(BrokenPipeError):  # it died at its start; exit code and last words say why
                 process.stdin.write(dumps(order) + "\n")
                 process.stdin.flush()
             last = self._follow(job, process.stdout)
@@ -292,9 +292,9 @@ def _check_effects(kind: str, names: Sequence[str]) -> None:
         raise JobError(str(error)) from error
 
 
-def _share(told: object) -> float:
-    """Progress as a worker tells it; 0, which changes nothing, for anything else."""
-    return float(told) if isinstance(told, int | float) and math.isfinite(told) else 0.0
+def _share(given: object) -> float:
+    """Progress as a worker reports it; 0, which changes nothing, for anything else."""
+    return float(given) if isinstance(given, int | float) and math.isfinite(given) else 0.0
 
 
 def python_path() -> str:

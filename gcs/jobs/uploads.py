@@ -86,18 +86,18 @@ class Uploads:
         }
         with answer.open("w") as stdout, errors.open("w") as stderr:
             code = self._run(dumps(order) + "\n", stdout.fileno(), stderr.fileno())
-        told: dict[str, Any] = {}
+        answered: dict[str, Any] = {}
         for line in answer.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
                 said = json.loads(line)
             except json.JSONDecodeError:  # a library that prints
                 continue
-            told |= said if isinstance(said, dict) else {}
-        if "error" in told:
-            raise ImportFileError(str(told["error"]).replace(str(upload), shown))
-        if code != 0 or "flight" not in told:
+            answered |= said if isinstance(said, dict) else {}
+        if "error" in answered:
+            raise ImportFileError(str(answered["error"]).replace(str(upload), shown))
+        if code != 0 or "flight" not in answered:
             raise ImportFileError(f"{shown} cannot be read: {last_words(code, errors)}")
-        return dict(told["flight"])
+        return dict(answered["flight"])
 
     def _run(self, order: str, stdout: int, stderr: int) -> int:
         """Run the worker; its exit code."""
@@ -120,7 +120,7 @@ class Uploads:
             code = process.wait(self._longest_s)
         except subprocess.TimeoutExpired:
             raise ImportFileError(f"the file was not read within {self._longest_s:g} s; import it by hand") from None
-        except BrokenPipeError:  # it died at its start; exit code and last words tell why
+        except BrokenPipeError:  # it died at its start; exit code and last words say why
             code = process.wait()
         finally:
             process.kill()

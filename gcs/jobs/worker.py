@@ -18,7 +18,7 @@ NICENESS = 10
 
 
 def report(**fields: object) -> None:
-    """Tell the service: progress=0..1, log="a line", error="the reason", or nothing="why there is nothing to do"."""
+    """Report progress=0..1, log="a line", error="the reason", or nothing="why there is nothing to do"."""
     print(dumps(fields), flush=True)
 
 

@@ -45,7 +45,7 @@ class Batch:
 
     ends: (N,) offset in `data` just behind each datagram or read.
     received_ns: (N,) UTC time of arrival of each, ns.
-    source: the source's name where a link tells several peers apart; "" stands for the link's own.
+    source: the source's name where a link distinguishes several peers; "" stands for the link's own.
     """
 
     data: bytes

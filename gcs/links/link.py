@@ -43,7 +43,7 @@ class LinkCounters:
 class Link(ABC):
     """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words.
 
-    prompt: set where what arrives is passed on at once, so that it is not left to gather. watched: set
+    immediate: set where what arrives is passed on at once, so that it is not left to gather. watched: set
     where it is looked at as it arrives, so that it gathers for a short time only.
     """
 
@@ -53,7 +53,7 @@ class Link(ABC):
         self.counters = LinkCounters()
         self.sources = Sources(url.text)
         self.connected = False
-        self.prompt = self.watched = False
+        self.immediate = self.watched = False
         self.problem = ""
         self._waiting: deque[Batch] = deque()
         self._counting = threading.Lock()

@@ -19,7 +19,7 @@ class Outbox:
     """Frames that a stream has not taken yet. Thread-safe, so frames of several senders never mix.
 
     write: gives bytes to the stream without waiting; how many it took. It may raise OSError.
-    taken: told how many bytes the stream has taken. dropped: told how many frames had waited too long.
+    taken: gets how many bytes the stream has taken. dropped: gets how many frames had waited too long.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ from gcs.links.datagrams import Batch, Peer
 FORWARD = "forward:"
 #: After this time in silence a peer is not answered any more, and its name is free.
 PEER_MEMORY_S = 30.0
-#: Peers told apart at one time; those beyond share the last name.
+#: Peers distinguished at one time; those beyond share the last name.
 MOST_PEERS = 32
 
 

@@ -24,7 +24,7 @@ _SO_RCVBUFFORCE = 33
 # but no longer than a person would notice, and less where somebody watches them or waits for them to be passed on.
 _LONGEST_WAIT_S = 0.05
 _LONGEST_WATCHED_WAIT_S = 0.01
-_LONGEST_PROMPT_WAIT_S = 0.002
+_LONGEST_IMMEDIATE_WAIT_S = 0.002
 _SHORTEST_WAIT_S = 0.0005
 _MANY_DATAGRAMS = 512  # a twentieth of what 4 MB of buffer hold
 
@@ -100,7 +100,7 @@ class UdpLink(Link):
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
                 self._target = address
             else:
-                # Sent from a socket of its own, whose address tells the copies of what we sent ourselves.
+                # Sent from a socket of its own, whose address marks the copies of what we sent ourselves.
                 sender = undo.enter_context(socket.socket(family, socket.SOCK_DGRAM))
                 sender.setblocking(False)
                 _join_route(sender, address)
@@ -155,7 +155,7 @@ class UdpLink(Link):
             return
         wait = max(self._wait_s, _SHORTEST_WAIT_S) * min(_MANY_DATAGRAMS / datagrams, 2.0)
         longest = _LONGEST_WATCHED_WAIT_S if self.watched else _LONGEST_WAIT_S
-        longest = _LONGEST_PROMPT_WAIT_S if self.prompt else longest
+        longest = _LONGEST_IMMEDIATE_WAIT_S if self.immediate else longest
         self._wait_s = min(max(wait, _SHORTEST_WAIT_S), longest)
 
     def _reopen(self, timeout_s: float) -> bool:

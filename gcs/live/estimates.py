@@ -1,4 +1,4 @@
-"""Live identification as the service tells it: what is due, how late it is, and what it costs."""
+"""Live identification as the service reports it: what is due, how late it is, and what it costs."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from sysid.live.wording import change_text, failure_sentence, failure_text
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import usual_size
 
-# A report has words and is told to whoever listens; in between only values and standard errors are.
+# A report has words and is sent to whoever listens; in between only values and standard errors are.
 _EVERY_S = 0.4
 # Without a message for so long a flight may be over: what it ended with is estimated.
 _SILENT_S = 1.0
 _SLACK_S = 0.02  # a turn of the process that comes a little early still counts
-# Effort is told over this time.
+# Effort is reported over this time.
 _SHARE_S = 10.0
 # A message so far behind the newest of which no row has been made is in no estimate: its row was left out.
 _LEFT_OUT_S = 1.0
 # Of what stands between aircraft and log that counts as estimated which is known so much better than before.
 ESTIMATED_SHARE = 0.5
-# Causes of a change that are told, the likeliest first.
+# Causes of a change that are reported, the likeliest first.
 _CAUSES = 3
 # Most stamps are whole milliseconds.
 _SAME_S = 1.001e-3
 
 
 class EstimateReports:
-    """Identification of one vehicle's flight, told while messages come. Times of `now_s` are monotonic.
+    """Identification of one vehicle's flight, reported while messages come. Times of `now_s` are monotonic.
 
     runner: as of LiveIdentifier.
     """

@@ -40,7 +40,7 @@ _WELL_S = 60.0
 
 @dataclass
 class LiveState:
-    """The newest of what the live process told. Replaced as a whole, so that readers need no lock.
+    """The newest of what the live process reported. Replaced as a whole, so that readers need no lock.
 
     signals: name -> (value, UTC ns of reception, unit). numbers count reports, for those who wait for new ones.
     heard_s: when the newest bytes with a message of the vehicle came, monotonic. flight: the recorded one that all this
@@ -75,7 +75,7 @@ class LiveFeed:
         self.on_estimate: Callable[[dict[str, Any], float], None] | None = None
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
-        # Batches that the process has been given and not yet told to have taken: number and time, monotonic.
+        # Batches that the process has been given and not yet reported as taken: number and time, monotonic.
         self._given: deque[tuple[int, float]] = deque()
         self._number = 0
         self._changed = threading.Condition()
@@ -83,7 +83,7 @@ class LiveFeed:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
         self._failure = ""
         self.state = LiveState()
-        # The flight that is followed, None for none, and with the vehicle that was told to the process with it.
+        # The flight that is followed, None for none, and with the vehicle that was sent to the process with it.
         self.flight: str | None = None
         self._followed = Flight()
         # The name in the vehicle file that estimates go by.
@@ -121,8 +121,8 @@ class LiveFeed:
             self._put(record)
 
     @property
-    def told(self) -> LiveState:
-        """The state of the flight that is recorded: nothing yet while only the one before it has been told of; of the
+    def current(self) -> LiveState:
+        """The state of the flight that is recorded: nothing yet while only the one before it has been reported; of the
         last one where none is recorded.
         """
         state, flight = self.state, self.flight
@@ -143,7 +143,7 @@ class LiveFeed:
     def link_state(self) -> str:
         """Whether messages come: waiting (none yet), live, or lost (none for 2 s).
 
-        By the time at which bytes came, not at which their signals are told: a process that is behind on a busy
+        By the time at which bytes came, not at which their signals are reported: a process that is behind on a busy
         machine loses nothing. What it has not looked at yet counts as neither, unless it has not for 10 s.
         """
         heard = self.state.heard_s
@@ -194,7 +194,7 @@ class LiveFeed:
             try:
                 self._write(process, process.stdin)
             except OSError:
-                pass  # it has died, which the caller tells
+                pass  # it has died, which the caller reports
             finally:
                 process.kill()
                 reader.join(_STOP_TIMEOUT_S)
@@ -282,7 +282,7 @@ class LiveFeed:
 
 
 def _renewed(identification: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:
-    """What is known with newer values; whether one counts as known, and all that has words, the next report tells."""
+    """What is known with newer values; whether one counts as known, and all that has words, the next report says."""
     coefficients = dict(identification["coefficients"])
     for name, (value, std) in report["values"].items():
         if "value" in coefficients.get(name, ()) and value is not None and std is not None:

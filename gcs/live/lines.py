@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.live.feed import LiveFeed
 
-# What tells at a glance whether the flight serves: stability, damping and control of each axis.
+# What shows at a glance whether the flight serves: stability, damping and control of each axis.
 MAIN = ("CL_alpha", "CD_0", "Cm_alpha", "Cm_q", "Cm_de", "CY_beta", "Cl_p", "Cl_da", "Cn_beta", "Cn_r", "Cn_dr")
 _EVERY_S = 2.0
 

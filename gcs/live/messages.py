@@ -182,7 +182,7 @@ class VehicleMessages:
             if stream.message == "SYSTEM_TIME":
                 self._take_system_time(stream)
         timed = []
-        # Those with stamps first: they tell the clock by which the others are placed.
+        # Those with stamps first: they give the clock by which the others are placed.
         stamped = [(stream, stream.stamps) for stream in streams if stream.log_ns.size]
         for stream, stamps in sorted(stamped, key=lambda one: not one[1].valid.any()):
             if not stamps.valid.any() and not self._clock.boot.known:

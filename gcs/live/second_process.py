@@ -17,7 +17,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
-# What is told at once comes first where both want the processor.
+# What is reported at once comes first where both want the processor.
 _NICENESS = 5
 
 
@@ -86,7 +86,7 @@ def main() -> None:
         answer: tuple[Any, Exception | None]
         try:
             answer = (function(*arguments), None)
-        except Exception as error:  # told to who asked, whatever it is
+        except Exception as error:  # given to who asked, whatever it is
             answer = (None, error)
         pickle.dump(answer, answers)
         answers.flush()

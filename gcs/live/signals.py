@@ -84,7 +84,7 @@ class _Wanted:
 
 
 def _each_once(stream: Stream) -> Stream:
-    """The first message of each time, in order of time. Several names may be told at one time, each in its own."""
+    """The first message of each time, in order of time. Several names may be sent at one time, each in its own."""
     if stream.time_s.size < 2 or np.all(np.diff(stream.time_s) > 0.0):
         return stream
     return stream.only(np.unique(stream.time_s, return_index=True)[1])

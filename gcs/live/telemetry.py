@@ -44,7 +44,7 @@ class EstimateTelemetry:
         """One report and the flight's time, s: known coefficients about once a second, each text once.
 
         A second of the clock, not of the flight, whose time stands still once it is over: what it ended with may come
-        seconds behind the last of its messages, and is said as it comes.
+        seconds behind the last of its messages, and is sent as it comes.
         """
         if time_s < self._time_s:  # another flight
             self._texts.clear()
@@ -82,6 +82,6 @@ class EstimateTelemetry:
 
 
 def _texts(report: dict[str, Any]) -> list[tuple[str, int]]:
-    told = [*report["changes"], *report["failures"]]
-    short = [(one["short"], common.MAV_SEVERITY_CRITICAL) for one in told]
+    events = [*report["changes"], *report["failures"]]
+    short = [(one["short"], common.MAV_SEVERITY_CRITICAL) for one in events]
     return [*short, *((text, common.MAV_SEVERITY_WARNING) for text in report["warnings"])]

@@ -17,7 +17,7 @@ class WatchedVehicle:
     """A vehicle file that its user may edit between flights.
 
     vehicle: what counts; None while the file has been bad since the process began. notes: what its user is to know
-    while this flight lasts; the first line alone tells what happened, the others what is doubtful in a new file.
+    while this flight lasts; the first line alone says what happened, the others what is doubtful in a new file.
     """
 
     def __init__(self, name: str) -> None:
@@ -33,7 +33,7 @@ class WatchedVehicle:
 
     def look(self) -> bool:
         """Look at the file again: whether another vehicle counts from now on. A new look may have changed `notes`."""
-        # A bad file may be mended by what is beside it, such as the bench points that it names.
+        # A bad file may be corrected by what is beside it, such as the bench points that it names.
         if self.vehicle is not None and not self._bad and _content(self._name, self.vehicle) == self._seen:
             return False
         given = Path(self._name)
@@ -51,10 +51,10 @@ class WatchedVehicle:
         # A file with other calibration tables has other points beside it.
         self._seen = _content(self._name, vehicle)
         if self.vehicle is not None and self._seen == self._used:
-            self.notes = ()  # mended by putting back what was there
+            self.notes = ()  # corrected by putting back what was there
             return False
         if _digest(given) != before:
-            self._seen = ()  # saved while it was read: the next look tells what is in it now
+            self._seen = ()  # saved while it was read: the next look finds what is in it now
         self._used = self._seen
         self.vehicle = vehicle
         doubts = (f"{vehicle.path.name}: {doubt}" for doubt in vehicle.warnings)
@@ -62,13 +62,13 @@ class WatchedVehicle:
         return True
 
     def _refuse(self, why: str) -> None:
-        meanwhile = "waits until it is mended"
+        meanwhile = "waits until it is corrected"
         if self.vehicle is not None:
             meanwhile = f"goes on with what was read before ({self.vehicle.name})"
         self.notes = (f"the vehicle file cannot be used ({why}); live identification {meanwhile}",)
 
     def end_flight(self) -> None:
-        """A change was news for the flight that began with it; a bad file is news until it is mended."""
+        """A change was news for the flight that began with it; a bad file is news until it is corrected."""
         if not self._bad:
             self.notes = ()
 

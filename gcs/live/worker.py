@@ -41,21 +41,21 @@ _TURN_S = 0.04
 _CORE_SHARE = 0.09
 _LONGEST_TURN_S = 0.5
 _COST_MEMORY = 0.05  # of a turn in the mean of what turns cost
-# What nobody reads faster is told no faster.
+# What nobody reads faster is sent no faster.
 _SIGNALS_S = 0.1
 _SLACK_S = 0.02
 _SILENT_S = 0.5
 # A vehicle that was silent for longer may have been switched off, and its file edited meanwhile. One without a file
 # that can be used has nothing to lose by another look.
 _AWAY_NS = 2_000_000_000
-# Bytes of one turn, beyond which it tells what it knows before it goes on.
+# Bytes of one turn, beyond which it reports what it knows before it goes on.
 _MOST_BYTES = 4 << 20
-# Of what bytes can make of arithmetic: a turn is lost, not the process with all its estimates. Each is told once.
+# Of what bytes can make of arithmetic: a turn is lost, not the process with all its estimates. Each is reported once.
 _FAULTS = (ArithmeticError, ValueError)
 _MOST_FAULTS = 100
 
 
-def tell(kind: str, **fields: object) -> None:
+def send(kind: str, **fields: object) -> None:
     """One line for the service."""
     print(dumps({"kind": kind, **fields}), flush=True)
 
@@ -71,8 +71,8 @@ class LiveProcess:
         self._flight = Flight()
         self._newest: dict[str, tuple[float, int]] = {}
         self._fresh, self._anew, self._over = False, True, False
-        self._taken = self._told = 0
-        self._told_s = 0.0
+        self._taken = self._sent = 0
+        self._sent_s = 0.0
         self._heard_ns = self._looked_ns = 0
         self._estimates = None if vehicle is None else EstimateReports(vehicle, second)
 
@@ -93,7 +93,7 @@ class LiveProcess:
         begun = bool(flight.id) and flight.id != self._flight.id
         ended = bool(self._flight.id) and flight.id != self._flight.id
         if not self._messages.bind(flight.system) or ended:
-            # What is known of the flight, and still being estimated, stands until another vehicle or flight tells some.
+            # What is known of the flight, and still being estimated, stands until another vehicle or flight gives some.
             self._messages.restart()
             self._over, self._fresh = True, False
         if begun:
@@ -147,7 +147,7 @@ class LiveProcess:
         if self._file.look():
             self._begin()
         if self._file.notes != before:
-            tell("vehicle", **_told_of(self._file))
+            send("vehicle", **_vehicle_fields(self._file))
 
     def _keep(self, samples: dict[str, Samples], received_ns: int) -> None:
         for name, found in samples.items():
@@ -155,35 +155,35 @@ class LiveProcess:
         self._fresh = True
 
     def report(self, now_s: float) -> None:
-        """Tell what is due."""
-        if self._fresh and (self._anew or now_s - self._told_s >= _SIGNALS_S - _SLACK_S):
+        """Send what is due."""
+        if self._fresh and (self._anew or now_s - self._sent_s >= _SIGNALS_S - _SLACK_S):
             if self._anew:
-                tell("begin")  # with the first that is new: what is known of a flight stands until another begins
+                send("begin")  # with the first that is new: what is known of a flight stands until another begins
             self._fresh = self._anew = False
             known = {
                 name: [value, received_ns, self._signals.unit(name)]
                 for name, (value, received_ns) in self._newest.items()
             }
-            told = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known,
+            state = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known,
                     "flight": self._flight.id or None}  # fmt: skip
-            tell("signals", taken=self._taken, **told)
-            self._told, self._told_s = self._taken, now_s
-        elif self._taken != self._told and now_s - self._told_s > _SILENT_S:
+            send("signals", taken=self._taken, **state)
+            self._sent, self._sent_s = self._taken, now_s
+        elif self._taken != self._sent and now_s - self._sent_s > _SILENT_S:
             # What comes is not the vehicle's: that is how the service knows that the vehicle has fallen silent.
-            tell("taken", taken=self._taken)
-            self._told, self._told_s = self._taken, now_s
+            send("taken", taken=self._taken)
+            self._sent, self._sent_s = self._taken, now_s
         if self._estimates is None:
             return
         report = self._estimates.due(now_s)
         if report is not None:
             notes = () if self._file is None else self._file.notes
             report["warnings"] = [*notes, *self._signals.notes, *report["warnings"]]
-            tell("estimate", identification=report)
+            send("estimate", identification=report)
         elif (values := self._estimates.update(now_s)) is not None:
-            tell("values", **values)
+            send("values", **values)
 
 
-def _told_of(file: WatchedVehicle | None) -> dict[str, object]:
+def _vehicle_fields(file: WatchedVehicle | None) -> dict[str, object]:
     """The name in the vehicle file that counts, None without one, and what its user is to know."""
     name = None if file is None or file.vehicle is None else file.vehicle.name
     return {"vehicle": name, "notes": () if file is None else file.notes}
@@ -203,7 +203,7 @@ def run(live: LiveProcess) -> None:
             words = in_words(error)
             if words not in faults and len(faults) < _MOST_FAULTS:
                 faults.add(words)
-                tell("fault", text=words)
+                send("fault", text=words)
         cost_s += _COST_MEMORY * (time.process_time() - begun_cpu - cost_s)
         turn_s = min(max(_TURN_S, cost_s / _CORE_SHARE), _LONGEST_TURN_S)
         time.sleep(max(begun_s + turn_s - time.monotonic(), 0.0))
@@ -225,7 +225,7 @@ def _read(unpacker: Unpacker) -> list[Batch | Flight] | None:
 
 def main(arguments: list[str]) -> int:
     """arguments: the dialect, and the vehicle file or "". Exit code 1 for a named error."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input tells when to stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input says when to stop
     os.nice(_NICENESS)
     dialect, vehicle = arguments
     second = SecondProcess()
@@ -235,10 +235,10 @@ def main(arguments: list[str]) -> int:
         if file is not None and file.vehicle is not None:
             second.submit(warm_up, file.vehicle)
             LiveIdentifier.warm_up(file.vehicle)
-        tell("ready", **_told_of(file))
+        send("ready", **_vehicle_fields(file))
         run(live)
     except (GcsError, SysidError, SimVehicleError) as error:
-        tell("error", text=str(error))
+        send("error", text=str(error))
         return 1
     except BrokenPipeError:
         return 0

@@ -89,7 +89,7 @@ def _pass(
 class SenderAccount:
     """Frames received, missing and doubled of every sender of one source, by the counter in the frames.
 
-    A frame that comes a second time is a duplicate; one that comes late fills the gap that was counted for it.
+    A frame that comes a second time is a duplicate; one that is delayed fills the gap that was counted for it.
     Of the last batch, bytes: in frames; unknown, signed, others: frames of unknown id, with a signature, of senders
     beyond MOST_SENDERS; radio: index of the last radio report, -1 if there is none.
     """

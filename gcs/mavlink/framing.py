@@ -194,7 +194,7 @@ def hides_frame(
     crc_tables: NDArray[np.uint16],
     seeds: NDArray[np.int16],
 ) -> Int:
-    """1 if a frame of known id begins in buffer[start:end], 0 if none does, -1 if more bytes are needed to tell."""
+    """1 if a frame of known id begins in buffer[start:end], 0 if none does, -1 if more bytes are needed to decide."""
     for q in range(start, end):
         if buffer[q] == MAGIC_V1 or buffer[q] == MAGIC_V2:
             found = frame_at(buffer, q, stop, index, table, crc_tables, seeds)

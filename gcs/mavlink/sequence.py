@@ -19,7 +19,7 @@ STATE = HEARD + 256
 NEW, LATE, DUPLICATE = 0, 1, 2
 # A value that was heard already comes a second time within this many frames, or else after a long gap.
 _REPEATED_WITHIN = 32
-# A frame that is missing comes late within this many, or else it is the next ones that came.
+# A missing frame arrives delayed by no more than this many; else it is the next ones that came.
 _LATE_WITHIN = 200
 
 
@@ -34,8 +34,8 @@ def sequence_states(count: int) -> Ints:
 def number_of(state: Ints, counter: Int) -> tuple[Int, Int]:
     """The number of a frame by its counter, and whether it is NEW, LATE or a DUPLICATE.
 
-    A value that is missing among the last 200 is late; so a long gap is told from a frame that came late, where a
-    fixed limit alone would take one for the other.
+    A value that is missing among the last 200 is late. This distinguishes a long gap from a delayed frame; a fixed
+    limit alone would confuse the two.
     """
     newest = state[NEWEST]
     if newest < 0:

@@ -79,8 +79,8 @@ class SignatureCounts:
         replayed = f" ({self.replayed} of them replayed)" if self.replayed else ""
         unverified = f", {self.unverified} not checked for want of a key" if self.unverified else ""
         repeated = f", {self.repeated} that another link had brought" if self.repeated else ""
-        told = f"{self.good} good, {self.bad} bad{replayed}{repeated}"
-        return f"signatures: {told}, {self.unsigned} frames unsigned{unverified}"
+        counts = f"{self.good} good, {self.bad} bad{replayed}{repeated}"
+        return f"signatures: {counts}, {self.unsigned} frames unsigned{unverified}"
 
     @classmethod
     def of(cls, values: Mapping[str, int]) -> SignatureCounts:

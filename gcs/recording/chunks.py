@@ -16,7 +16,7 @@ from gcs.recording.records import ChunkInfo
 from gcs.recording.scan import next_chunk_head
 from gcs.text.sizes import size_text
 
-#: Uncompressed bytes of a chunk beyond which it is taken for damaged, or for an attack.
+#: Uncompressed bytes of a chunk beyond which it is treated as damaged, or as an attack.
 LARGEST_CHUNK = 256 << 20
 # A search gives up once chunks that turned out to be none held this many bytes, and some for each byte searched.
 _SEARCH_BYTES = 64 << 20

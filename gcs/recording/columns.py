@@ -170,7 +170,7 @@ def _inside(log_time: Ints, wanted: Selection) -> NDArray[np.bool_]:
 
 
 def _each_once(rows: _Rows, before: _Rows | None, size: int) -> tuple[_Rows, _Rows | None]:
-    """The rows without what another link had brought already, and those that the next ones are to be held against.
+    """The rows without what another link had brought already, and those that the next ones are to be compared with.
 
     before: rows in front of these that may come again.
     """

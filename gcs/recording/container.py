@@ -36,7 +36,7 @@ class Damage:
     """What of a file could not be used.
 
     chunks: chunks left out because their bytes are not what was written. bytes: bytes of the file that cannot be read.
-    truncated: the file has no end. notes: one line for each finding. inside: the first of them that tells of more lost
+    truncated: the file has no end. notes: one line for each finding. inside: the first of them that reports more lost
     than the one record that was being written when the file was cut off; empty if there is none.
     """
 
@@ -338,7 +338,7 @@ class Container:
     ) -> Iterator[Group]:
         """As `groups`, but of the chunks that can hold messages of these channels and this span of log time alone.
 
-        Which these are, only a summary tells for sure; of a file without one every chunk is read. A group holds about
+        Which these are, only a summary says for sure; of a file without one every chunk is read. A group holds about
         `group_bytes`, unless all of the file is in memory already.
         """
         group_bytes = GROUP_BYTES if group_bytes is None else group_bytes

@@ -42,7 +42,7 @@ def part_path(first: Path, number: int) -> Path:
 
 
 def part_of(path: Path) -> tuple[str, int]:
-    """(id, number of the part) that a file's name tells."""
+    """(id, number of the part) by a file's name."""
     match = _PART.fullmatch(path.stem)
     return (match["stem"], int(match["number"])) if match else (path.stem, 1)
 

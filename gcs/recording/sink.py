@@ -99,7 +99,7 @@ class RecordingSink:
         self.position = 0
         self.lost = Lost()
         self._error: RecordingError | None = None
-        self._told = False
+        self._raised = False
         self._checksum = 0
         self._counts = np.zeros(64, np.int64)
         self._first_log: int | None = None
@@ -157,7 +157,7 @@ class RecordingSink:
         self._order(lambda: self._store_metadata(name, content))
 
     def flush(self) -> None:
-        """Wait until all that was put is in the file, or lost; `check` tells."""
+        """Wait until all that was put is in the file, or lost; `check` says which."""
         done = threading.Event()
         self._order(done.set)
         done.wait()
@@ -175,8 +175,8 @@ class RecordingSink:
 
     def check(self) -> None:
         """Raise what went wrong in the meantime, once."""
-        if self._error is not None and not self._told:
-            self._told = True
+        if self._error is not None and not self._raised:
+            self._raised = True
             raise self._error
 
     # What the sink's thread does.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gcs.report.gapfigures import STAGES, told_gaps
+from gcs.report.gapfigures import STAGES, shown_gaps
 from gcs.report.markup import estimate, number, p_value, probability, table, text
 from gcs.report.tables import interval
 
@@ -37,14 +37,16 @@ def effects(result: Result) -> list[str]:
         found.append(table(f"Parameters of {title}", ["parameter", "value", "± (1 σ)", "95 % interval"], rows))
         others = [f"{text(o['name'])} ({probability(o.get('probability'))})" for o in effect.get("alternatives", [])]
         if others:
-            found.append(f"<p>Or: {', '.join(others)}. To tell them apart: {text(effect['separating_manoeuvre'])}.</p>")
+            found.append(
+                f"<p>Or: {', '.join(others)}. To distinguish them: {text(effect['separating_manoeuvre'])}.</p>"
+            )
     return found
 
 
 def gaps(result: Result) -> list[str]:
     """RMS of measured minus free-running simulation, on the flights fitted to and on others."""
     found = []
-    for use, gap in told_gaps(result).items():
+    for use, gap in shown_gaps(result).items():
         stages = [stage for stage in STAGES if gap.get(stage)]
         outputs = list(dict.fromkeys(name for stage in stages for name in gap[stage]))
         rows = [[text(name), *(number(gap[stage].get(name)) for stage in stages)] for name in outputs]

@@ -74,7 +74,7 @@ def noise_spectra(spectra: list[Result]) -> list[str]:
                 "the model lacks"
             )
         else:
-            caption += "the vehicle file tells no sensor's noise that it could be compared with"
+            caption += "the vehicle file gives no sensor's noise that it could be compared with"
         size = (7.4, 2.0 * -(-len(mine) // _SPECTRA_IN_A_ROW))
         found.append(figure(f"noise{index}", caption, size, partial(_noise_spectra, spectra=mine)))
     return found

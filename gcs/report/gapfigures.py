@@ -110,7 +110,7 @@ def draw_curves(made: Figure, places: Sequence[Result]) -> None:
         plot.set_xlabel(label)
 
 
-def told_gaps(result: Result) -> dict[str, Result]:
+def shown_gaps(result: Result) -> dict[str, Result]:
     """The gaps of each set of flights, at the stage `after` only where an effect was added.
 
     On flights that were not fitted the stages differ a little even where both are of the same model.
@@ -123,7 +123,7 @@ def told_gaps(result: Result) -> dict[str, Result]:
 def gap_bars(result: Result) -> list[str]:
     """For each set of flights the gaps of all stages over their noise floors."""
     found = []
-    for use, gap in told_gaps(result).items():
+    for use, gap in shown_gaps(result).items():
         if gap.get("noise_floor"):
             caption = f"Gap on the flights {_USES.get(use, use)}, in times of the noise floor (dashed) at each stage"
             found.append(figure(f"bars-{use}", caption, (7.4, 2.4), partial(_one_plot, gap=gap)))

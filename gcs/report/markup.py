@@ -21,7 +21,7 @@ def number(value: float | None, digits: int = 4, factor: float = 1.0) -> str:
 
 
 def p_value(value: float | None, digits: int = 2) -> str:
-    """A p value; what underflow left as zero is below what can be told."""
+    """A p value; what underflow left as zero is below what can be shown."""
     if value is None or not too_small(value):
         return number(value, digits)
     return f'<data value="{value!r}">&lt; 10<sup>{str(LEAST_EXPONENT).replace("-", "−")}</sup></data>'
@@ -52,7 +52,7 @@ def estimate(value: float, std: float | None, factor: float = 1.0) -> str:
 
 
 def decimals(value: float, std: float | None) -> int | None:
-    """Decimal places that show two digits of the standard error; None where digits do not tell."""
+    """Decimal places that show two digits of the standard error; None where digits do not show it."""
     if std is None or not 0.0 < std < math.inf or abs(value) >= 1e6:
         return None
     places = 1 - math.floor(math.log10(std))

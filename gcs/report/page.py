@@ -31,8 +31,8 @@ def report(result: Any) -> str:
     schema = result.get("schema") if isinstance(result, dict) else None
     pages = {"identification/1": _identification, "discrepancy/1": _discrepancy}
     if not isinstance(schema, str) or schema not in pages:
-        told = f"its schema is {schema!r}" if schema is not None else "it names no schema"
-        raise ReportError(f"this is no result that a report can be made of: {told}; give one of gcs identify -o")
+        reason = f"its schema is {schema!r}" if schema is not None else "it names no schema"
+        raise ReportError(f"this is no result that a report can be made of: {reason}; give one of gcs identify -o")
     try:
         return pages[schema](result)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
@@ -135,17 +135,17 @@ def _definitions(entries: Mapping[str, str]) -> str:
 def _facts(result: Result) -> str:
     """What one wants to know first."""
     entries = result["model"]["coefficients"].values()
-    told = sum(entry.get("value") is not None for entry in entries)
+    estimated = sum(entry.get("value") is not None for entry in entries)
     judges = (result.get("validation") or {}).get("flights", [])
     return _definitions(
         {
             "Vehicle": result["model"].get("name", ""),
             "Flights": flights_words(result),
             "Validated on": ", ".join(map(str, judges)) or "no other flight",
-            "Method": _METHODS.get(result.get("method", ""), str(result.get("method", "not told"))),
+            "Method": _METHODS.get(result.get("method", ""), str(result.get("method", "not given"))),
             "Turbulence": _turbulence(result),
             "Thrust": ", ".join(dict.fromkeys((result.get("thrust") or {}).values())),
-            "Coefficients": f"{told} told, {len(entries) - told} refused",
+            "Coefficients": f"{estimated} estimated, {len(entries) - estimated} refused",
             "Made": (result.get("made") or {}).get("utc", ""),
         }
     )
@@ -177,9 +177,9 @@ def _compatible(result: Result) -> str:
     if "compatible" not in found:
         return ""
     good = found["compatible"]
-    words = "After correction the sensors tell one motion." if good else "The sensors do not tell one motion."
+    words = "After correction the sensors agree on one motion." if good else "The sensors do not agree on one motion."
     if result.get("method") == "map":
-        words = f"By the kinematics alone the sensors {'tell' if good else 'do not tell'} one motion."
+        words = f"By the kinematics alone the sensors {'agree' if good else 'do not agree'} on one motion."
         words += " The estimate corrects none of them by it."
     return f'<p class="verdict{"" if good else " bad"}">{words}</p>'
 

@@ -56,7 +56,7 @@ def _percent(share: float) -> str:
     return f"{share:.0f} %" if 100.0 <= share < 1e6 else f"{shown(share, 2)} %"
 
 
-def _told(model: Result) -> dict[str, Mapping[str, Any]]:
+def _estimated(model: Result) -> dict[str, Mapping[str, Any]]:
     """Coefficients and effect parameters that have a value."""
     entries = dict(model["coefficients"])
     for effect in model.get("effects", []):
@@ -65,10 +65,10 @@ def _told(model: Result) -> dict[str, Mapping[str, Any]]:
 
 
 def coefficients(model: Result) -> str:
-    """Every coefficient told, with its error bars."""
+    """Every coefficient estimated, with its error bars."""
     rows = []
     known = False
-    for name, entry in _told(model).items():
+    for name, entry in _estimated(model).items():
         moved = beside_bars(entry)
         total = shown(math.hypot(*moved), 2) if moved else NONE
         known |= bool(moved)
@@ -82,7 +82,7 @@ def coefficients(model: Result) -> str:
 
 def systematic(model: Result) -> str:
     """What errors of the vehicle file would change in each coefficient."""
-    entries = {name: entry["systematic"] for name, entry in _told(model).items() if entry.get("systematic")}
+    entries = {name: entry["systematic"] for name, entry in _estimated(model).items() if entry.get("systematic")}
     causes = list(dict.fromkeys(cause for moved in entries.values() for cause in moved))
     rows = [[_named(name), *(number(moved.get(cause), 2) for cause in causes)] for name, moved in entries.items()]
     head = ["coefficient", *(_perturbation(cause) for cause in causes)]
@@ -96,7 +96,7 @@ def _perturbation(cause: str) -> str:
 
 
 def refused(result: Result) -> str:
-    """What the flight could not tell, why, and what would."""
+    """What was not identifiable from the flight, why, and what would identify it."""
     rows = [
         [
             _named(one["name"]),
@@ -105,7 +105,9 @@ def refused(result: Result) -> str:
         ]
         for one in result.get("refused", [])
     ]
-    return table("Refused: what this flight cannot tell", ["name", "reason", "manoeuvre that would tell it"], rows)
+    return table(
+        "Refused: not identifiable from this flight", ["name", "reason", "manoeuvre that would identify it"], rows
+    )
 
 
 def sensor_errors(result: Result) -> str:
@@ -121,7 +123,7 @@ def sensor_errors(result: Result) -> str:
 
 
 def compatibility(result: Result) -> str:
-    """How far each sensor is from the motion that all tell, before and after correction."""
+    """How far each sensor is from the motion that all agree on, before and after correction."""
     found = result.get("compatibility") or {}
     before, after = found.get("before", {}), found.get("after", {})
     rows = [
@@ -133,7 +135,7 @@ def compatibility(result: Result) -> str:
 
 
 def verdicts(result: Result) -> str:
-    """What is said of each sensor in words."""
+    """The verdict on each sensor in words."""
     rows = [
         [text(one["signal"]), text(one["verdict"]), text(one["status"])]
         for one in (result.get("compatibility") or {}).get("verdicts", [])

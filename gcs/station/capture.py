@@ -158,7 +158,7 @@ class Capture:
                 numbers = {"messages": counts.messages, "bytes": counts.bytes, "raw_bytes": counts.raw_bytes}
                 statistics = {"statistics": {name: str(value) for name, value in numbers.items()}}
                 clocks = (clock_metadata(link, source.clocks.states()) for link, source in self._sources.items())
-                self._writer.close({**statistics, **{name: told for part in clocks for name, told in part.items()}})
+                self._writer.close({**statistics, **{name: value for part in clocks for name, value in part.items()}})
             except RecordingError as error:
                 self.problem = self.problem or error
 
@@ -202,7 +202,7 @@ def record(
             progress(passed, capture)
             pause.wait(min(0.5, duration_s - passed))
     except KeyboardInterrupt:
-        pass  # being told to stop is how a recording without a duration ends
+        pass  # being asked to stop is how a recording without a duration ends
     finally:
         station.stop()
         capture.close(time.time_ns())

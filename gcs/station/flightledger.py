@@ -1,4 +1,4 @@
-"""What becomes of flights that have ended: recordings completed, the catalogue told, in a thread of its own.
+"""What becomes of flights that have ended: recordings completed, the catalogue updated, in a thread of its own.
 
 Completing a file waits for the disk, and so does the catalogue; reception of other vehicles must not.
 """
@@ -32,7 +32,7 @@ class _Ended:
 
 
 class FlightLedger:
-    """Completes recordings and lists flights, in the order in which it is told.
+    """Completes recordings and lists flights, in the order in which they are given.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue. failed: called with what went
     wrong. lost: called with the bytes of a flight that its disk did not take. All three by the ledger's thread.
@@ -126,7 +126,7 @@ class FlightLedger:
         _log.info("flight %s ends (%s)", live.id, reason)
 
     def _vehicle_seconds(self, paths: Sequence[Path], system: int | None) -> float | None:
-        """A flight whose length cannot be told is listed all the same."""
+        """A flight whose length is not known is listed all the same."""
         try:
             return vehicle_seconds(paths, system)
         except Exception as error:

@@ -91,7 +91,7 @@ class LinkStatistics:
             }
 
     def clocks(self, until_ns: int | None = None) -> list[ClockState]:
-        """The clock of every system that tells its time; until_ns: as it was at the end of a flight."""
+        """The clock of every system that sends its time; until_ns: as it was at the end of a flight."""
         with self._lock:
             clocks = self._clocks.snapshot()
         return clocks.states(until_ns)  # takes a while, for which reception need not wait

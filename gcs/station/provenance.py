@@ -42,7 +42,7 @@ def provenance(dialect: Dialect, urls: Sequence[str], vehicle: str | None, diale
     """Metadata and files that go into every recording of a run.
 
     urls: the links' connection strings. vehicle: vehicle file or name of a built-in one. dialect_name: as the user
-    gave it; a file of that name goes in too, with what it includes from beside it (what pymavlink ships is told by its
+    gave it; a file of that name goes in too, with what it includes from beside it (what pymavlink ships is known by its
     version). Raises LinkUrlError, VehicleFileError, RecordingError.
     """
     software = {

@@ -118,7 +118,7 @@ class FlightRecorder:
         source = self._source(link)
         with source.lock:
             now_ns, before_ns = int(batch.received_ns[0]), source.last_ns
-            # Before the bytes go in, so that `tick` takes the link for idle at no time in between.
+            # Before the bytes go in, so that `tick` at no time in between finds the link idle.
             source.last_ns = int(batch.received_ns.max())
             if now_ns < before_ns - _SET_BACK_NS:
                 self._clock_set_back(now_ns)
@@ -287,7 +287,7 @@ class FlightRecorder:
             return stem  # recording does without the catalogue
 
     def _list(self, live: LiveFlight) -> None:
-        """Tell the catalogue how the flight stands."""
+        """Write to the catalogue how the flight stands."""
         self._ledger.put(live.entry("recording", ""))
         live.catalogued_ns = live.end_ns
 

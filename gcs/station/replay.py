@@ -113,7 +113,7 @@ def steps(pieces: Iterable[tuple[int, bytes]], step_ns: int = 0) -> Iterator[tup
 
 
 class ReplayStepper:
-    """A replay that goes on when it is told to.
+    """A replay that goes on when it is asked to.
 
     send: takes each frame, or stretch of bytes between frames. step_ns: as in `steps`. link: only what it received.
     """

@@ -79,7 +79,7 @@ def _first_reset(
 ) -> int:
     """Index of the first frame of `wanted` whose boot clock went back; -1 if none. Updates `last` per message.
 
-    elsewhere: (messages,) what the other links told last. One that lags behind restarts a clock that they know already.
+    elsewhere: (messages,) what the other links sent last. One that lags behind restarts a clock that they know already.
     quiet_ms: since when the links before this one are silent, -1 where there are none or they are not. What was
     switched on again since then has a clock no older; what is farther behind than any link is another vehicle.
     """
@@ -145,7 +145,7 @@ class FlightSegmenter:
         self.armed = beat.armed
 
     def clock_reset(self, link: str, frames: Frames, received: NDArray[np.int64]) -> int | None:
-        """Index of the first frame behind a reboot of the autopilot, as its stamps over this link tell.
+        """Index of the first frame behind a reboot of the autopilot, as its stamps over this link show.
 
         received: (frames,) UTC ns. A link that begins where the others end, such as another port of the sender,
         goes on with their clock.

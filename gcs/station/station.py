@@ -73,7 +73,7 @@ class Station:
         several = len(self.links) + len(self.forward) > 1
         for link in (*links, *forward):
             # Else what gathers on one link would be recorded behind what came later on another.
-            link.prompt = several
+            link.immediate = several
             link.watched = listen is not None
         self.voice = voice or StationVoice()
         self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
@@ -109,7 +109,7 @@ class Station:
     def _receive(self, link: Link) -> None:
         while not self._stopping.is_set():
             self._take_from(link, _RECEIVE_TIMEOUT_S, "")
-        # What had arrived when the station was told to stop was received.
+        # What had arrived when the station was asked to stop was received.
         deadline = time.monotonic() + _DRAIN_S
         while self._take_from(link, _LAST_LOOK_S, "") and time.monotonic() < deadline:
             pass
@@ -149,8 +149,8 @@ class Station:
             except Exception as error:
                 self._report(error)
 
-    def tell_stations(self, frames: Sequence[bytes]) -> None:
-        """Say something of this station's own to the other ground stations; nothing of it is passed on from here."""
+    def send_to_stations(self, frames: Sequence[bytes]) -> None:
+        """Send something of this station's own to the other ground stations; nothing of it is passed on from here."""
         if self._forwarder is None or not frames:
             return
         for frame in frames:

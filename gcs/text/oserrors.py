@@ -1,4 +1,4 @@
-"""Errors of the operating system in words that tell a user what to do."""
+"""Errors of the operating system in words that say what to do."""
 
 from __future__ import annotations
 

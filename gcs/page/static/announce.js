@@ -1,4 +1,4 @@
-// What is said aloud: one status line for screen readers, which also shows when it matters.
+// Announcements: one status line for screen readers, which also shows when it matters.
 
 let hiding = 0
 

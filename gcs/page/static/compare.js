@@ -1,7 +1,7 @@
 // Two models side by side with the difference in standard errors, and a signal of two flights over each other.
 
 import { get } from './api.js'
-import { bars, told } from './estimates.js'
+import { bars, estimated } from './estimates.js'
 import { field, h, remark, select, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { NONE, number, plusMinus, shownUnit, signalName } from './format.js'
@@ -71,7 +71,7 @@ export function difference(a, b) {
 }
 
 function coefficients(models) {
-  const [a, b] = models.map(model => Object.fromEntries(told(model)))
+  const [a, b] = models.map(model => Object.fromEntries(estimated(model)))
   const all = Object.keys({ ...a, ...b })
   const far = all.filter(name => Math.abs(difference(a[name], b[name]) ?? 0) > FAR)
   const rows = all.map(name => {

@@ -55,7 +55,7 @@ export function discrepancy(page, result, summary, signal) {
   modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
 }
 
-/** What to fly to tell an effect from its alternatives; nothing where there are none. */
+/** What to fly to distinguish an effect from its alternatives; nothing where there are none. */
 export const separation = one => one.alternatives.length && one.separating_manoeuvre || NONE
 
 /** The tests behind the verdict, and what was known beforehand. */
@@ -65,7 +65,7 @@ function why({ reasons = [], ruled_out: ruledOut = [] }) {
 }
 
 function effects(result) {
-  return table('Effects found, and those that these flights cannot tell from them',
+  return table('Effects found, and those that these flights cannot distinguish from them',
     ['Effect', 'Probability', 'Parameters', 'Could as well be', 'Would separate them'],
     result.effects.map(one => [
       h('span', {}, h('code', {}, one.name), one.title ? ` (${one.title})` : ''),

@@ -6,7 +6,7 @@ import { estimate, interval, NONE, number, percent, plusMinus } from './format.j
 const [WIDTH, HEIGHT, EDGE] = [180, 28, 8]
 
 /** Coefficients and effect parameters of a model that have a value: [name, entry] pairs. */
-export function told(model) {
+export function estimated(model) {
   const entries = Object.entries(model.coefficients)
   for (const effect of model.effects ?? []) {
     for (const [name, entry] of Object.entries(effect.parameters ?? {})) entries.push([`${effect.name}.${name}`, entry])
@@ -41,11 +41,11 @@ const between = entry => {
   return ends ? ends.map(end => estimate(end, entry.std)).join('\u00a0…\u00a0') : NONE
 }
 
-/** Every coefficient told, with 95 % interval, relative and systematic error. */
+/** Every coefficient estimated, with 95 % interval, relative and systematic error. */
 export function coefficientTable(model) {
   const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ', 'Systematic']
   return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file add',
-    head, told(model).map(([name, entry]) => {
+    head, estimated(model).map(([name, entry]) => {
       const moved = Object.values(entry.systematic ?? {}).filter(Number.isFinite)
       return [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
@@ -61,6 +61,6 @@ export const sensorTable = errors => table(
     [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]), entry.unit || '1']))
 
 /** What was refused, why, and what to fly. */
-export const refusedTable = refused => table('Refused: what this flight cannot tell',
-  ['Name', 'Reason', 'Manoeuvre that would tell it'],
+export const refusedTable = refused => table('Refused: not identifiable from this flight',
+  ['Name', 'Reason', 'Manoeuvre that would identify it'],
   refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre || NONE]))

@@ -35,7 +35,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
   }
 }
 
-// A recording played, or simulated, faster than it was flown: both times are told.
+// A recording played, or simulated, faster than it was flown: both times are shown.
 function flown(summary) {
   const received = summary.duration_s
   const own = summary.vehicle_duration_s ?? received

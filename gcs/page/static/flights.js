@@ -8,7 +8,7 @@ import { duration, size, utc } from './format.js'
 
 const STATES = { recording: 'being recorded', complete: '', recovered: 'recovered after a crash' }
 
-/** What the list tells of one flight, its name a link. */
+/** What the list shows of one flight, its name a link. */
 function row(flight) {
   const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
   return [

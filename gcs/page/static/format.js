@@ -42,7 +42,7 @@ export function interval(entry) {
   return Number.isFinite(entry.std) ? [entry.value - 1.96 * entry.std, entry.value + 1.96 * entry.std] : null
 }
 
-/** A p value; what underflow left as zero is below what can be told. */
+/** A p value; what underflow left as zero is below what can be shown. */
 export const chance = (value, digits = 2) => Number.isFinite(value) && value < 1e-300 ? 'below 10⁻³⁰⁰' : number(value, digits)
 
 /** A probability, certain to no more digits than it is. */

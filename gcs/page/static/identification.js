@@ -78,10 +78,10 @@ function verdict({ validation }) {
 function compatible({ compatibility: found }) {
   if (typeof found?.compatible !== 'boolean') return ''
   return remark(found.compatible ? 'good' : 'bad', h('p', {}, found.compatible
-    ? 'After correction the sensors tell one motion.' : 'The sensors do not tell one motion.'))
+    ? 'After correction the sensors agree on one motion.' : 'The sensors do not agree on one motion.'))
 }
 
-const verdicts = result => table('What is said of each sensor', ['Sensor', 'In words', 'Status'],
+const verdicts = result => table('Verdict on each sensor', ['Sensor', 'In words', 'Status'],
   (result.compatibility?.verdicts ?? []).map(one => [one.signal, one.verdict, one.status]))
 
 function compatibility({ compatibility: found }) {

@@ -137,7 +137,7 @@ async function readModel(file) {
 /** One job in the list; it follows the job until that is over. */
 function item(job, signal) {
   const element = h('li', {})
-  const show = () => element.replaceChildren(...told(job))
+  const show = () => element.replaceChildren(...contents(job))
   show()
   const follow = async () => {
     try {
@@ -158,7 +158,7 @@ function item(job, signal) {
 
 const running = job => job.state === 'queued' || job.state === 'running'
 
-function told(job) {
+function contents(job) {
   const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
   return [
     h('p', {}, h('strong', {}, title), ` (${utc(new Date(job.created_ns / 1e6).toISOString())})`),

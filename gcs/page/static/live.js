@@ -13,9 +13,9 @@ import { Warnings } from './livewarnings.js'
 import { follow } from './stream.js'
 
 const LINKS_MS = 2000
-// The service tells of signals ten times a second while messages come.
+// The service sends signals ten times a second while messages come.
 const SILENT_MS = 3000
-// A value older than this by the snapshot is not told in events any more.
+// A value older than this by the snapshot is no longer sent in events.
 const FRESH_S = 2
 
 const STATES = {
@@ -46,7 +46,7 @@ export async function live(page, parts, query, signal) {
 class LiveView {
   constructor(query, signal) {
     this.signal = signal
-    // Only what is a change of state is said aloud; the running time beside it is not.
+    // Only a change of state is announced; the running time beside it is not.
     this.words = h('p', { role: 'status' }, 'Asking the ground station …')
     this.clock = h('p', { class: 'clock' })
     this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock)
@@ -84,16 +84,16 @@ class LiveView {
     this.look()
   }
 
-  /** Tell the state as it is now: old figures must not pass for new ones. */
+  /** Show the state as it is now: old figures must not look like new ones. */
   look() {
     if (this.broken) return
     const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
     const [kind, words] = STATES[late ? 'late' : this.data.state]
     this.instruments.stale(late || this.data.state !== 'live')
-    this.tell(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
+    this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
   }
 
-  tell(kind, text, time = '') {
+  showState(kind, text, time = '') {
     this.banner.className = `remark ${kind} banner`
     write(this.words, text)
     write(this.clock, time, 'clock')
@@ -102,7 +102,7 @@ class LiveView {
   disconnected(reason) {
     this.broken = true
     this.instruments.stale(true)
-    this.tell('bad', `The connection to the ground station is lost: ${reason}. It is tried again by itself.`)
+    this.showState('bad', `The connection to the ground station is lost: ${reason}. It is tried again automatically.`)
   }
 
   signals(event) {

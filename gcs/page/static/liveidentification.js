@@ -1,4 +1,4 @@
-// Coefficients as the flight tells them: a table of all, and the bands of the main ones converging.
+// Coefficients as they are estimated in flight: a table of all, and the bands of the main ones converging.
 
 import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
@@ -88,7 +88,7 @@ export class Identification {
   }
 }
 
-/** A range of heights about what the last three quarters say: the first bands would press the rest flat. */
+/** A range of heights about the last three quarters: the wide first bands would flatten the rest. */
 async function following() {
   const Bokeh = await bokeh()
   const range = new Bokeh.Range1d({ start: 0, end: 1 })
@@ -118,7 +118,7 @@ function value(entry) {
 const coefficients = found => Object.entries(found.coefficients).map(([name, entry]) =>
   [name, value(entry), entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
 
-/** Wind and errors of sensors, then what else the flight has said of what stands between the aircraft and its messages. */
+/** Wind and errors of sensors, then what else was estimated of what stands between the aircraft and its messages. */
 function sensors(found) {
   const between = (found.nuisances ?? []).filter(one => one.estimated && !(one.name in (found.sensors ?? {})))
   return [

@@ -11,7 +11,7 @@ export class Links {
   constructor() {
     this.table = new LiveTable('What comes on each link, and what is lost', HEAD, ['', '', ...HEAD.slice(2)], name => name)
     this.notes = h('div', {})
-    this.told = ''
+    this.noted = ''
     this.elements = [h('h2', {}, 'Links'), this.table.element, this.notes]
   }
 
@@ -32,9 +32,9 @@ export class Links {
     this.note(text, () => [trouble(text)])
   }
 
-  note(told, nodes) {
-    if (told === this.told) return
-    this.told = told
+  note(text, nodes) {
+    if (text === this.noted) return
+    this.noted = text
     this.notes.replaceChildren(...nodes())
   }
 }

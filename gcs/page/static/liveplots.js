@@ -22,7 +22,7 @@ export class LivePlots {
     signal.addEventListener('abort', () => clearInterval(timer))
   }
 
-  /** Units by signal, as GET /api/live tells them. */
+  /** Units by signal, as GET /api/live gives them. */
   units(signals) {
     for (const [name, entry] of Object.entries(signals)) this.unitOf[name] = entry.unit
   }

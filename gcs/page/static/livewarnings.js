@@ -1,4 +1,4 @@
-// Warnings and changes of the model. Their figures move from estimate to estimate; what they say is told aloud once.
+// Warnings and changes of the model. Their figures move from estimate to estimate; what they say is announced once.
 
 import { announce } from './announce.js'
 import { h, remark } from './dom.js'
@@ -33,10 +33,10 @@ export class Warnings {
       this.element.replaceChildren(...found.map(({ kind }, at) => remark(kind, this.lines[at])))
     }
     found.forEach(({ text }, at) => write(this.lines[at], text))
-    this.tell(found)
+    this.announceNew(found)
   }
 
-  tell(found) {
+  announceNew(found) {
     const now = Date.now()
     const news = found.filter(({ key }) => !(now - this.heard.get(key) < FORGOTTEN_MS))
     for (const { key } of found) this.heard.set(key, now)

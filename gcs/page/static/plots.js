@@ -92,7 +92,7 @@ export function legendAbove(figure) {
 }
 
 /**
- * A figure element with the plot in it. The picture is one image to screen readers, told by its caption.
+ * A figure element with the plot in it. The picture is one image to screen readers, described by its caption.
  * signal: when it is aborted, the plot is taken away.
  */
 export async function shown(figure, caption, signal) {

@@ -63,7 +63,7 @@ class Drawing {
     const made = []
     for (const name of names) made.push(await this.one(name, found[name], new Bokeh.Range1d(this.range)))
     this.place.replaceChildren(...made)
-    this.tell()
+    this.showSpan()
   }
 
   async one(name, series, range) {
@@ -109,7 +109,7 @@ class Drawing {
     if (start === this.range.start && end === this.range.end) return
     this.range = { start, end }
     for (const { range } of this.sources.values()) range.setv(this.range)
-    this.tell()
+    this.showSpan()
     clearTimeout(this.timer)
     this.timer = setTimeout(() => this.refresh(), PATIENCE_MS)
   }
@@ -131,7 +131,7 @@ class Drawing {
     }
   }
 
-  tell() {
+  showSpan() {
     this.span.textContent = `${number(this.range.start, 4)} to ${number(this.range.end, 4)} s`
   }
 

@@ -42,7 +42,7 @@ def test_a_set_says_what_to_do_and_what_was_ruled_out() -> None:
     gap = {"estimation": {"before": {"V": 2.0}, "after": {"V": 1.0}, "noise_floor": {"V": 1.0}}}
     result = {"verdict": "missing_effect", "effects": [effect], "gap": gap, "ruled_out": ["cg_shift"]}
     lines = discrepancy_text(result).split("\n")
-    assert "  would tell them apart: weigh it" in lines
+    assert "  would distinguish them: weigh it" in lines
     assert "  ruled out beforehand: cg_shift" in lines
     assert any("--rule-out" in line for line in lines)
     assert any(line.split() == ["output", "before", "after", "noise_floor"] for line in lines)

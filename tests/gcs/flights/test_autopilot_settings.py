@@ -73,7 +73,7 @@ def test_servos_that_make_no_sense_are_left_out() -> None:
     # One half of a pair of elevons does not tell pitch from roll.
     lone = filled(bare(), {"SERVO1_FUNCTION": 77})
     assert lone.controls == {}
-    assert any("cannot be told apart" in line for line in lone.warnings)
+    assert any("cannot be distinguished" in line for line in lone.warnings)
     assert filled(bare(), {}) == bare()
 
 

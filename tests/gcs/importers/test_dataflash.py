@@ -146,7 +146,7 @@ def test_the_instance_that_the_autopilot_used_counts(tmp_path: Path) -> None:
     np.testing.assert_allclose(signals["vd"].values, 2.0)
     np.testing.assert_allclose(signals["p"].values, 0.5)
     notes = recording.metadata()["import"]
-    assert notes["imu"] == "instance 1 is the first that was logged, and told as 0"
+    assert notes["imu"] == "instance 1 is the first that was logged, and given as 0"
     assert set(notes["not_mapped"].split()) >= {"ARSP[0]", "GPS[0]"}
 
 

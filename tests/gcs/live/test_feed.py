@@ -97,7 +97,7 @@ def test_a_process_that_starts_anew_beside_a_bad_vehicle_file_goes_on_and_takes_
     before = feed.state.signals_number
     wait_until(lambda: fly() and feed.state.signals_number > before)
     assert feed.problem.startswith("the vehicle file cannot be used (")
-    assert "waits until it is mended" in feed.problem
+    assert "waits until it is corrected" in feed.problem
     assert feed.state.identification is None
     craft.write_text(good, encoding="utf-8")
     wait_until(lambda: fly() and feed.state.identification)
@@ -149,11 +149,11 @@ def test_of_a_flight_that_has_just_begun_nothing_of_the_last_one_is_told(tmp_pat
     feed.flight = "first"
     feed._take({**signals, "flight": "first"})
     feed._take({"kind": "estimate", "identification": {"time_s": 8.0}})
-    assert feed.told.identification == {"time_s": 8.0}
+    assert feed.current.identification == {"time_s": 8.0}
     feed.flight = None  # it has ended, and what was known of it stands
-    assert feed.told.time_s == 8.0
+    assert feed.current.time_s == 8.0
     feed.flight = "second"
-    assert (feed.told.time_s, feed.told.identification) == (None, None)
+    assert (feed.current.time_s, feed.current.identification) == (None, None)
     feed._take({"kind": "begin"})
     feed._take({**signals, "time_s": 0.1, "flight": "second"})
-    assert (feed.told.time_s, feed.told.identification) == (0.1, None)
+    assert (feed.current.time_s, feed.current.identification) == (0.1, None)

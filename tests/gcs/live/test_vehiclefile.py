@@ -88,7 +88,7 @@ def test_a_file_that_is_bad_from_the_start_is_kept_out_until_it_is_mended(craft:
     watched = WatchedVehicle(str(craft))
     assert watched.vehicle is None
     (note,) = watched.notes
-    assert "waits until it is mended" in note
+    assert "waits until it is corrected" in note
     assert not watched.look()
     assert watched.notes == (note,)
     craft.write_text(good, encoding="utf-8")

@@ -131,7 +131,7 @@ def test_bars_are_gaps_in_times_of_the_floor() -> None:
 
 def test_without_an_effect_no_bar_says_that_one_was_added() -> None:
     found = {**result(), "verdict": "none"}
-    assert set(gapfigures.told_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
+    assert set(gapfigures.shown_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
     for told in ("".join(gaps(found)), "".join(gapfigures.gap_bars(found))):
         assert "fitted again" in told
         assert "effect added" not in told

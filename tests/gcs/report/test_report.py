@@ -229,7 +229,8 @@ def test_equations_have_their_numbers(page: Page) -> None:
     [
         "<first> & foremost", "output error", "Not acceptable, fly again", "TIC above 0.25: CL 0.31",
         "alpha reads 1.081 ± 0.021 of true", "the flight holds no yaw", "rudder doublets", "pitch is in degrees",
-        "the mass is doubtful", "first.mcap", "ab12", "gcs 1.2", "5 told, 1 refused", "40.2 ± 1.1", "1.440 ± 0.012",
+        "the mass is doubtful", "first.mcap", "ab12", "gcs 1.2", "5 estimated, 1 refused",
+        "40.2 ± 1.1", "1.440 ± 0.012",
     ],
 )  # fmt: skip
 def test_it_says(words: str, page: Page) -> None:
@@ -259,7 +260,7 @@ def test_the_spectrum_of_what_is_left_stands_beside_the_sensors_noise_where_that
     assert "What lies above it is gusts, vibration, or what the model lacks" in html
     for one in result["noise_spectrum"]:
         one["sensor"] = None
-    assert "tells no sensor&#x27;s noise" in report(result)
+    assert "gives no sensor&#x27;s noise" in report(result)
     del result["noise_spectrum"]
     assert "amplitude spectrum" not in report(result)
 

@@ -54,13 +54,13 @@ def test_an_error_that_nobody_thought_of_is_told_in_one_line_and_reception_goes_
     ]
 
 
-@pytest.mark.parametrize(("urls", "forward", "prompt"), [(1, 0, False), (2, 0, True), (1, 1, True)])
+@pytest.mark.parametrize(("urls", "forward", "immediate"), [(1, 0, False), (2, 0, True), (1, 1, True)])
 def test_where_there_are_several_links_none_lets_datagrams_gather_for_long(
-    urls: int, forward: int, prompt: bool
+    urls: int, forward: int, immediate: bool
 ) -> None:
     links = [open_link("udpin:127.0.0.1:0") for _ in range(urls + forward)]
     station = Station(links[:urls], lambda source, batch: None, lambda now_ns: None, links[urls:])
-    assert [link.prompt for link in links] == [prompt] * len(links)
+    assert [link.immediate for link in links] == [immediate] * len(links)
     assert not any(link.watched for link in links)
     station.stop()
 
