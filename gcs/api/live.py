@@ -71,6 +71,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "signals": signals,
         "links": service.recorder.link_status(),
         "identification": state.identification,
+        "events": [] if state.identification is None else state.identification["events"],
         "why": why,
         "process": {
             "state": feed.process_state,

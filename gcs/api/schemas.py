@@ -297,6 +297,7 @@ class Live(BaseModel):
     signals: dict[str, LiveSignal]
     links: list[LinkStatus]
     identification: dict[str, Any] | None
+    events: list[dict[str, Any]] = Field(description="What has failed or changed in flight, sensors first")
     why: str | None = Field(description="Why there is no identification")
     process: LiveProcess
 

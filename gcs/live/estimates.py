@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from gcs.live.events import events_json
 from gcs.live.signals import Samples
 from gcs.text.unknowns import unknown_words
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.sliding_window import Runner
-from sysid.live.wording import change_text, failure_sentence, failure_text
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import usual_size
 
@@ -30,8 +30,6 @@ _SHARE_S = 10.0
 _LEFT_OUT_S = 1.0
 # Of what stands between aircraft and log that counts as estimated which is known so much better than before.
 ESTIMATED_SHARE = 0.5
-# Causes of a change that are reported, the likeliest first.
-_CAUSES = 3
 # Most stamps are whole milliseconds.
 _SAME_S = 1.001e-3
 
@@ -130,38 +128,7 @@ def report_json(report: LiveReport) -> dict[str, Any]:
         "sensors": {
             name: {"value": error.value, "std": error.std, "unit": error.unit} for name, error in report.sensors.items()
         },
-        "changes": [
-            {
-                "time_s": change.time_s,
-                "axis": change.axis,
-                "coefficient": change.coefficient,
-                "text": text,
-                "short": change_text(change),
-                "causes": [
-                    {
-                        "name": one.cause.name,
-                        "probability": one.probability,
-                        "size": one.size,
-                        "std": one.std,
-                        "unit": one.cause.unit,
-                    }
-                    for one in change.causes[:_CAUSES]
-                ],
-            }
-            for change, text in zip(report.changes, report.sentences(), strict=True)
-        ],
-        "failures": [
-            {
-                "time_s": one.time_s,
-                "signal": one.signal,
-                "name": one.name,
-                "size": one.size,
-                "unit": one.unit,
-                "text": failure_sentence(one),
-                "short": failure_text(one),
-            }
-            for one in report.failures
-        ],
+        "events": events_json(report),
         "nuisances": [_nuisance(one) for one in report.nuisances],
         "warnings": list(report.warnings),
     }

@@ -40,7 +40,7 @@ class LiveLines:
             self._said.clear()  # another flight, or the vehicle was switched on again
         self._time_s = time_s
         yield coefficients_line(state.identification["coefficients"], time_s)
-        for found in (*state.identification["failures"], *state.identification["changes"]):
+        for found in state.identification["events"]:
             yield from self._once(found["text"])
         for warning in state.identification["warnings"]:
             yield from self._once(warning)

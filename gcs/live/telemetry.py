@@ -82,6 +82,6 @@ class EstimateTelemetry:
 
 
 def _texts(report: dict[str, Any]) -> list[tuple[str, int]]:
-    events = [*report["changes"], *report["failures"]]
+    events = report["events"]
     short = [(one["short"], common.MAV_SEVERITY_CRITICAL) for one in events]
     return [*short, *((text, common.MAV_SEVERITY_WARNING) for text in report["warnings"])]

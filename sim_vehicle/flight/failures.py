@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sim_vehicle.effects import slot
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
+from sim_vehicle.manoeuvres.shapes import CONTROLS
 from sim_vehicle.model.icing import HEAVY_COAT
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.model.terms import parse_term
@@ -55,6 +56,11 @@ def _weak(surface: str) -> Callable[[Plant, float], None]:
         _scaled(plant, [name for name in plant.flat.names if surface in parse_term(name).factors], share)
 
     return act
+
+
+def _share_of_one_aileron(plant: Plant, share: float) -> None:
+    """Of two ailerons one does less: half of the control is its own."""
+    _weak("da")(plant, 0.5 * (1.0 + share))
 
 
 def _one_aileron(plant: Plant, degrees: float) -> None:
@@ -109,9 +115,9 @@ def _mass(plant: Plant, share: float) -> None:
     plant.flat.P[Par.mass] *= share
 
 
-def _centre_of_gravity(plant: Plant, back: float) -> None:
+def _centre_of_gravity(plant: Plant, chords: float) -> None:
     E = plant.flat.E
-    E[slot("cg_shift", "x")] -= back
+    E[slot("cg_shift", "x")] -= chords * plant.flat.P[Par.c]
     E[slot("cg_shift")] = 1.0
 
 
@@ -148,7 +154,7 @@ def _slow(value: float, size: float, seen: BrokenReading) -> float:
 class FailureKind:
     """One way to fail. size: what its number is; low, high: between which; usual: taken where none is given, None where
     it has none. plant: what it does to the aircraft. surface: the channel of the commands that no longer obeys.
-    channel, law: what it does to a reading.
+    channel, law: what it does to a reading. control: whose servos' channels of the telemetry stand still.
     """
 
     what: str
@@ -160,6 +166,7 @@ class FailureKind:
     surface: str = ""
     channel: str = ""
     law: SensorLaw | None = None
+    control: str = ""
 
 
 _SHARE = ("share that is left", 0.0, 1.0)
@@ -173,6 +180,8 @@ KINDS: Mapping[str, FailureKind] = {
     "rudder-stuck": FailureKind(f"the rudder {_STUCK}", "deg", -45.0, 45.0, math.nan, surface="dr"),
     "elevator-floats": FailureKind("the elevator floats with the flow", "rad per rad of alpha", 0.0, 1.0, 0.5,
                                    surface="de"),
+    "aileron-left": FailureKind("what the left aileron does", *_SHARE, 0.0, _share_of_one_aileron),
+    "aileron-right": FailureKind("what the right aileron does", *_SHARE, 0.0, _share_of_one_aileron),
     "one-aileron": FailureKind("one of two ailerons is off its horn and stands", "deg", -45.0, 45.0, 0.0, _one_aileron),
     "tail": FailureKind("what is left of the tailplane", *_SHARE, 0.6, _tail),
     "fin": FailureKind("what is left of the fin", *_SHARE, 0.5, _fin),
@@ -180,9 +189,9 @@ KINDS: Mapping[str, FailureKind] = {
     "ice": FailureKind("ice on wings and tail", "1 for a heavy coat", 0.0, 3.0, 1.0, _ice),
     "flap": FailureKind("flaps have gone out", "CL that they make", -0.5, 1.0, 0.2, _flap),
     "gear": FailureKind("something hangs out", "CD that it makes", 0.0, 0.5, 0.02, _gear),
-    "thrust": FailureKind("what the propeller pulls", "share that is left", 0.0, 2.0, 0.6, _thrust),
+    "propeller": FailureKind("what the propeller pulls", "share that is left", 0.0, 2.0, 0.6, _thrust),
     "mass": FailureKind("the mass after a drop", "share that is left", 0.3, 2.0, 0.85, _mass),
-    "cg": FailureKind("the centre of gravity has moved back", "m", -0.2, 0.2, 0.01, _centre_of_gravity),
+    "cg": FailureKind("the centre of gravity has moved back", "chords", -1.0, 1.0, 0.05, _centre_of_gravity),
     "pitot-blocked": FailureKind("the pitot tube is blocked", channel="airspeed", law=_stays),
     "pitot-leak": FailureKind("the pitot tube leaks", "share of the pressure that is left", 0.0, 1.0, 0.7,
                               channel="airspeed", law=lambda value, size, seen: value * math.sqrt(size)),
@@ -190,21 +199,21 @@ KINDS: Mapping[str, FailureKind] = {
                                channel="airspeed", law=lambda value, size, seen: value + size * seen.age_s),
     "pitot-ice": FailureKind("the pitot tube freezes over", "s", 0.1, 600.0, 5.0,
                              channel="airspeed", law=lambda value, size, seen: value * math.exp(-seen.age_s / size)),
-    "alpha-vane-stuck": FailureKind("the alpha vane is stuck", channel="alpha", law=_stays),
-    "beta-vane-stuck": FailureKind("the beta vane is stuck", channel="beta", law=_stays),
-    "alpha-vane-bent": FailureKind("the alpha vane is bent", "deg", -45.0, 45.0, 4.0, channel="alpha", law=_turned),
-    "beta-vane-bent": FailureKind("the beta vane is bent", "deg", -45.0, 45.0, 4.0, channel="beta", law=_turned),
-    "alpha-vane-slow": FailureKind("the alpha vane lags", "s", 0.001, 5.0, 0.2, channel="alpha", law=_slow),
-    "beta-vane-slow": FailureKind("the beta vane lags", "s", 0.001, 5.0, 0.2, channel="beta", law=_slow),
-    **{f"gyro-{name}": FailureKind(f"gyro {name} reads too much", "deg/s", -200.0, 200.0, 1.5, channel=name,
-                                   law=_turned) for name in "pqr"},
+    "alpha-stuck": FailureKind("the alpha vane is stuck", channel="alpha", law=_stays),
+    "beta-stuck": FailureKind("the beta vane is stuck", channel="beta", law=_stays),
+    "alpha-bent": FailureKind("the alpha vane is bent", "deg", -45.0, 45.0, 4.0, channel="alpha", law=_turned),
+    "beta-bent": FailureKind("the beta vane is bent", "deg", -45.0, 45.0, 4.0, channel="beta", law=_turned),
+    "alpha-slow": FailureKind("the alpha vane lags", "s", 0.001, 5.0, 0.2, channel="alpha", law=_slow),
+    "beta-slow": FailureKind("the beta vane lags", "s", 0.001, 5.0, 0.2, channel="beta", law=_slow),
+    **{f"gyro-{name}": FailureKind(f"gyro {name} reads too much", "rad/s", -4.0, 4.0, 0.026, channel=name,
+                                   law=_off) for name in "pqr"},
     **{f"accelerometer-{name}": FailureKind(f"accelerometer {name} reads too much", "m/s^2", -50.0, 50.0, 0.5,
                                             channel=f"a{name}", law=_off) for name in "xyz"},
     "compass": FailureKind("the heading reads too much", "deg", -180.0, 180.0, 20.0, channel="psi", law=_turned),
     "gps-lost": FailureKind("the GPS is lost", channel="gps"),
     "gps-jump": FailureKind("the GPS jumps to the north", "m", -1000.0, 1000.0, 30.0, channel="north", law=_off),
-    "servo-channel": FailureKind("a servo's channel of the telemetry stands still", "number", 1.0, 16.0,
-                                 channel="servo"),
+    **{f"servo-{name}-dead": FailureKind(f"the {name}'s channels of the telemetry stand still", control=name)
+       for name in CONTROLS},
 }  # fmt: skip
 
 
@@ -226,11 +235,13 @@ class Failure:
 
 
 def parse_failure(text: str) -> Failure:
-    """Read `NAME[=SIZE]@SECONDS`. Raises SimVehicleError in one line."""
+    """Read `NAME[=SIZE]@SECONDS`, or `NAME=WAY@SECONDS` as `pitot=blocked@40`. Raises SimVehicleError in one line."""
     left, at, when = text.partition("@")
     name, equals, number = left.partition("=")
+    if f"{name}-{number}" in KINDS:
+        name, equals, number = f"{name}-{number}", "", ""
     if name not in KINDS:
-        raise SimVehicleError(f"{text}: there are {', '.join(sorted(KINDS))}")
+        raise SimVehicleError(f"{text}: there are {', '.join(sorted(KINDS))} (pitot=blocked is pitot-blocked)")
     kind = KINDS[name]
     try:
         time_s = float(when) if at else math.nan
@@ -238,7 +249,9 @@ def parse_failure(text: str) -> Failure:
     except ValueError:
         time_s = size = math.nan
     if not time_s >= 0.0 or math.isinf(time_s) or (equals and (size is None or not math.isfinite(size))):
-        raise SimVehicleError(f"{text}: give NAME[=SIZE]@SECONDS, as elevator=0.5@40")
+        ways = [kind.removeprefix(f"{name}-") for kind in KINDS if kind.startswith(f"{name}-")]
+        also = f", or {name}={'|'.join(ways)}@SECONDS" if ways else ""
+        raise SimVehicleError(f"{text}: give NAME[=SIZE]@SECONDS, as elevator=0.5@40{also}")
     if equals and not kind.size:
         raise SimVehicleError(f"{text}: {name} has no size; give {name}@SECONDS")
     if size is None and kind.size:
@@ -304,9 +317,9 @@ class Failures:
         """Groups of sensors that report nothing any more."""
         return frozenset("gps" for one in self._now(time_s) if one.name == "gps-lost")
 
-    def reported(self, time_s: float, pulses: Mapping[int, int]) -> dict[int, int]:
-        """Pulses as the telemetry reports them, us by servo."""
-        dead = {int(one.size) for one in self._now(time_s) if one.kind.channel == "servo"}
+    def reported(self, time_s: float, pulses: Mapping[int, int], servos: Mapping[str, Sequence[int]]) -> dict[int, int]:
+        """Pulses as the telemetry reports them, us by servo. servos: those of each control."""
+        dead = {servo for one in self._now(time_s) for servo in servos.get(one.kind.control, ())}
         return {n: self._reported.setdefault(n, pulse) if n in dead else pulse for n, pulse in pulses.items()}
 
     def _now(self, time_s: float) -> Sequence[Failure]:

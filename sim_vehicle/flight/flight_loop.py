@@ -152,7 +152,9 @@ class _Flight:
         wanted = self._autopilot.command(reading.values, targets, freed, added)
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)
-        reported = self._failures.reported(time_s, self._servos.reported(pulses, self._state.surfaces))
+        reported = self._failures.reported(
+            time_s, self._servos.reported(pulses, self._state.surfaces), self._servos.by_control
+        )
         self._record(truth, command, reported, reading, True, True)
         if last:
             return

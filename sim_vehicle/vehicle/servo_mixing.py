@@ -31,6 +31,11 @@ class ServoOutputs:
         )
 
     @property
+    def by_control(self) -> dict[str, tuple[int, ...]]:
+        """Numbers of the servos of each control."""
+        return {name: tuple(control.servos) for name, control in self._controls.items()}
+
+    @property
     def limits(self) -> Array:
         """Smallest and largest command of each control, (4, 2); a control the vehicle lacks stays at 0."""
         rows = [

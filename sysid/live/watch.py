@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.live.estimators.causes import KnownAxis, Lengths, likeliest
+from sysid.live.estimators.causes import CauseFound, KnownAxis, Lengths, likeliest
 from sysid.live.estimators.change_detection import Change, ChangeDetector
 from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
 from sysid.live.signals.silent_channels import SilentChannels
@@ -16,6 +16,8 @@ from sysid.live.signals.silent_channels import SilentChannels
 _WAITS_S = {0.7: 5.0, 0.4: 1.6}
 # One within so long of a sensor's failure is that, and of another one the same, s.
 _BLAMED_S, _SAME_S = 3.0, 3.0
+# A change is a sensor's where that is the cause with such a probability.
+_SENSOR = 0.5
 # The cause of a change is named so long after it, s, or from so soon on where it is so sure.
 _CAUSE_S, _SOON_S, _SURE = 5.0, 1.5, 0.95
 
@@ -51,6 +53,8 @@ class Watch:
         self._open: Mapping[str, KnownAxis] = {}
         self.silent = SilentChannels()
         self._dead: SensorFailure | None = None
+        # Sensors that repeat one reading.
+        self._repeating: set[str] = set()
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -59,8 +63,16 @@ class Watch:
         self._open = {}
 
     def hear(self, now_s: float) -> None:
-        """Say of signals that no longer come that they do not. now_s: newest stamp of all."""
+        """Report signals that no longer come, and those that come again. now_s: newest stamp of all."""
+        for signal, at_s in self.silent.back().items():
+            self._end(f"{signal}_lost", at_s)
         self.failures += self.silent.gone(now_s)
+
+    def _end(self, name: str, time_s: float) -> None:
+        """The failure of this name is over."""
+        self.failures = [
+            replace(one, until_s=time_s) if one.name == name and one.until_s is None else one for one in self.failures
+        ]
 
     def notice(self, time_s: float, change: Change, detectors: Detectors) -> bool:
         """Take a change of the aircraft that a detector sees; whether it is reported."""
@@ -81,8 +93,13 @@ class Watch:
     def judge(self, time_s: float, stuck: Mapping[str, float], detectors: Detectors) -> News:
         """What is news by now. stuck: sensors that repeat one reading, whose rows are left out, and since when, s."""
         failed_s = None
+        for name in self._repeating - stuck.keys():
+            self._repeating.remove(name)
+            self.sensors.reported.pop(name, None)
+            self._end(f"{name}_still", time_s)
         if new := [name for name in stuck if name not in self.sensors.reported]:
             self.failures.append(self.sensors.stands_still(new[0], stuck[new[0]]))
+            self._repeating.add(new[0])
         elif (failure := self._dead or self.sensors.check()) is not None:
             self.failures.append(failure)
             self._dead, failed_s = None, failure.time_s
@@ -118,5 +135,23 @@ class Watch:
         late = time_s > change.time_s + _CAUSE_S
         sure = time_s > change.time_s + _SOON_S and bool(causes) and causes[0].probability > _SURE
         if late or sure:
-            self.changes[-1] = replace(change, causes=causes)
             self._open = {}
+            if causes and causes[0].cause.sensor and causes[0].probability > _SENSOR:
+                del self.changes[-1]
+                self._blame(causes[0], change.time_s)
+            else:
+                self.changes[-1] = replace(change, causes=causes)
+
+    def _blame(self, found: CauseFound, time_s: float) -> None:
+        """What seemed a change of the aircraft is a sensor that reads another share of the truth, or ever more of it."""
+        off = found.size - 100.0
+        sensor = found.cause.sensor
+        text = f"{found.cause.name} reads {abs(off):.0f} % {'high' if off > 0.0 else 'low'}"
+        failure = SensorFailure(
+            time_s, f"{sensor}_scale", sensor, off, "%", text, std=found.std, probability=found.probability
+        )
+        same = [one for one in self.failures if one.name == failure.name]
+        if same:
+            failure = replace(failure, time_s=same[0].time_s)
+        self.failures = [*(one for one in self.failures if one not in same), failure]
+        self.sensors.note(failure)

@@ -39,7 +39,7 @@ def change_sentence(change: Change) -> str:
     has changed in pitch since 40.1 s (Cm_de 1.59 -> 0.82)".
     """
     numbers = f"since {change.time_s:.1f} s ({change.coefficient} {change.before:.3g} -> {change.after:.3g})"
-    named = _named(change)
+    named = named_cause(change)
     likely = [one.cause.name for one in change.causes if one.probability > _BESIDE]
     if named is None:
         perhaps = f": perhaps {_or(likely)}" if likely else ""
@@ -50,7 +50,7 @@ def change_sentence(change: Change) -> str:
 
 def change_text(change: Change) -> str:
     """The same for a text of 50 characters, as "ELEVATOR 52% +-6 since 40.1s"."""
-    named = _named(change)
+    named = named_cause(change)
     if named is None:
         return f"{_MOTION[change.axis].upper()} CHANGED since {change.time_s:.1f}s"
     unit = named.cause.unit.replace(" of a heavy coat", "")
@@ -58,7 +58,8 @@ def change_text(change: Change) -> str:
     return f"{named.cause.short} {size} +-{named.std:.2g} since {change.time_s:.1f}s"
 
 
-def _named(change: Change) -> CauseFound | None:
+def named_cause(change: Change) -> CauseFound | None:
+    """The cause that a change is reported with; None where none is likely enough."""
     return change.causes[0] if change.causes and change.causes[0].probability > _NAMED else None
 
 
@@ -78,7 +79,9 @@ def _or(names: Sequence[str]) -> str:
 
 
 def failure_sentence(failure: SensorFailure) -> str:
-    """As "the alpha vane jumped by +4.0 deg since 40.2 s: check the sensor"."""
+    """As "the alpha vane jumped by +4.0 deg since 40.2 s: check the sensor"; "from 40.2 to 45.0 s" once it is over."""
+    if failure.until_s is not None:
+        return f"{failure.text} from {failure.time_s:.1f} to {failure.until_s:.1f} s: check {failure.check}"
     return f"{failure.text} since {failure.time_s:.1f} s: check {failure.check}"
 
 
@@ -87,6 +90,8 @@ def failure_text(failure: SensorFailure) -> str:
     name = _SENSORS.get(failure.signal, failure.signal.upper())
     kind = failure.name.rpartition("_")[2].upper()
     size = f"{failure.size:+.2g} {failure.unit}" if failure.unit else {"STILL": "STUCK"}.get(kind, kind)
+    if failure.until_s is not None:
+        return f"{name} {size} {failure.time_s:.1f}s to {failure.until_s:.1f}s"
     return f"{name} {size} since {failure.time_s:.1f}s"
 
 

@@ -46,14 +46,14 @@ AIRCRAFT: dict[str, tuple[str, float]] = {
     "elevator=0": ("ELEVATOR", 0.0), "rudder=0": ("RUDDER", 0.0), "elevator-stuck": ("ELEVATOR STUCK", np.nan),
     "one-aileron=5": ("ONE AILERON OFF", 5.0), "tail=0.6": ("TAILPLANE", 60.0), "fin=0.5": ("FIN", 50.0),
     "wing-tip=0.01": ("WING", np.nan), "ice=1.5": ("ICE", 150.0), "flap=0.2": ("FLAPS", 0.2),
-    "gear=0.03": ("DRAG", 0.03), "mass=0.85": ("MASS", 85.0), "cg=0.01": ("CG", 10.0),
+    "gear=0.03": ("DRAG", 0.03), "mass=0.85": ("MASS", 85.0), "cg=0.05": ("CG", 5.0),
 }  # fmt: skip
 SENSORS: dict[str, str] = {
     "pitot-blocked": "airspeed", "pitot-leak=0.6": "airspeed", "pitot-ice=5": "airspeed", "pitot-drift=0.5": "airspeed",
-    "alpha-vane-stuck": "alpha", "alpha-vane-bent=5": "alpha", "alpha-vane-slow=0.3": "alpha",
-    "beta-vane-stuck": "beta", "beta-vane-bent=5": "beta", "gyro-p=1.5": "p", "gyro-q=1.5": "q", "gyro-r=2": "r",
+    "alpha-stuck": "alpha", "alpha-bent=5": "alpha", "alpha-slow=0.3": "alpha",
+    "beta-stuck": "beta", "beta-bent=5": "beta", "gyro-p=0.026": "p", "gyro-q=0.026": "q", "gyro-r=0.035": "r",
     "accelerometer-x=0.7": "ax", "accelerometer-y=0.7": "ay", "accelerometer-z=0.7": "az", "compass=25": "psi",
-    "gps-lost": "gps", "servo-channel=2": "de", "servo-channel=4": "dr",
+    "gps-lost": "gps", "servo-elevator=dead": "de", "servo-rudder=dead": "dr",
 }  # fmt: skip
 QUIET = "nothing"
 LEAST_LAG_S, MOST_LAG_S, MOST_SHIFT_S = 0.001, 0.06, 0.02

@@ -128,7 +128,7 @@ class LiveView {
 
   estimate(found, why) {
     this.identification.show(found, why, this.data.time_s)
-    this.warnings.show([...(found?.failures ?? []), ...(found?.changes ?? [])].map(one => one.text), found?.warnings ?? [])
+    this.warnings.show((found?.events ?? []).map(one => one.text), found?.warnings ?? [])
   }
 
   start() {

@@ -46,7 +46,8 @@ class Cause:
     """name: in words. short: for a text of 50 characters. directions: by values of the coefficients and the lengths, of
     each size the change of the coefficients that a size of 1 is. std: of each size before, 1 sigma. fixed: a change
     that goes with it whatever its sizes. often: how often it happens beside others. shown: the first size as a person
-    reads it, in `unit`. possible: first sizes that there are.
+    reads it, in `unit`. possible: first sizes that there are. sensor: the signal that reads wrong, where the aircraft
+    is as it was.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Cause:
     fixed: Callable[[Values, Lengths], Direction] = lambda values, lengths: {}
     often: float = 1.0
     possible: tuple[float, float] = (-np.inf, np.inf)
+    sensor: str = ""
 
 
 @dataclass(frozen=True)
@@ -124,10 +126,17 @@ def _mass(values: Values, lengths: Lengths) -> Sequence[Direction]:
     return [{name: value for name, value in values.items() if name[:2] in ("CL", "CY")}]
 
 
+def _airspeed(values: Values, lengths: Lengths) -> Sequence[Direction]:
+    # Size: true over measured dynamic pressure less 1. All forces and moments are off alike, and the nondimensional
+    # rates, which go with the airspeed alone, by half as much the other way.
+    return [{n: (0.5 if {*"pqr"} & {*parse_term(n).factors} else 1.0) * value for n, value in values.items()}]
+
+
 def _gravity(values: Values, lengths: Lengths) -> Sequence[Direction]:
-    """By 1 m to the back: every force has an arm."""
-    found = {f"Cm_{name[3:]}": value / lengths.chord for name, value in values.items() if name.startswith("CL_")}
-    found |= {f"Cn_{name[3:]}": -value / lengths.span for name, value in values.items() if name.startswith("CY_")}
+    """By a chord to the back: every force has an arm."""
+    found = {f"Cm_{name[3:]}": value for name, value in values.items() if name.startswith("CL_")}
+    aside = lengths.chord / lengths.span
+    found |= {f"Cn_{name[3:]}": -aside * value for name, value in values.items() if name.startswith("CY_")}
     return [{name: value for name, value in found.items() if name in values}]
 
 
@@ -162,6 +171,10 @@ def _degrees(size: float) -> float:
     return float(np.degrees(size))
 
 
+def _read_of_true(size: float) -> float:
+    return 100.0 / float(np.sqrt(max(1.0 + size, 0.01)))
+
+
 def _of_one(size: float) -> float:
     return 2.0 * _degrees(size)  # one of two makes half of the moment
 
@@ -178,8 +191,11 @@ CAUSES: tuple[Cause, ...] = (
     Cause("the fin", "FIN", _fin, (0.4,), _left, "%", possible=_LOST),
     Cause("a wing tip", "WING", _wing, (0.2, 0.01), _left, "%", possible=_LOST),
     Cause("ice", "ICE", _ice, (1.5,), lambda size: 100.0 * size, "% of a heavy coat"),
-    Cause("the mass", "MASS", _mass, (0.2,), lambda size: 100.0 / (1.0 + size), "%"),
-    Cause("the centre of gravity", "CG", _gravity, (0.02,), lambda size: 1e3 * size, "mm back"),
+    # What falls off makes an aircraft lighter; nothing makes it heavier in flight, but for ice.
+    Cause("the mass", "MASS", _mass, (0.2,), lambda size: 100.0 / (1.0 + size), "%", possible=(0.0, np.inf)),
+    Cause("the airspeed", "AIRSPEED", _airspeed, (0.3,), _read_of_true, "% of true", possible=(-0.9, np.inf),
+          sensor="airspeed"),
+    Cause("the centre of gravity", "CG", _gravity, (0.1,), lambda size: 100.0 * size, "% of the chord back"),
     Cause("flaps", "FLAPS", _at_rest("CL_0", "CD_0", "Cm_0", shares=(1.0, 0.15, -0.1)), (0.2,), lambda size: size,
           "more CL"),
     Cause("something that hangs out", "DRAG", _at_rest("CD_0"), (0.03,), lambda size: size, "more CD"),

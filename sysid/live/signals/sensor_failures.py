@@ -58,7 +58,8 @@ _ROWS_S, _ROWS = 0.1, 4  # comparisons are kept at this interval, so many at a t
 @dataclass(frozen=True)
 class SensorFailure:
     """A sensor that has failed. name: of the hypothesis. size: in `unit`, of which there is none where it is stuck.
-    text: in words. check: what is to be looked at.
+    text: in words. check: what is to be looked at. until_s: when it was over, None while it lasts. std: standard error
+    of the size, and the failure's probability, NaN where none is estimated.
     """
 
     time_s: float
@@ -68,6 +69,9 @@ class SensorFailure:
     unit: str
     text: str
     check: str = "the sensor, not the aircraft"
+    until_s: float | None = None
+    std: float = np.nan
+    probability: float = np.nan
 
 
 _Sums = dict[str, float]
@@ -241,18 +245,18 @@ class SensorMonitor:
         if best is None:
             self._learn(seconds, gaps, flat)
         elif best.name == suspect:  # twice in a row
-            self._found(best)
+            self.note(best)
             return best
         return None
 
     def stands_still(self, name: str, time_s: float) -> SensorFailure:
         """Take the word of who sees that a sensor repeats one reading."""
         failure = SensorFailure(time_s, f"{name}_still", name, 1.0, "", f"{READINGS[name]} repeats one reading")
-        self._found(failure)
+        self.note(failure)
         return failure
 
-    def _found(self, failure: SensorFailure) -> None:
-        """What is reported stands: what comes is compared anew, and this sensor with nothing more."""
+    def note(self, failure: SensorFailure) -> None:
+        """Take a failure that is reported: what comes is compared anew, and this sensor with nothing more."""
         self.reported[failure.signal] = failure
         self._kept.clear()
         self._drift.clear()

@@ -38,15 +38,28 @@ class SilentChannels:
 
     def __init__(self) -> None:
         self._came: dict[str, tuple[float, float, int]] = {}
-        self._reported: set[str] = set()
+        # Surfaces whose channels are dead, and signals that are gone.
+        self._dead: set[str] = set()
+        self._lost: set[str] = set()
         # Of each row: time, and whether each command changed.
         self._rows: deque[tuple[float, NDArray[np.bool_]]] = deque()
         self._last: Array = np.full(len(_SURFACES), np.nan)
+        # Signals that were gone and have come again, and when.
+        self._back: dict[str, float] = {}
 
     def note(self, name: str, time_s: Array) -> None:
         """Samples of a signal have come, at these stamps (N,), s."""
         first, _, count = self._came.get(name, (float(time_s[0]), 0.0, 0))
         self._came[name] = (first, float(time_s[-1]), count + time_s.size)
+        signal, _ = _GROUPS.get(name, (name, ""))
+        if signal in self._lost:
+            self._lost.remove(signal)
+            self._back[signal] = float(time_s[0])
+
+    def back(self) -> dict[str, float]:
+        """Signals that have come again since the last call, and from when on, s."""
+        back, self._back = self._back, {}
+        return back
 
     def take(self, rows: Rows) -> None:
         """Take rows as they come."""
@@ -67,14 +80,11 @@ class SilentChannels:
         for name, (first, last, count) in self._came.items():
             signal, words = _GROUPS.get(name, (name, _NAMES.get(name, "")))
             interval = (last - first) / max(count - 1, 1)
-            if (
-                words
-                and signal not in self._reported
-                and count > 1
-                and now_s - last > max(_GONE_S, _INTERVALS * interval)
-            ):
-                self._reported.add(signal)
-                found.append(SensorFailure(last, f"{signal}_lost", signal, 1.0, "", f"{words} has not come", _RECEIVER))
+            if words and signal not in self._lost and count > 1 and now_s - last > max(_GONE_S, _INTERVALS * interval):
+                self._lost.add(signal)
+                found.append(
+                    SensorFailure(last, f"{signal}_lost", signal, 1.0, "", f"no reading of {words}", _RECEIVER)
+                )
         return found
 
     def dead(self, axis: str) -> SensorFailure | None:
@@ -86,7 +96,7 @@ class SilentChannels:
         for surface in _MOVES[axis]:
             j = list(_SURFACES).index(surface)
             last = np.flatnonzero(changed[:, j])
-            if surface in self._reported or not last.size:
+            if surface in self._dead or not last.size:
                 continue
             since = float(times[last[-1]])
             before, later = (times <= since) & (times > since - _BEFORE_S), times > since
@@ -94,7 +104,7 @@ class SilentChannels:
                 continue
             others = np.delete(changed[later], j, axis=1).mean(axis=0)
             if changed[before, j].mean() > _ALIVE and others.max() > _BESIDE:
-                self._reported.add(surface)
+                self._dead.add(surface)
                 text = f"the {_SURFACES[surface]} moves, but the telemetry repeats its command"
                 return SensorFailure(since, f"{surface}_channel", surface, 1.0, "", text, "that channel's messages")
         return None

@@ -59,7 +59,7 @@ def test_what_was_known_of_a_flight_stands_until_the_signals_of_another_come(
 
 
 def estimates(time_s: float, *warnings: str) -> dict[str, Any]:
-    return {"time_s": time_s, "coefficients": {}, "changes": [], "failures": [], "warnings": list(warnings)}
+    return {"time_s": time_s, "coefficients": {}, "events": [], "warnings": list(warnings)}
 
 
 def test_a_warning_is_printed_again_for_a_vehicle_that_was_switched_on_again(tmp_path: Path) -> None:

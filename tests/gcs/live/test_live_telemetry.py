@@ -14,8 +14,7 @@ REPORT = {
         "Cm_de": {"value": 1.6, "std": 0.01, "unit": "1/rad", "known": True},
         "Cl_r": {"known": False, "why": "r has hardly moved", "fly": "rudder-multisine"},
     },
-    "changes": [],
-    "failures": [],
+    "events": [],
     "warnings": ["airspeed reads 8% low: check the pitot tube and its calibration"],
 }
 
@@ -43,7 +42,7 @@ def test_a_change_is_said_as_critical() -> None:
     said: list[bytes] = []
     change = {"text": "the elevator: 52 % ± 6 since 40.1 s", "short": "ELEVATOR 52% +-6 since 40.1s"}
     failure = {"text": "the alpha vane is stuck since 12.0 s: check it", "short": "ALPHA VANE STUCK since 12.0s"}
-    report = {"coefficients": {}, "changes": [change], "failures": [failure], "warnings": []}
+    report = {"coefficients": {}, "events": [change, failure], "warnings": []}
     EstimateTelemetry(said.extend).take(report, 42.0)
     messages = decode(b"".join(said))
     assert [m.text for m in messages] == [change["short"], failure["short"]]
@@ -54,7 +53,7 @@ def test_what_a_flight_ended_with_is_said_though_its_time_stands_still() -> None
     said: list[bytes] = []
     clock = iter([7.0, 7.4, 8.9, 9.3, 9.7])
     telemetry = EstimateTelemetry(said.extend, clock=lambda: next(clock))
-    report = {"coefficients": {}, "changes": [], "failures": [], "warnings": []}
+    report = {"coefficients": {}, "events": [], "warnings": []}
     telemetry.take(report, 13.7)
     for value in (2.3, 2.4, 2.4, 2.5):
         telemetry.take({**report, "coefficients": {"CL_alpha": {"known": True, "value": value}}}, 14.0)

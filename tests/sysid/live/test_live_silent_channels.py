@@ -17,6 +17,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.signals.row_alignment import Rows
 from sysid.live.signals.silent_channels import SilentChannels
+from sysid.live.watch import Watch
 from sysid.live.wording import failure_sentence, failure_text
 
 DT, STOPS_S = 0.02, 12.0
@@ -60,7 +61,11 @@ def test_a_signal_is_gone_after_many_of_its_own_intervals() -> None:
     assert (gone.signal, gone.time_s) == ("gps", pytest.approx(9.8))
     assert [one.signal for one in channels.gone(16.0)] == ["psi"]
     assert channels.gone(16.0) == []
-    assert failure_sentence(gone).startswith("the ground velocity of the GPS has not come since 9.8 s: check its wire")
+    assert failure_sentence(gone).startswith("no reading of the ground velocity of the GPS since 9.8 s: check its wire")
+    channels.note("vn", np.arange(17.0, 18.0, 0.2))
+    assert channels.back() == {"gps": 17.0}
+    assert channels.back() == {}
+    assert [one.signal for one in channels.gone(25.0)] == ["gps", "alpha"]  # lost once more
 
 
 def watched(failure: str) -> LiveReport:
@@ -80,10 +85,25 @@ def watched(failure: str) -> LiveReport:
 
 @pytest.mark.parametrize(
     ("failure", "name"),
-    [("gps-lost", "gps_lost"), ("servo-channel=2", "de_channel"), ("pitot-blocked", "airspeed_still")],
+    [("gps-lost", "gps_lost"), ("servo-elevator=dead", "de_channel"), ("pitot-blocked", "airspeed_still")],
 )
 def test_silence_is_told_in_flight_and_no_aircraft_blamed(failure: str, name: str) -> None:
     report = watched(failure)
     assert [one.name for one in report.failures] == [name]
     assert abs(report.failures[0].time_s - 24.0) < 0.5
     assert report.changes == ()
+
+
+def test_what_comes_or_moves_again_is_over() -> None:
+    watch = Watch(load_vehicle("iitb-mav"))
+    for name, end in (("vn", 10.0), ("alpha", 14.0)):
+        watch.silent.note(name, np.arange(0.0, end, 0.2))
+    watch.hear(14.0)
+    watch.judge(14.0, {"alpha": 9.0}, {})
+    assert [(one.name, one.until_s) for one in watch.failures] == [("gps_lost", None), ("alpha_still", None)]
+    watch.silent.note("vn", np.arange(15.0, 16.0, 0.2))
+    watch.hear(16.0)
+    watch.judge(16.0, {}, {})
+    assert [(one.name, one.until_s) for one in watch.failures] == [("gps_lost", 15.0), ("alpha_still", 16.0)]
+    watch.judge(30.0, {"alpha": 25.0}, {})  # stuck once more
+    assert [one.until_s for one in watch.failures] == [15.0, 16.0, None]
