@@ -143,7 +143,7 @@ class Watch:
                 self.changes[-1] = replace(change, causes=causes)
 
     def _blame(self, found: CauseFound, time_s: float) -> None:
-        """What seemed a change of the aircraft is a sensor that reads another share of the truth, or ever more of it."""
+        """What seemed a change of the aircraft is a sensor that reads a wrong share of the truth."""
         off = found.size - 100.0
         sensor = found.cause.sensor
         text = f"{found.cause.name} reads {abs(off):.0f} % {'high' if off > 0.0 else 'low'}"
