@@ -107,16 +107,11 @@ def _terms(values: Array, coefficients: Array, max_share: float) -> int:
     return int(np.argmin(criterion[:limit])) + 1
 
 
-def denoise_thrust(thrust: Array, throttle: Array, interval_s: float) -> Array:
-    """Measured thrust (N,) [N] with its noise taken off, steps of the throttle (N,) kept sharp.
-
-    What a lagged throttle explains is taken as it is; the rest is smoothed.
-    """
-    return denoised_thrust(thrust, throttle, interval_s).values
-
-
 def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed: Array | None = None) -> Denoised:
-    """The same with what its own noise leaves uncertain: level, gain and lag of the throttle's share, slow swings.
+    """Measured thrust (N,) [N] with its noise taken off, and what that leaves uncertain: level, gain and lag of the
+    throttle's share, slow swings.
+
+    What a lagged throttle (N,) explains is taken as it is, so that its steps stay sharp; the rest is smoothed.
 
     airspeed: (N,) m/s as measured, where there is one. A propeller pulls less the faster it flies: where airspeed
     explains thrust, its first two powers take the place of the many slow swings that would else be needed.
