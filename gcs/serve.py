@@ -24,10 +24,10 @@ from gcs.live.feed import LiveFeed
 from gcs.live.telemetry import EstimateTelemetry
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
+from gcs.station.own_sender import StationVoice
 from gcs.station.provenance import FreshProvenance, provenance
 from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
-from gcs.station.voice import StationVoice
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
 from sim_vehicle.vehicle.vehicle_file import load_vehicle

@@ -26,7 +26,7 @@ def check(
     """
     from sysid.identification.result_file import result_json
     from sysid.identify import identify
-    from sysid.signal_check.decisive import require_searched
+    from sysid.signal_check.corrected_faults import require_searched
 
     craft = load_flown(vehicle, paths, system)
     require_searched([*as_recorded, *craft.as_recorded])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.analysis.incomplete import cut_off, naming_cuts, with_warnings
-from gcs.analysis.made import made
+from gcs.analysis.provenance import made
 from gcs.analysis.sameflight import repeated, same
 from gcs.errors import SignalMapError
 from gcs.flights.autopilot_settings import filled, parameters_of
@@ -88,7 +88,7 @@ def identify(
     from sysid.identification.compile_ahead import CompileAhead
     from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
-    from sysid.signal_check.decisive import require_searched
+    from sysid.signal_check.corrected_faults import require_searched
 
     craft = load_flown(vehicle, paths, system)
     require_searched([*as_recorded, *craft.as_recorded])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.mavlink.account import MOST_SENDERS
 from gcs.mavlink.crc import Int
+from gcs.mavlink.frame_counts import MOST_SENDERS
 from gcs.mavlink.framing import MAGIC_V2
 from sim_vehicle.jit import jit
 

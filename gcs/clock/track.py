@@ -33,8 +33,8 @@ from gcs.clock.stamppass import (
     take_stamps,
 )
 from gcs.clock.timesync import RoundTrips
-from gcs.mavlink.account import MOST_SENDERS
 from gcs.mavlink.dialect import STAMP_OFFSET, STAMP_SCALE, STAMP_SIZE, Dialect
+from gcs.mavlink.frame_counts import MOST_SENDERS
 from gcs.mavlink.framing import Frames
 
 _FRESH = (

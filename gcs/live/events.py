@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.live.estimators.causes import CauseFound
-from sysid.live.estimators.change_detection import Change
 from sysid.live.identifier import LiveReport
+from sysid.live.recursive.causes import CauseFound
+from sysid.live.recursive.change_detection import Change
 from sysid.live.signals.sensor_failures import SensorFailure
 from sysid.live.wording import change_sentence, change_text, failure_sentence, failure_text, named_cause
 

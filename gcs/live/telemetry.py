@@ -13,7 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from gcs.station.voice import StationVoice
+from gcs.station.own_sender import StationVoice
 
 COMPONENT = common.MAV_COMP_ID_USER1
 _EVERY_S = 1.0

@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.errors import GcsError, in_words
 from gcs.links.datagrams import Batch
-from gcs.live.estimates import EstimateReports
+from gcs.live.estimate_reports import EstimateReports
 from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Flight, Unpacker
 from gcs.live.second_process import SecondProcess
@@ -29,7 +29,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
-from sysid.live.sliding_window import warm_up
+from sysid.live.posterior_window import warm_up
 
 # The recorder comes first where both want the processor.
 _NICENESS = 5

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
-from sim_vehicle.model.terms import AXES
+from sim_vehicle.model.coefficient_names import AXES
 from sysid.arrays import Array
 
 Result = Mapping[str, Any]

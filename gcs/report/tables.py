@@ -9,7 +9,7 @@ from typing import Any
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
 from gcs.text.unknowns import STATED, beside_bars, unknown_words
-from sim_vehicle.model.terms import AXES
+from sim_vehicle.model.coefficient_names import AXES
 
 Result = Mapping[str, Any]
 _Z95 = 1.96

@@ -22,9 +22,9 @@ from gcs.mavlink.linkoptions import LinkOptions
 from gcs.mavlink.signing import SignatureChecker, SignatureCounts, SignatureMemory
 from gcs.recording.parts import Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
+from gcs.station.own_sender import StationVoice
 from gcs.station.provenance import provenance
 from gcs.station.station import Station
-from gcs.station.voice import StationVoice
 from gcs.station.warmup import warm_up
 
 # Held-back bytes of an unfinished frame are taken as they are once the link has been idle this long.

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.clock.track import ClockState, ClockTracker
-from gcs.mavlink.account import SenderAccount
 from gcs.mavlink.dialect import Dialect
+from gcs.mavlink.frame_counts import SenderAccount
 from gcs.mavlink.framing import Frames
 from gcs.mavlink.signing import SignatureChecker, SignatureCounts, SignatureMemory
 

@@ -16,9 +16,9 @@ from gcs.links.sources import FORWARD
 from gcs.mavlink.dialect import Dialect
 from gcs.station.forwarding import Forwarder
 from gcs.station.linkstats import merged
+from gcs.station.own_sender import StationVoice
 from gcs.station.recorder import FlightRecorder
 from gcs.station.recorderstate import RecorderState
-from gcs.station.voice import StationVoice
 
 _RECEIVE_TIMEOUT_S = 0.25
 _TICK_S = 0.25

@@ -29,7 +29,7 @@ from sysid.design.gust_information import GustyPath, gusty_path
 from sysid.design.simulated_flight import RATE_HZ, channel_noise, rehearse, true_starts
 from sysid.numerics.normal_equations import inverse
 from sysid.output_error.estimator import OutputError
-from sysid.output_error.fit import build
+from sysid.output_error.from_problem import build
 from sysid.problem.formulation import make_problem, with_unclear_sensors
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.problem.predictor import Predictor

@@ -20,17 +20,17 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.discrepancy.by_filter_error import comparison as by_filter_error
+from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import stage_gaps
 from sysid.discrepancy.gap_series import gap_series
 from sysid.discrepancy.identified_effect import effect_json
 from sysid.discrepancy.localisation import locate
-from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.summary import sentence
 from sysid.errors import SysidError
-from sysid.identification.flight_as_meant import read_flights
+from sysid.identification.repaired_flight import read_flights
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
-from sysid.signal_check.decisive import require_searched
+from sysid.signal_check.corrected_faults import require_searched
 from sysid.signals.flight import FlightSignals
 
 __all__ = ["MAX_EFFECTS", "discrepancy"]

@@ -8,8 +8,8 @@ from typing import Any
 
 from sim_vehicle.effects import EFFECTS, Effect, Remembers
 from sim_vehicle.model.model_file import Coefficient
+from sysid.discrepancy.candidate_weights import Weight
 from sysid.discrepancy.candidates import Candidate
-from sysid.discrepancy.evidence import Weight
 from sysid.discrepancy.wording import chance_text
 
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.arrays import Array
+from sysid.filter_error.linearisation_path import Path
 from sysid.filter_error.linearised_flight import FilteredFlight, Pass
-from sysid.filter_error.path import Path
 from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.filters import convolved

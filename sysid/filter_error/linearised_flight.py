@@ -35,8 +35,8 @@ from sysid.filter_error.delayed_outputs import (
 )
 from sysid.filter_error.jacobians import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.filter_error.kalman import kalman_pass
-from sysid.filter_error.motor_on_cell import at_the_centre, misreads
-from sysid.filter_error.path import Path, apart
+from sysid.filter_error.linearisation_path import Path, apart
+from sysid.filter_error.motor_on_load_cell import at_the_centre, misreads
 from sysid.filter_error.prediction import predict_path, run_actuators
 from sysid.numerics.dryden import Turbulence, gust_system
 from sysid.numerics.parallel import side_by_side

@@ -15,10 +15,10 @@ from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
-from sysid.identification.flight_as_meant import FlightsRead, has_whole_imu, read_flights
 from sysid.identification.linear_model import LinearModel
-from sysid.identification.maximum_likelihood import MaximumLikelihood, maximum_likelihood
-from sysid.identification.maximum_likelihood import systematic as systematic_effects
+from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood
+from sysid.identification.output_or_filter_error import systematic as systematic_effects
+from sysid.identification.repaired_flight import FlightsRead, has_whole_imu, read_flights
 from sysid.identification.request import Request
 from sysid.identification.result_model import (
     equation_model,
@@ -214,7 +214,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
     from sysid.posterior.estimates import PRIOR_SHARE
-    from sysid.posterior.replay import as_moved
+    from sysid.posterior.servo_replay import as_moved
     from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress

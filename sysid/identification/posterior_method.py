@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
-from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands, part_of
 from sysid.errors import SignalError, SysidError
-from sysid.identification.flight_as_meant import Meant, missing_inertial
+from sysid.identification.repaired_flight import Meant, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import estimate

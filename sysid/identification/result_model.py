@@ -14,7 +14,7 @@ from sysid.compatibility.reconstruction import CompatibilityResult, Refusal
 from sysid.equation_error.dead_surfaces import part_of
 from sysid.identification.equation_error import EquationEstimate
 from sysid.identification.linear_model import LinearModel, linearise
-from sysid.identification.maximum_likelihood import MaximumLikelihood
+from sysid.identification.output_or_filter_error import MaximumLikelihood
 from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
 from sysid.signals.preparation import Prepared
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.live.estimators.frequency_estimator import VANES, CoefficientEstimates
+from sysid.live.recursive.frequency_estimator import VANES, CoefficientEstimates
 from sysid.live.signals.air_data_ekf import AirDataError
 
 # Least share of a variance that is left where the noise that two estimates share is taken off.

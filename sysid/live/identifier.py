@@ -15,11 +15,12 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.equation_error.equations import MOMENTS
 from sysid.live.bias_correction import corrected
-from sysid.live.estimators.axis_estimators import Axis, SlowSamples
-from sysid.live.estimators.change_detection import Change
-from sysid.live.estimators.coefficient_status import CoefficientStatus, judged
-from sysid.live.estimators.equations import LiveEquations
-from sysid.live.estimators.frequency_estimator import VANES
+from sysid.live.posterior_window import Runner, SlidingWindow
+from sysid.live.recursive.axis_estimators import Axis, SlowSamples
+from sysid.live.recursive.change_detection import Change
+from sysid.live.recursive.coefficient_status import CoefficientStatus, judged
+from sysid.live.recursive.equations import LiveEquations
+from sysid.live.recursive.frequency_estimator import VANES
 from sysid.live.signal_requirements import CORE, OPTIONAL, axes_of, refusals
 from sysid.live.signals.air_data_ekf import AirDataError, AirFilter
 from sysid.live.signals.air_data_imm import ROW
@@ -30,7 +31,6 @@ from sysid.live.signals.row_alignment import Rows, TimeBase
 from sysid.live.signals.sensor_failures import READINGS, SensorFailure
 from sysid.live.signals.stuck_readings import StuckReadings
 from sysid.live.signals.thrust_source import LiveThrust
-from sysid.live.sliding_window import Runner, SlidingWindow
 from sysid.live.watch import Watch
 from sysid.live.wording import change_sentence, sensor_warnings
 from sysid.posterior.estimates import NuisanceEstimate

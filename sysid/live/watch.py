@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.live.estimators.causes import CauseFound, KnownAxis, Lengths, likeliest
-from sysid.live.estimators.change_detection import Change, ChangeDetector
+from sysid.live.recursive.causes import CauseFound, KnownAxis, Lengths, likeliest
+from sysid.live.recursive.change_detection import Change, ChangeDetector
 from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
 from sysid.live.signals.silent_channels import SilentChannels
 

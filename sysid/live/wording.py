@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.live.estimators.causes import CauseFound
-from sysid.live.estimators.change_detection import Change
+from sysid.live.recursive.causes import CauseFound
+from sysid.live.recursive.change_detection import Change
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.live.signals.sensor_failures import SensorFailure
 

@@ -13,7 +13,7 @@ from sysid.arrays import Array, IntArray
 from sysid.numerics.normal_equations import crossed, gram, require_numbers
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.output_error.fit import build, step_callback
+from sysid.output_error.from_problem import build, step_callback
 from sysid.problem.problem import Problem, Progress, start_values
 from sysid.signals.record import OUTPUTS
 
@@ -33,7 +33,7 @@ class NuisanceUnknowns:
 class Linearised:
     """An estimate of output error and its neighbourhood.
 
-    problem, model, coefficients, effects: as they were given to `sysid.output_error.fit.fit`, which gave `result`.
+    problem, model, coefficients, effects: as given to `sysid.output_error.from_problem.fit`, which gave `result`.
     """
 
     problem: Problem

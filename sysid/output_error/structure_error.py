@@ -22,15 +22,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
+from sim_vehicle.model.coefficient_names import AXES, parse_term
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.model.terms import AXES, parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.output_error.fit import build, fit, warmed
+from sysid.output_error.from_problem import build, fit, warmed
 from sysid.problem.problem import Motion, Problem, start_values
 from sysid.signals.record import OUTPUTS, SURFACES, Record
 

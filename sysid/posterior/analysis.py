@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
@@ -28,8 +28,8 @@ from sysid.posterior.estimates import (
 )
 from sysid.posterior.estimator import MAX_PASSES, Posterior, Prior
 from sysid.posterior.group import GroupModel
-from sysid.posterior.noise_spectrum import noise_spectra
 from sysid.posterior.part import FlightPart, outputs_of, with_vane
+from sysid.posterior.reported_spectrum import noise_spectra
 from sysid.posterior.start import equation_error_starts, usual_starts
 from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
 from sysid.problem.model_structure import is_longitudinal, usual_size

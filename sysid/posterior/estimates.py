@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_vehicle.model.terms import parse_term
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group import SERVO
-from sysid.posterior.noise_spectrum import NoiseSpectrum
+from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}

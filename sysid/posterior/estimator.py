@@ -26,7 +26,13 @@ from sysid.posterior.closed_loop import (
 )
 from sysid.posterior.doubts import Doubt
 from sysid.posterior.group import GroupModel
-from sysid.posterior.spectrum import LEAST_MISFIT, LEAST_OF_KNOWN, LOWEST_HZ, ResidualSpectrum, residual_spectrum
+from sysid.posterior.residual_spectrum import (
+    LEAST_MISFIT,
+    LEAST_OF_KNOWN,
+    LOWEST_HZ,
+    ResidualSpectrum,
+    residual_spectrum,
+)
 from sysid.posterior.unknowns import SURFACES_OF
 from sysid.signals.record import STATES
 

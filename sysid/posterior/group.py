@@ -20,8 +20,8 @@ from scipy import sparse
 
 from sim_vehicle.effects.environment import DENSITY_ERROR
 from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

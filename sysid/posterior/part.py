@@ -16,8 +16,8 @@ from sysid.errors import SignalError
 from sysid.posterior.declared import airspeed_lag
 from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
+from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
-from sysid.posterior.spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ESSENTIAL, IMU

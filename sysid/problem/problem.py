@@ -10,8 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
-from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from sim_vehicle.model.coefficient_names import AXES, parse_term
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.model.terms import AXES, parse_term
 from sysid.compatibility.selection import Refusal
 from sysid.problem.model_structure import usual_size
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS

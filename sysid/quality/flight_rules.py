@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
-from sim_vehicle.model.terms import AXES
+from sim_vehicle.model.coefficient_names import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError

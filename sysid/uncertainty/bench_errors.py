@@ -24,7 +24,7 @@ from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.output_error.fit import build
+from sysid.output_error.from_problem import build
 from sysid.output_error.linearisation import Linearised
 from sysid.problem.problem import Problem
 from sysid.signals.calibration import Calibration

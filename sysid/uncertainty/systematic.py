@@ -23,7 +23,7 @@ from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.normal_equations import damped_step, gram
-from sysid.output_error.fit import build, fit, warmed
+from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import Linearised
 from sysid.problem.problem import Problem
 from sysid.signals.record import SURFACES, Record, angle_wrap

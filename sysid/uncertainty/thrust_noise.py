@@ -24,7 +24,7 @@ from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse, solve
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputErrorResult
-from sysid.output_error.fit import build, fit, warmed
+from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import Linearised
 from sysid.problem.predictor import Predictor, free_states
 from sysid.problem.problem import Problem

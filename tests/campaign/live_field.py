@@ -26,7 +26,7 @@ from field_flight import FieldFlight, field_flight
 from live_flights import pieces
 
 from sysid.live.identifier import LiveIdentifier
-from sysid.live.sliding_window import WindowEstimate
+from sysid.live.posterior_window import WindowEstimate
 
 AT_S = (10.0, 20.0, 30.0)
 EVERY_S = 0.4

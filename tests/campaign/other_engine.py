@@ -28,7 +28,7 @@ from jsbsim_flight import NOISE, Aircraft, fly, linear_aircraft, measure, slopes
 from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.errors import SysidError
 from sysid.identify import Identification, identify
-from sysid.output_error.fit import build
+from sysid.output_error.from_problem import build
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure
 from sysid.signals.record import OUTPUTS

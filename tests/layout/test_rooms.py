@@ -30,10 +30,10 @@ ORDER = {
     ),
     "sysid.live": (
         "signals",
-        "estimators",
+        "recursive",
         "signal_requirements",
         "bias_correction",
-        "sliding_window",
+        "posterior_window",
         "watch",
         "wording",
         "identifier",
@@ -170,8 +170,8 @@ MANY = {f"sysid/signals/m{i}.py": "" for i in range(MOST_MODULES)}
         ),
         (
             against_the_order,
-            {"sysid/live/signals/a.py": "from sysid.live.estimators.b import C\n"},
-            ["sysid.live.signals.a imports sysid.live.estimators.b.C"],
+            {"sysid/live/signals/a.py": "from sysid.live.recursive.b import C\n"},
+            ["sysid.live.signals.a imports sysid.live.recursive.b.C"],
         ),
         (
             against_the_order,

@@ -13,9 +13,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-from scipy import special
-
 from sim_vehicle.effects.sensor import AIRSPEED_ERROR
 from sim_vehicle.model.model_file import Model
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
@@ -39,31 +36,19 @@ from sysid.discrepancy.by_filter_error.forward_selection import (
     refit_jointly,
     update_estimate,
 )
-from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
-from sysid.discrepancy.gap import fixed_model, widening
-from sysid.discrepancy.identified_effect import Named, reason
-from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome, Progress
-from sysid.discrepancy.wording import moved_words
+from sysid.discrepancy.by_filter_error.verdict import found_model, is_rough, refitted_model, verdict_of
+from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
+from sysid.discrepancy.gap import fixed_model
+from sysid.discrepancy.identified_effect import Named
 from sysid.errors import EstimationError, SysidError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
-from sysid.identification.flight_as_meant import FlightsRead
+from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
-from sysid.numerics.normal_equations import inverse
-from sysid.output_error.fit import fit
-from sysid.problem.free_run import Fixed
+from sysid.output_error.from_problem import fit
 from sysid.problem.problem import Estimates, Problem
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.preparation import Prepared, require_thrust
-
-# Chance of coefficients as far from those given, below which those are wrong.
-_CHANCE = 1e-4
-# What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
-_WIDER = 1.1
-# Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
-# (sysid.discrepancy.by_filter_error.forward_selection.refit_jointly), and what those are multiplied with before
-# coefficients are called wrong.
-_GUSTS, _FIXED_GAINS = 0.02, 2.0
 
 
 def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Named]] = tuple) -> Outcome:
@@ -80,14 +65,17 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
     search = _searched(used, base)
-    verdict, reasons = _verdict(used, base, search)
+    verdict, reasons = verdict_of(used, base, search)
     if verdict == "unexplained" and (other := _proposed(used, base, propose)) is not None:
-        search, (verdict, reasons) = other, _verdict(used, base, other)
+        search, (verdict, reasons) = other, verdict_of(used, base, other)
     if verdict == "unexplained" and search.named:
         # A wrong name is worse than none.
         search = _without(base)
-    stages = {"given": fixed_model(base.problem, model, base.given, used.compatible), "before": _refitted(used, base)}
-    stages["after"] = _found(used, search) if search.result is not base.before else stages["before"]
+    stages = {
+        "given": fixed_model(base.problem, model, base.given, used.compatible),
+        "before": refitted_model(used, base),
+    }
+    stages["after"] = found_model(used, search) if search.result is not base.before else stages["before"]
     air = search.result.turbulence
     judged = None
     if held_out:
@@ -117,12 +105,6 @@ def _without(base: Baseline) -> Search:
     )  # fmt: skip
 
 
-def _left(base: Baseline, search: Search) -> str:
-    """What the search's model leaves unexplained, in words; empty for nothing."""
-    found = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
-    return "; ".join(f"{name} ({why})" for name, why in found.items())
-
-
 def _searched(used: Flights, base: Baseline) -> Search:
     """Effects added one after the other until nothing is left."""
     search = _without(base)
@@ -132,7 +114,7 @@ def _searched(used: Flights, base: Baseline) -> Search:
             break
         _with_bench(used, search)
     eliminate_redundant(search)
-    if search.named and _is_rough(search.result):
+    if search.named and is_rough(search.result):
         used.progress(0.72, "standard errors in turbulence")
         if not search.result.together:
             refit_jointly(search)
@@ -149,9 +131,9 @@ def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Name
         named = propose()
         if named and all(adopt(search, one) for one in named):
             _with_bench(used, search)
-            if _is_rough(search.result) and not search.result.together:
+            if is_rough(search.result) and not search.result.together:
                 refit_jointly(search)
-            return search if _verdict(used, base, search)[0] == "missing_effect" else None
+            return search if verdict_of(used, base, search)[0] == "missing_effect" else None
     return None
 
 
@@ -168,52 +150,6 @@ def _with_bench(used: Flights, search: Search) -> None:
         if not is_beyond_bench(result, problem):
             search.problem = problem
             update_estimate(search, result)
-
-
-def _is_rough(result: FilterErrorResult) -> bool:
-    return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
-
-
-def _verdict(used: Flights, base: Baseline, search: Search) -> tuple[str, list[str]]:
-    """Verdict and the tests it rests on, in words."""
-    reasons = [*(reason(named) for named in search.named), *search.dropped, *([search.nearly] if search.nearly else [])]
-    if _is_rough(search.result):
-        gusts = search.result.turbulence
-        reasons.append(
-            f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
-        )
-    left = _left(base, search)
-    if left:
-        return "unexplained", [*reasons, f"beyond noise and gusts: {left}"]
-    if search.named:
-        wider = widening(used.prepared, _refitted(used, base), _found(used, search))
-        if wider < _WIDER:
-            return "missing_effect", reasons
-        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
-    moved, chance = _moved(base)
-    reasons.append(moved_words(moved, len(base.names) + len(base.effects), chance))
-    return ("parameter_error" if chance < _CHANCE else "none"), reasons
-
-
-def _refitted(used: Flights, base: Baseline) -> Fixed:
-    return fixed_model(base.problem, base.refitted, base.before, used.compatible)
-
-
-def _found(used: Flights, search: Search) -> Fixed:
-    return fixed_model(search.problem, search.model, search.result, used.compatible)
-
-
-def _moved(base: Baseline) -> tuple[float, float]:
-    """How far the model's own parameters are from those given (Wald's test), and the chance of that."""
-    values = base.own_values
-    every = [parameter.name for parameter in base.before.parameters]
-    names = [*base.names, *(f"{effect}.{name}" for effect, name in base.effects)]
-    places = [every.index(name) for name in names]
-    away = base.before.theta[places] - np.array([values[name] for name in names])
-    distance = float(away @ inverse(base.before.covariance[np.ix_(places, places)]) @ away)
-    if _is_rough(base.before):
-        distance /= _FIXED_GAINS**2
-    return distance, float(special.chdtrc(len(places), max(distance, 0.0)))
 
 
 def _held_out(held_out: Sequence[Prepared], problem: Problem, models: Mapping[str, Model]) -> Compared:

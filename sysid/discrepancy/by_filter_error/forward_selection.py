@@ -11,8 +11,8 @@ import numpy as np
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
+from sysid.discrepancy.candidate_weights import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
-from sysid.discrepancy.evidence import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter

@@ -5,31 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-from scipy import special
-
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.effects.thrust_scale import THRUST_SCALE
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.discrepancy.by_posterior.forward_selection import Found, search
 from sysid.discrepancy.by_posterior.group_fits import fit_of
-from sysid.discrepancy.by_posterior.rules import RULES
-from sysid.discrepancy.by_posterior.search import Found, search
 from sysid.discrepancy.by_posterior.textbooks import as_of_textbooks, is_of_the_field, with_airspeed_at_once
-from sysid.discrepancy.gap import widening
-from sysid.discrepancy.identified_effect import reason
-from sysid.discrepancy.outcome import MAX_EFFECTS, Asked, Compared, Outcome
-from sysid.discrepancy.wording import moved_words
+from sysid.discrepancy.by_posterior.verdict import verdict_of
+from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.errors import EstimationError
-from sysid.identification.flight_as_meant import FlightsRead
 from sysid.identification.posterior_method import Flown, effects_with, flown
+from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
-from sysid.numerics.normal_equations import inverse
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.part import FlightPart
-from sysid.posterior.replay import as_moved
+from sysid.posterior.servo_replay import as_moved
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed
 from sysid.problem.problem import Motion, Problem, excited_motion
@@ -37,22 +30,7 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
 
-# What is estimated beside the coefficients: reported where it is so many standard errors off, and
-# where the flight determines it so much better than was known before.
-_SEEN, _INFORMED = 3.0, 0.5
 _TRIMS = ("Cl_0", "Cn_0")
-# Name -> what is reported where it is above its null and below it, "" for nothing, the null, the factor to
-# its unit.
-_BESIDE = {
-    "servo_delay": ("the servos are delayed by {:.0f} ms", "", 0.0, 1e3),
-    "servo_lag": ("the servos lag by {:.0f} ms", "", 0.0, 1e3),
-    "servo_backlash": ("the linkages have {:.2f} deg of play to either side", "", 0.0, 180.0 / np.pi),
-    "airspeed_error": ("the airspeed reads {:.1f} % too much", "the airspeed reads {:.1f} % too little", 0.0, 100.0),
-    "alpha_scale": ("the alpha vane turns {:.0f} % too far", "the alpha vane turns {:.0f} % too little", 1.0, 100.0),
-    "beta_scale": ("the beta vane turns {:.0f} % too far", "the beta vane turns {:.0f} % too little", 1.0, 100.0),
-    "vane_clock": ("the vanes are stamped {:.0f} ms late", "the vanes are stamped {:.0f} ms early", 0.0, 1e3),
-    "thrust_error": ("the thrust reads {:.0f} % too much", "the thrust reads {:.0f} % too little", 0.0, 100.0),
-}
 
 
 def compare(asked: Asked, read: FlightsRead) -> Outcome | None:
@@ -105,7 +83,7 @@ def _searched(
     before, after = _updated(model, base), _updated(found.model, best)
     signals = [one.signals for one in read.fitted]
     used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
-    verdict, reasons = _verdict(asked, base, found, used)
+    verdict, reasons = verdict_of(asked, base, found, used)
     if verdict == "unexplained":
         # A wrong name is worse than none: what was likeliest stands in the reasons.
         found.named, after = [], before
@@ -194,49 +172,3 @@ def _beside(
     stages["after"] = stages["before"] if after[0] is before[0] else fixed(*after)
     air = Turbulence(compatible.gust_sigma, compatible.gust_sigma)
     return Compared(tuple(flights), motion, stages, compatible, air)
-
-
-def _verdict(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> tuple[str, list[str]]:
-    """Verdict, and what it rests on in words: rules of sysid.discrepancy.by_posterior.rules."""
-    reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
-    if found.left:
-        reasons.append("left without a name: " + "; ".join(f"{axis} ({why})" for axis, why in found.left.items()))
-    if found.named:
-        if found.left_gain > RULES.left_share * found.named[0].came_with:
-            return "unexplained", reasons
-        # Airspeed and attitude were imposed, and what they are off by was not asked for.
-        asked_of = {name for fit in found.groups.values() for name in fit.posterior.model.outputs}
-        wider = widening(used.flights, used.stages["before"], used.stages["after"], asked_of)
-        if wider < RULES.wider:
-            return "missing_effect", reasons
-        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
-    if found.left:
-        return "unexplained", reasons
-    distance, count = _moved(asked.model, base)
-    chance = float(special.chdtrc(count, distance)) if count else 1.0
-    reasons.append(moved_words(distance, count, chance))
-    return ("parameter_error" if chance < RULES.chance else "none"), reasons
-
-
-def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:
-    """How far the estimates are from what was given (Wald's test), and of how many coefficients."""
-    given = model.values()
-    names = [name for name in base.joint.names if name in given and name not in base.not_believed]
-    places = [base.joint.names.index(name) for name in names]
-    away = base.joint.mean[places] - np.array([given[name] for name in names])
-    return float(away @ inverse(base.joint.covariance[np.ix_(places, places)]) @ away), len(names)
-
-
-def _nuisances(base: PosteriorEstimate) -> list[str]:
-    """What servos and sensors do that the model does not hold, in words, the surer group of each."""
-    surest = {one.name: one for one in sorted(base.nuisances, key=lambda one: -one.std)}
-    sentences = []
-    for name, (more, less, null, factor) in _BESIDE.items():
-        one = surest.get(name)
-        if one is None or abs(one.value - null) < _SEEN * one.std or one.std > _INFORMED * one.prior_std:
-            continue
-        if words := more if one.value > null else less:
-            sentences.append(
-                f"{words.format(factor * abs(one.value - null))} (± {factor * one.std:.2g}), beside the model"
-            )
-    return sentences

@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.controls import Control
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle
 from sysid.posterior.estimates import NuisanceEstimate, PosteriorEstimate
-from sysid.posterior.noise_spectrum import NoiseSpectrum
+from sysid.posterior.reported_spectrum import NoiseSpectrum
 
 # A servo's lag and delay, s, and half its play, rad, from which on they are none of a textbook: a delay of more than
 # half a sample of commands that are held; small servos in small linkages have twice of such a play.

@@ -6,9 +6,9 @@ import json
 from dataclasses import replace
 
 from gcs.live.events import events_json
-from sysid.live.estimators.causes import CAUSES, CauseFound
-from sysid.live.estimators.change_detection import Change
 from sysid.live.identifier import LiveReport
+from sysid.live.recursive.causes import CAUSES, CauseFound
+from sysid.live.recursive.change_detection import Change
 from sysid.live.signals.sensor_failures import SensorFailure
 
 KEYS = {"t", "kind", "cause", "probability", "alternatives", "size", "size_std", "text"}

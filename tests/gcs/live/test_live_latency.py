@@ -13,7 +13,7 @@ from live_flights import pieces
 from simulated import fly_mav
 from traffic import SECOND, Vehicle, batch
 
-from gcs.live.estimates import EstimateReports
+from gcs.live.estimate_reports import EstimateReports
 from gcs.live.feed import LiveFeed
 from gcs.live.signals import Samples
 from gcs.live.vehiclefile import WatchedVehicle
@@ -21,15 +21,15 @@ from gcs.live.worker import LiveProcess, run
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
-from sysid.live.estimators.change_detection import ChangeDetector
 from sysid.live.identifier import LiveIdentifier
+from sysid.live.recursive.change_detection import ChangeDetector
 
 TURN_S = 0.1
 
 
 def test_latency_is_that_of_all_messages_to_the_first_estimate_that_holds_them(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("gcs.live.estimates.time.time_ns", lambda: round(now[0] * 1e9))
+    monkeypatch.setattr("gcs.live.estimate_reports.time.time_ns", lambda: round(now[0] * 1e9))
     reports, told, updates = EstimateReports(load_vehicle("iitb-mav")), list[dict[str, Any]](), 0
     for turn, part in enumerate(pieces(fly_mav("multisine", 5, duration=12.0)[0], TURN_S), 1):
         now[0] = turn * TURN_S + 0.03  # so long after the newest message

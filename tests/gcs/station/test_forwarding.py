@@ -18,8 +18,8 @@ from gcs.links.datagrams import Batch
 from gcs.links.opening import TcpServerLink, UdpLink, open_link
 from gcs.mavlink.dialect import Dialect
 from gcs.station.forwarding import Forwarder
+from gcs.station.own_sender import StationVoice
 from gcs.station.station import Station
-from gcs.station.voice import StationVoice
 from gcs.station.warmup import warm_up
 
 KEY, FOREIGN_KEY = bytes(range(32)), bytes(range(100, 132))

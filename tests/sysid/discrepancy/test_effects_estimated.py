@@ -16,7 +16,7 @@ from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_sh
 from sysid.discrepancy.candidates import Candidate, candidates, extended, stepping_of
 from sysid.errors import SignalError
 from sysid.output_error.estimator import OutputErrorResult
-from sysid.output_error.fit import fit
+from sysid.output_error.from_problem import fit
 from sysid.problem.formulation import make_problem
 from sysid.problem.predictor import effect_parameter
 from sysid.problem.problem import Problem, free_coefficients

@@ -12,8 +12,8 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error import forward_selection
 from sysid.discrepancy.by_filter_error.forward_selection import Search, eliminate_insignificant, eliminate_redundant
+from sysid.discrepancy.candidate_weights import Weight
 from sysid.discrepancy.candidates import Candidate
-from sysid.discrepancy.evidence import Weight
 from sysid.discrepancy.identified_effect import Named
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence

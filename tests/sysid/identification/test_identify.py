@@ -17,7 +17,7 @@ from sysid.errors import EstimationError, SegmentError, SignalError, SysidError
 from sysid.identification.linear_model import LinearModel, linearise
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
-from sysid.output_error.fit import fit
+from sysid.output_error.from_problem import fit
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure, is_longitudinal
 from sysid.problem.problem import Motion, split_runs

@@ -11,7 +11,7 @@ from simulated import fly_mav
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.errors import SysidError
-from sysid.identification.flight_as_meant import attitude_rate
+from sysid.identification.repaired_flight import attitude_rate
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightSignals, Signal

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid.live.estimators.causes import CAUSES, AxisEquations, Cause, CauseFound, KnownAxis, Lengths, likeliest
-from sysid.live.estimators.change_detection import Change
+from sysid.live.recursive.causes import CAUSES, AxisEquations, Cause, CauseFound, KnownAxis, Lengths, likeliest
+from sysid.live.recursive.change_detection import Change
 from sysid.live.wording import change_sentence, change_text
 
 BODY = Lengths(1.3, 0.25)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.live.estimators.recursive_fourier import RecursiveFourier
+from sysid.live.recursive.recursive_fourier import RecursiveFourier
 from sysid.live.signals.row_alignment import TimeBase
 
 

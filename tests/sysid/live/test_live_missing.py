@@ -10,9 +10,9 @@ from live_flights import pieces
 from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
-from sysid.live.estimators.axis_estimators import SlowSamples
-from sysid.live.estimators.frequency_estimator import AxisEstimator, CoefficientEstimates
 from sysid.live.identifier import LiveIdentifier, LiveReport
+from sysid.live.recursive.axis_estimators import SlowSamples
+from sysid.live.recursive.frequency_estimator import AxisEstimator, CoefficientEstimates
 from sysid.signals.flight import FlightSignals
 
 pytestmark = pytest.mark.whole_flight

@@ -12,7 +12,7 @@ from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
-from sysid.live.sliding_window import (
+from sysid.live.posterior_window import (
     FIRST_S,
     FIRST_WITHOUT_VANES_S,
     WINDOW_S,

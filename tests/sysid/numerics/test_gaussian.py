@@ -12,7 +12,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.identify import identify
 from sysid.numerics.gaussian import Gaussian, known_from
-from sysid.output_error.fit import fit
+from sysid.output_error.from_problem import fit
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure, is_longitudinal
 from sysid.problem.problem import model_of

@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from simulated import fly_mav
 
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, read_model
-from sim_vehicle.model.terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.identify import identify
-from sysid.output_error.fit import fit
+from sysid.output_error.from_problem import fit
 from sysid.output_error.structure_error import _GAIN, _likeliest_variances
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure

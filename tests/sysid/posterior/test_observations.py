@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.posterior.observations import AFTER_GAP_S, bursts, common_grid, joined_at, read_at
-from sysid.posterior.spectrum import LARGEST_MISFIT, LEAST_MISFIT, residual_spectrum
+from sysid.posterior.residual_spectrum import LARGEST_MISFIT, LEAST_MISFIT, residual_spectrum
 
 GRID = np.arange(0.0, 10.0, 0.01)
 

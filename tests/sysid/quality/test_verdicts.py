@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from simulated import fly_mav
 
+from sim_vehicle.model.coefficient_names import AXES
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.model.terms import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate

@@ -15,7 +15,7 @@ from sim_vehicle.manoeuvres.shapes import manoeuvre
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
-from sysid.output_error.fit import fit
+from sysid.output_error.from_problem import fit
 from sysid.output_error.linearisation import Linearised
 from sysid.problem.formulation import make_problem
 from sysid.problem.problem import free_coefficients

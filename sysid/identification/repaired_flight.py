@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.signal_check.decisive import as_meant
+from sysid.signal_check.corrected_faults import as_meant
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
@@ -59,7 +59,7 @@ def meant(
     start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Meant:
-    """A flight without mistakes that no owner would doubt (sysid.signal_check.decisive). Raises SysidError."""
+    """A flight without mistakes that no owner would doubt (sysid.signal_check.corrected_faults). Raises SysidError."""
     flight = without_dead(flight)
     found = prepared_flight(flight, vehicle, start_s, stop_s)
     try:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model.terms import Term
-from sysid.live.estimators.change_detection import ChangeDetector
-from sysid.live.estimators.decimation import Decimator
-from sysid.live.estimators.equations import BIASES, Sides
-from sysid.live.estimators.frequency_estimator import AxisEstimator, CoefficientEstimates
+from sim_vehicle.model.coefficient_names import Term
+from sysid.live.recursive.change_detection import ChangeDetector
+from sysid.live.recursive.decimation import Decimator
+from sysid.live.recursive.equations import BIASES, Sides
+from sysid.live.recursive.frequency_estimator import AxisEstimator, CoefficientEstimates
 
 
 @dataclass

@@ -12,7 +12,7 @@ from simulated import fly_mav
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 from sysid.errors import SignalError
-from sysid.signal_check.decisive import as_meant
+from sysid.signal_check.corrected_faults import as_meant
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 

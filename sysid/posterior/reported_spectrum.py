@@ -12,7 +12,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.observations import joined_at
 from sysid.posterior.part import FlightPart
-from sysid.posterior.spectrum import ResidualSpectrum
+from sysid.posterior.residual_spectrum import ResidualSpectrum
 
 _SENSORS = {
     **dict.fromkeys(("p", "q", "r"), ("gyro", "rad/s")),

@@ -21,9 +21,9 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.flight_as_meant import prepared_flight, without_dead
 from sysid.identification.posterior_method import flown, refusals_of
-from sysid.live.estimators.coefficient_status import CoefficientStatus
+from sysid.identification.repaired_flight import prepared_flight, without_dead
+from sysid.live.recursive.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import estimate, excited
 from sysid.posterior.estimates import NuisanceEstimate

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.icing import HEAVY_COAT
-from sim_vehicle.model.terms import parse_term
 from sysid.arrays import Array
 from sysid.numerics.normal_equations import inverse
 

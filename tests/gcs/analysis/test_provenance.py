@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from gcs.analysis.made import code_digest, made
+from gcs.analysis.provenance import code_digest, made
 
 # FIPS 180-4, the example of one block.
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"

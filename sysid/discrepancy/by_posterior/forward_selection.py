@@ -11,10 +11,10 @@ from scipy import special
 
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_posterior.group_fits import GroupFit, is_size
-from sysid.discrepancy.by_posterior.rules import RULES
+from sysid.discrepancy.by_posterior.limits import RULES
 from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
+from sysid.discrepancy.candidate_weights import NAMING_P_VALUE, Weight, is_significant, is_unlikely, smallest_set
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
-from sysid.discrepancy.evidence import NAMING_P_VALUE, Weight, is_significant, is_unlikely, smallest_set
 from sysid.discrepancy.identified_effect import Named, nearly
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text

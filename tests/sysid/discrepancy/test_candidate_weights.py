@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sysid.discrepancy.evidence import is_significant, is_unlikely, weigh
+from sysid.discrepancy.candidate_weights import is_significant, is_unlikely, weigh
 
 
 @pytest.mark.parametrize(("gain", "unlikely", "named"), [(12.0, False, False), (24.0, True, False), (26.0, True, True)])

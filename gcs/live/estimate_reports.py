@@ -15,7 +15,7 @@ from gcs.text.unknowns import unknown_words
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport
-from sysid.live.sliding_window import Runner
+from sysid.live.posterior_window import Runner
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.problem.model_structure import usual_size
 

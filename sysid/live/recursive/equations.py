@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.model.terms import Term
+from sim_vehicle.model.coefficient_names import Term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import Body, body_of, coefficients, dynamic_pressure
 from sysid.equation_error.equations import CONTROLS, FORCES, MOMENTS
-from sysid.live.estimators.regressors import TAIL, Regressors, means
+from sysid.live.recursive.regressors import TAIL, Regressors, means
 from sysid.live.signals.row_alignment import Rows
 from sysid.signals.flight import FlightData
 

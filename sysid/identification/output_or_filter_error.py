@@ -15,7 +15,7 @@ from sysid.filter_error.estimation import estimate_in_turbulence
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.statistics import spectral_span
 from sysid.output_error.estimator import OutputErrorResult
-from sysid.output_error.fit import fit, warmed
+from sysid.output_error.from_problem import fit, warmed
 from sysid.output_error.linearisation import Linearised
 from sysid.output_error.structure_error import Widened, widened
 from sysid.problem.formulation import with_unclear_sensors

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.arrays import Array
-from sysid.live.estimators.causes import AxisEquations, CauseFound, KnownAxis
-from sysid.live.estimators.decimation import RATE_HZ
+from sysid.live.recursive.causes import AxisEquations, CauseFound, KnownAxis
+from sysid.live.recursive.decimation import RATE_HZ
 
 # Over which a change is looked for, s, and samples are kept.
 WINDOW_S = 2.5

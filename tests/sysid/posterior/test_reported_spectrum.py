@@ -9,9 +9,9 @@ import pytest
 
 from sim_vehicle.vehicle.vehicle_file import Sensor, Sensors, Vehicle
 from sysid.arrays import Array
-from sysid.posterior.noise_spectrum import noise_spectra
 from sysid.posterior.observations import Channel, common_grid, joined_at
-from sysid.posterior.spectrum import residual_spectrum
+from sysid.posterior.reported_spectrum import noise_spectra
+from sysid.posterior.residual_spectrum import residual_spectrum
 
 STD, LENGTH_S, HIGHEST_HZ = 0.013, 600.0, 8.4
 VEHICLE = replace(Vehicle.unknown(), sensors=Sensors(gyro=Sensor(noise=STD)))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model.terms import parse_term
-from sysid.live.estimators.frequency_estimator import CoefficientEstimates
+from sim_vehicle.model.coefficient_names import parse_term
+from sysid.live.recursive.frequency_estimator import CoefficientEstimates
 from sysid.problem.model_structure import REFUSED_SHARE, helpful_manoeuvre, usual_size
 
 # Correlation of two estimates beyond which their regressors are said to move together (Klein & Morelli, chapter 5).

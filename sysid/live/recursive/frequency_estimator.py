@@ -18,8 +18,8 @@ import numpy as np
 
 from sim_vehicle.jit import jit, jit_inlined
 from sysid.arrays import Array, IntArray
-from sysid.live.estimators.recursive_fourier import Complex, RecursiveFourier
-from sysid.live.estimators.spectral_least_squares import weighted
+from sysid.live.recursive.recursive_fourier import Complex, RecursiveFourier
+from sysid.live.recursive.spectral_least_squares import weighted
 from sysid.problem.model_structure import PRIOR_SHARE, usual_size
 
 # Of the Fourier sums, s: lines lie 1/WINDOW_S apart; up to HIGHEST_HZ; from LEAST_S of flight on.

@@ -22,7 +22,7 @@ from sysid.signal_check.impossible_values import impossible_thrust, require_poss
 from sysid.signal_check.kinematic_relations import AIR, GROUND, Columns, Window
 from sysid.signal_check.relation_misfit import OVER_GROUND, ForceBalance, Misfit
 from sysid.signal_check.remedies import named_cures
-from sysid.signal_check.unmended import TURNS, unmended_mistakes
+from sysid.signal_check.reported_faults import TURNS, unmended_mistakes
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES
