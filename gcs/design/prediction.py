@@ -129,7 +129,7 @@ def _candidate(name: str, plan: Plan, prediction: Prediction) -> dict[str, Any]:
         "name": name,
         "duration_s": plan.duration,
         "manoeuvres": [segment.manoeuvre for segment in plan.segments],
-        "told": len(quantities),
+        "estimated": len(quantities),
         "refused": len(prediction.missing),
         "score": prediction.score,
         "coefficients": errors,

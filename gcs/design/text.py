@@ -59,7 +59,7 @@ def comparison_text(rows: Sequence[dict[str, Any]]) -> str:
     lines = [f"{'manoeuvre':<22}{'s':>6}{'estimated':>11}{'score':>9}" + "".join(f"{name:>10}" for name in names)]
     for row in rows:
         cells = "".join(f"{_cell(row['coefficients'].get(name)):>10}" for name in names)
-        lines.append(f"{row['name']:<22}{row['duration_s']:>6.0f}{row['told']:>11}{row['score']:>9.2g}{cells}")
+        lines.append(f"{row['name']:<22}{row['duration_s']:>6.0f}{row['estimated']:>11}{row['score']:>9.2g}{cells}")
     lines += ["", "standard errors in percent of the prior's value, absolute where that is 0; -: refused.",
               "score: geometric mean of standard errors over the coefficients' usual sizes."]  # fmt: skip
     return "\n".join(lines)
