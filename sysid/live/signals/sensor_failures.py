@@ -40,7 +40,7 @@ _FAR, _FAR_IN_WIND, _EXPLAINED = 5.0, 8.0, 0.8
 _JUMP, _JUMP_ROWS = 6.0, 2
 _LEAST_JUMP = {"V": 1.5, "alpha": 0.035, "beta": 0.035, "psi": 0.2}
 # A comparison in which a failure would be seen from so many times what is usual on must bear it out.
-_SEEN = 2.0
+_SEEN = 1.3
 # Share of what is far, from which on it is looked for failures.
 _LOOK = 0.4
 # Beyond this pitch, rad, Euler's angles turn so fast that nothing is compared: an aircraft that is lost.
