@@ -21,8 +21,9 @@ check: setup
 	$(BIN)/mypy
 
 # In the order of the folders: those with few tests, whole flows, take longest and so come first.
+# Three workers on two cores: flights watched live wait for their own seconds, not for a processor.
 test: check
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Without whole flights and whole services: for the time between two changes. A minute and a half.
 test-fast: check
