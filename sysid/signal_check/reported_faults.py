@@ -94,6 +94,8 @@ def _delay(angle: str, windows: Sequence[Window], columns: Sequence[Columns]) ->
     """By how much an angle is later than its integrated rate, s; None for less than is reported, and in doubt."""
     interval_s = windows[0].interval_s
     most = round(_LONGEST_S / interval_s)
+    if most < 1:
+        return None  # of a log so slow that no such delay would show
     sums = np.zeros((2, 3, 2 * most + 1))
     for i, (window, one) in enumerate(zip(windows, columns, strict=True)):
         if window.size > 4 * most and angle in window.relations:

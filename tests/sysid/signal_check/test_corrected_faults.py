@@ -12,8 +12,8 @@ from simulated import fly_mav
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 from sysid.errors import SignalError
-from sysid.signal_check.corrected_faults import as_meant
-from sysid.signals.flight import FlightSignals
+from sysid.signal_check.corrected_faults import Correction, as_meant, decisive_corrections
+from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import prepare
 
 KINDS = {one.name: one for one in injections()}
@@ -122,6 +122,16 @@ def test_angles_and_rates_of_different_times_are_said_and_left(
     late = one.delay_s if one.signals[0] in ("phi", "theta") else -one.delay_s
     assert said.found == pytest.approx(late, abs=0.01)
     assert f"{abs(said.found) * 1e3:.0f} ms {'after' if late > 0 else 'before'}" in said.sentence
+
+
+def test_a_log_of_one_sample_a_second_is_read_without_looking_for_delays(vehicle: Vehicle) -> None:
+    time_s = np.arange(0.0, 600.0, 1.0)
+    slow = np.sin(0.2 * time_s)
+    columns = dict.fromkeys(("phi", "theta", "psi", "p", "q", "r", "ax", "ay"), 0.1 * slow)
+    part = FlightData("slow", 1.0, time_s, {**columns, "az": slow - 9.8, "airspeed": 15.0 + slow})
+    found, said = decisive_corrections([part], prepare(fly_mav("multisine", 1)[0], vehicle).layout)
+    assert [one.kind for one in said if one.kind == "delay"] == []
+    assert all(isinstance(one, Correction) for one in found)
 
 
 def test_a_scale_of_az_is_said_and_left(flight: FlightSignals, vehicle: Vehicle) -> None:
