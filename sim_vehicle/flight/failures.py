@@ -241,7 +241,8 @@ def parse_failure(text: str) -> Failure:
     if f"{name}-{number}" in KINDS:
         name, equals, number = f"{name}-{number}", "", ""
     if name not in KINDS:
-        raise SimVehicleError(f"{text}: there are {', '.join(sorted(KINDS))} (pitot=blocked is pitot-blocked)")
+        every = ", ".join(sorted(KINDS))
+        raise SimVehicleError(f"{text}: no such failure; there are {every} (pitot=blocked is pitot-blocked)")
     kind = KINDS[name]
     try:
         time_s = float(when) if at else math.nan
