@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs.live.events import events_json
+from gcs.live.events import events_json, finite_or_none
 from gcs.live.signals import Samples
 from gcs.text.unknowns import unknown_words
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -61,7 +61,7 @@ class EstimateReports:
             return None
         values = self._identifier.update()
         self._note(now_s)
-        return {"time_s": _finite(self._identifier.time_s), "values": values} if values else None
+        return {"time_s": finite_or_none(self._identifier.time_s), "values": values} if values else None
 
     def due(self, now_s: float) -> dict[str, Any] | None:
         """The report by all messages so far, a little more than twice a second while they come; else None, until what
@@ -108,10 +108,6 @@ class EstimateReports:
         }
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def report_json(report: LiveReport) -> dict[str, Any]:
     """The parts of a report by name."""
     coefficients: dict[str, Any] = {}
@@ -123,7 +119,7 @@ def report_json(report: LiveReport) -> dict[str, Any]:
         if one.std < usual_size(name):  # a first idea, with its large error bar, to watch it converge
             coefficients[name] |= {"value": one.value, "std": one.std, "unit": one.unit}
     return {
-        "time_s": _finite(report.time_s),
+        "time_s": finite_or_none(report.time_s),
         "coefficients": coefficients,
         "sensors": {
             name: {"value": error.value, "std": error.std, "unit": error.unit} for name, error in report.sensors.items()

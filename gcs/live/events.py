@@ -31,10 +31,10 @@ def _of_sensor(one: SensorFailure) -> dict[str, Any]:
         "t": one.time_s,
         "kind": "sensor",
         "cause": one.name,
-        "probability": _finite(one.probability),
+        "probability": finite_or_none(one.probability),
         "alternatives": [],
         "size": one.size if one.unit else None,
-        "size_std": _finite(one.std),
+        "size_std": finite_or_none(one.std),
         "unit": one.unit,
         "until": one.until_s,
         "signal": one.signal,
@@ -65,10 +65,11 @@ def _of_cause(one: CauseFound) -> dict[str, Any]:
         "cause": one.cause.short.lower().replace(" ", "_"),
         "probability": one.probability,
         "size": one.size,
-        "size_std": _finite(one.std),
+        "size_std": finite_or_none(one.std),
         "unit": one.cause.unit,
     }
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """A number as JSON may hold it."""
     return value if np.isfinite(value) else None

@@ -22,7 +22,7 @@ from sysid.signal_check.impossible_values import impossible_thrust, require_poss
 from sysid.signal_check.kinematic_relations import AIR, GROUND, Columns, Window
 from sysid.signal_check.relation_misfit import OVER_GROUND, ForceBalance, Misfit
 from sysid.signal_check.remedies import named_cures
-from sysid.signal_check.reported_faults import TURNS, unmended_mistakes
+from sysid.signal_check.reported_faults import TURNS, uncorrected_mistakes
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES
@@ -86,7 +86,7 @@ def as_meant(
     # Where an accelerometer or a gyro is missing, no relation of the motion can be held against the other sensors.
     whole = set(IMU) <= signals.signals.keys()
     parts = [one.data for one in flight.stretches] if whole else []
-    found, unmended = decisive_corrections(parts, flight.layout, kept)
+    found, uncorrected = decisive_corrections(parts, flight.layout, kept)
     strong = None if "thrust" in kept else impossible_thrust(flight, vehicle)
     if strong is not None and np.isfinite(strong.found):
         reading = Hypothesis(("thrust",), "unit", strong.sentence, np.full((1, 1), strong.found))
@@ -100,7 +100,7 @@ def as_meant(
     if strong is not None and not np.isfinite(strong.found):
         signals = replace(signals, signals={n: one for n, one in signals.signals.items() if n != "thrust"})
         reported.append(replace(strong, sentence=f"{strong.sentence}; it is left out"))
-    return signals, [*reported, *unmended]
+    return signals, [*reported, *uncorrected]
 
 
 def _require_one_unit(found: Correction) -> None:
@@ -140,7 +140,7 @@ def decisive_corrections(
     windows = [Window(half, layout) for part in _longest(parts) for half in _halves(part)]
     columns = [{name: window.data[name] for name in _examined(window.data)} for window in windows]
     found: list[Correction] = []
-    unmended: list[Mistake] = []
+    uncorrected: list[Mistake] = []
     with np.errstate(all="ignore"):  # readings far from any motion overflow, and then win nothing
         while windows and len(found) < _MOST:
             before, forces = Misfit.of(windows, columns), ForceBalance(windows, columns)
@@ -151,12 +151,12 @@ def decisive_corrections(
             ]
             mending = [(one, after) for one, after in tried if before.mended_by(after, forces.asks_for(one))]
             if not mending:
-                unmended = unmended_mistakes(before, windows, columns, as_recorded)
+                uncorrected = uncorrected_mistakes(before, windows, columns, as_recorded)
                 break
             best = _best(mending)
             found.append(Correction(best.as_mistake(), best, _as_likely(best, tried)))
             columns = [best.apply(c) for c in columns]
-    return found, unmended
+    return found, uncorrected
 
 
 def _best(mending: Sequence[tuple[Hypothesis, Misfit]]) -> Hypothesis:

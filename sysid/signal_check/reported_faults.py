@@ -33,7 +33,7 @@ _SAME_S = 0.015
 _SHARED, _LEFT = 0.9, 0.5
 
 
-def unmended_mistakes(
+def uncorrected_mistakes(
     relations: Misfit, windows: Sequence[Window], columns: Sequence[Columns], as_recorded: Collection[str]
 ) -> list[Mistake]:
     """Gains and delays of angles against rates, and what az lacks.
