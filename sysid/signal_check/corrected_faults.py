@@ -149,7 +149,11 @@ def decisive_corrections(
                 for one in _tried(windows, columns, before, forces)
                 if not set(as_recorded) & set(one.signals)
             ]
-            mending = [(one, after) for one, after in tried if before.mended_by(after, forces.asks_for(one))]
+            mending = [
+                (one, after)
+                for one, after in tried
+                if before.mended_by(after, forces.asks_for(one)) and not _silenced(one, after)
+            ]
             if not mending:
                 uncorrected = uncorrected_mistakes(before, windows, columns, as_recorded)
                 break
@@ -157,6 +161,13 @@ def decisive_corrections(
             found.append(Correction(best.as_mistake(), best, _as_likely(best, tried)))
             columns = [best.apply(c) for c in columns]
     return found, uncorrected
+
+
+def _silenced(one: Hypothesis, after: Misfit) -> bool:
+    """Whether a reading makes a rate so small that the attitude it is the rate of moves without it: what a rate that
+    is late spoils holds better without any rate, too.
+    """
+    return any(rate in one.signals and turn in after.shares and after.silences(turn) for turn, rate in TURNS)
 
 
 def _best(mending: Sequence[tuple[Hypothesis, Misfit]]) -> Hypothesis:

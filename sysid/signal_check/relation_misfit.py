@@ -32,6 +32,8 @@ _GAIN_FAILS, _GAIN_HOLDS = float(np.log(1.3)), float(np.log(1.1))
 # it by less than the larger of this and that share of its error, and 1 less the squared correlation is below that too.
 # Flights as the field gives them show gains 1 to 2 % off.
 _LEAST_GAIN, _GAIN_ALIKE, _OF_GAIN = 0.05, 0.02, 0.25
+# A measured side that moves so many times as much as the integrated one was not made by it.
+_SILENT = 5.0
 # Mean specific force that attitude and motion leave unexplained, m/s^2: impossible as recorded, ordinary as corrected.
 _FORCE = (4.0, 1.5)
 # Angles, rad, that 19 of 20 samples stay below: impossible as recorded, ordinary as corrected.
@@ -140,6 +142,10 @@ class Misfit:
     def gain(self, name: str) -> float:
         """Measured over integrated, the halves by how much they move."""
         return float(np.average(self.gains[name], weights=np.maximum(self.energies[name], 1e-300)))
+
+    def silences(self, name: str) -> bool:
+        """Whether what is integrated hardly moves beside what is measured, in a half that moves."""
+        return any(abs(self.gains[name][half]) > _SILENT * self.alike[name][half] ** 0.5 for half in self._moving(name))
 
     def is_gain(self, name: str) -> bool:
         """Whether the measured side is clearly a multiple of the integrated one, the same in each half."""

@@ -10,6 +10,7 @@ from signal_mistakes import Injection, injections
 from simulated import fly_mav
 
 from sim_vehicle.errors import VehicleFileError
+from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 from sysid.errors import SignalError
 from sysid.signal_check.corrected_faults import Correction, as_meant, decisive_corrections
@@ -122,6 +123,19 @@ def test_angles_and_rates_of_different_times_are_said_and_left(
     late = one.delay_s if one.signals[0] in ("phi", "theta") else -one.delay_s
     assert said.found == pytest.approx(late, abs=0.01)
     assert f"{abs(said.found) * 1e3:.0f} ms {'after' if late > 0 else 'before'}" in said.sentence
+
+
+def test_a_rate_that_is_late_is_not_read_as_another_unit() -> None:
+    # A yaw rate 200 ms late spoils the pitch angle's relation, which holds better without any yaw rate.
+    other = load_vehicle("ultrastick25e")
+    effects = ("steady_wind:north=-2,east=1,down=0",)
+    flight = fly_mav("multisine", 500, effects=effects, vehicle=other, model=read_model("ultrastick25e"))[0]
+    wrong = KINDS["delay:r:200 ms"].apply(flight)
+    found, mistakes = as_meant(wrong, prepare(wrong, other), other)
+    assert found is wrong
+    (said,) = mistakes
+    assert (said.kind, said.signals) == ("delay", ("psi", "r"))
+    assert said.found == pytest.approx(-0.2, abs=0.01)
 
 
 def test_a_log_of_one_sample_a_second_is_read_without_looking_for_delays(vehicle: Vehicle) -> None:
