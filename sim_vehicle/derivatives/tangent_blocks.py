@@ -7,8 +7,9 @@ array in which the same entry of all of them is contiguous, so that the compiler
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS
+from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.jit import jit_fused
+from sim_vehicle.model.coefficient_names import AXES, REGRESSORS
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -19,6 +20,7 @@ FORCED = 6  # rows that unknowns act on directly: rates of u v w p q r
 # Of one stage: the six rows of the rates' Jacobian, then the quaternion and p q r there.
 STAGE = FORCED * STATE_COLUMNS + 7
 _TURN = FORCED * STATE_COLUMNS
+_AXES, _ELEVATOR = len(AXES), REGRESSORS.index("de")
 
 
 @jit_fused
@@ -128,6 +130,48 @@ def direct_effects(R: Array, products: Array, terms: IntArray, columns: IntArray
         i = lane % WIDTH
         for r in range(6):
             target[r * WIDTH + i] = R[r, column] * product
+
+
+@jit_fused
+def coefficient_change(D: Array, axis: int, surfaces: Array) -> float:
+    """Change of a coefficient by changes of the surfaces de da dr (3,), D: its slopes by the regressors."""
+    change = 0.0
+    for j in range(3):
+        change += D[axis, _ELEVATOR + j] * surfaces[j]
+    return change
+
+
+@jit_fused
+def driven_effects(R: Array, D: Array, surfaces: Array, thrust: Array, slopes: Array, first: int, force: Array) -> None:
+    """How changes of the inputs act on the rates of u v w p q r, into `force` (blocks, 6 WIDTH) from lane `first` on.
+
+    R, D: as `force_jacobian` left them, rows of rates that are imposed 0. Per lane, surfaces: (L, 3) changes of de da
+    dr; thrust: (L,) of the thrust; slopes: (L, 6) of the rates that are imposed, 0 for the others.
+    """
+    for lane in range(thrust.size):
+        target, i = force[(first + lane) // WIDTH], (first + lane) % WIDTH
+        for r in range(FORCED):
+            target[r * WIDTH + i] = slopes[lane, r] + R[r, THRUST_COLUMN] * thrust[lane]
+        for axis in range(_AXES):
+            change = coefficient_change(D, axis, surfaces[lane])
+            if change != 0.0:
+                for r in range(FORCED):
+                    target[r * WIDTH + i] += R[r, STATE_COLUMNS + axis] * change
+
+
+@jit_fused
+def read_driven(
+    D: Array, H: Array, rows: IntArray, gain: Array, surfaces: Array, thrust: Array, places: IntArray, out: Array
+) -> None:
+    """Add what accelerometers feel of changes of the inputs at once to out[i, places[lane]]; see `driven_effects`."""
+    for k in range(rows.size):
+        if rows[k] < 9 or rows[k] > 11:
+            continue
+        for lane in range(thrust.size):
+            felt = H[rows[k], THRUST_COLUMN] * thrust[lane]
+            for axis in range(_AXES):
+                felt += H[rows[k], STATE_COLUMNS + axis] * coefficient_change(D, axis, surfaces[lane])
+            out[k, places[lane]] += gain[k] * felt
 
 
 @jit_fused

@@ -19,6 +19,8 @@ from sim_vehicle.derivatives.tangent_blocks import (
     WIDTH,
     advance_lanes,
     direct_effects,
+    driven_effects,
+    read_driven,
     read_lanes,
     turn_quaternions,
 )
@@ -88,9 +90,12 @@ def _tangent_step(
     x: Array, surfaces: Array, thrust: float, still: Array, gust: Array, rho: float, step: float, slopes: Array,
     P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray,
     X: Array, W: Array, scratch: Array, flow: Array, D: Array, J: Array, part: Array, products: Array, R: Array,
-    A: Array, force: Array, by_shear: Array, work: Array,
+    A: Array, force: Array, by_shear: Array, work: Array, moved: Array, pushed: Array, led: Array,
 ) -> None:  # fmt: skip
-    """`runge_kutta_step` with its tangents X; the rest as in `simulate_tangents`, or work arrays."""
+    """`runge_kutta_step` with its tangents X; the rest as in `simulate_tangents`, or work arrays.
+
+    moved, pushed, led: changes of surfaces, thrust and imposed rates over the step, see `driven_effects`.
+    """
     for i in range(STATE_SIZE):
         scratch[4, i] = x[i]
     for stage in range(4):
@@ -99,6 +104,7 @@ def _tangent_step(
         force_jacobian(scratch[4], surfaces, np.isnan(thrust), gust, P, E, C, F, K, T, W, flow, D, J, part, products, R)
         _rate_rows(scratch[4], P[_GRAVITY], E, R, slopes, by_shear, A[stage])
         direct_effects(R, products, terms, columns, force[stage])
+        driven_effects(R, D, moved, pushed, led, columns.size - pushed.size, force[stage])
         for i in range(slopes.size):
             if np.isfinite(slopes[i]):
                 rate[3 + i if i < 3 else 7 + i] = slopes[i]
@@ -128,8 +134,11 @@ def _quaternion_slopes(x: Array, slopes: Array) -> None:
 
 
 @jit_fused_arrays
-def _impose_tangents(x: Array, held: Array, X: Array) -> None:
-    """Impose `held` (9,) on the state `x`: what is imposed follows from no unknown."""
+def _impose_tangents(x: Array, held: Array, changes: Array, first: int, X: Array) -> None:
+    """Impose `held` (9,) on the state `x`: it follows from no unknown but those of the lanes from `first` on.
+
+    changes: (L, 9) by them, of what is imposed.
+    """
     before, after, M = np.empty((3, 4)), np.empty((4, 3)), np.zeros((4, 4))
     euler_slopes(x, before)
     impose(x, held)
@@ -138,6 +147,8 @@ def _impose_tangents(x: Array, held: Array, X: Array) -> None:
             for block in range(X.shape[0]):
                 for i in range(WIDTH):
                     X[block, row * WIDTH + i] = 0.0
+            for lane in range(first, first + changes.shape[0]):
+                X[lane // WIDTH, row * WIDTH + lane % WIDTH] = changes[lane - first, row]
     if not (np.isfinite(held[6]) or np.isfinite(held[7]) or np.isfinite(held[8])):
         return
     _quaternion_slopes(x, after)
@@ -147,6 +158,13 @@ def _impose_tangents(x: Array, held: Array, X: Array) -> None:
                 if not np.isfinite(held[6 + angle]):
                     M[i, j] += after[i, angle] * before[angle, j]
     turn_quaternions(X, M)
+    for lane in range(first, first + changes.shape[0]):
+        for i in range(4):
+            for angle in range(3):
+                if np.isfinite(held[6 + angle]):
+                    X[lane // WIDTH, (6 + i) * WIDTH + lane % WIDTH] += (
+                        after[i, angle] * changes[lane - first, 6 + angle]
+                    )
 
 
 @jit_fused_arrays
@@ -168,16 +186,18 @@ def simulate_tangents(
     x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
     sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
     K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, places: IntArray, states: IntArray, rows: IntArray,
-    gain: Array, S: Array,
+    gain: Array, other_commands: Array, other_thrust: Array, other_held: Array, steps: Array, S: Array,
 ) -> None:  # fmt: skip
     """Derivatives of what `simulate` gives with the arguments of the same names.
 
     terms, columns, places: (n,) of every unknown: the term it is the coefficient of, the column of `force_jacobian` it
     acts through, and its place in the last axis of S, ascending. A term of -1 acts through the column by itself (the
-    thrust), a column of -1 on nothing. states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the last m
-    unknowns are. rows: places in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows,
-    unknowns) result, 0 at places that are not named. Lags and delays of sensors, a lift that lags and the
-    ground are left out; the height over which the wind changes is an input. A diverging motion leaves NaN.
+    thrust), a column of -1 on nothing. The last L unknowns act through what drives the simulation: other_commands,
+    other_thrust, other_held: (L, ...) what commands, thrust and held become where the unknown grows by `steps` (L,).
+    states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the m unknowns before those are. rows: places
+    in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows, unknowns) result, 0 at places
+    that are not named. Lags and delays of sensors, a lift that lags and the ground are left out; the height over which
+    the wind changes is an input. A diverging motion leaves NaN.
     """
     x = x0.copy()
     n = columns.size
@@ -190,25 +210,56 @@ def simulate_tangents(
     products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
     A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
+    L = steps.size
+    driven = n - L
+    servos, ends, middle_there, there = np.zeros((L, ACTUATOR_SIZE)), np.zeros((L, 4)), np.zeros(4), np.zeros(4)
+    moved, pushed, led, changes = np.zeros((L, 3)), np.zeros(L), np.zeros((L, 6)), np.zeros((L, 9))
+    pushes = np.zeros((L, stop))
+    for lane in range(L):
+        pushes[lane] = undo_hysteresis(other_thrust[lane], other_commands[lane], E)[:stop]
     thrust = undo_hysteresis(thrust, commands, E)
+    for lane in range(L):
+        for k in range(stop):
+            push = (pushes[lane, k] - thrust[k]) / steps[lane]
+            pushes[lane, k] = push if np.isfinite(push) else 0.0
     E = effects_flown(E, thrust[first])
     x[13] = 0.0
-    initial_tangents(x, states, np.arange(n - states.size, n), X)
+    initial_tangents(x, states, np.arange(driven - states.size, driven), X)
     start_actuators(commands[first], actuators)
     step = dt / sub_steps
     surfaces_at_rest(commands[first], E, end)
+    for lane in range(L):
+        start_actuators(other_commands[lane, first], servos[lane])
+        surfaces_at_rest(other_commands[lane, first], E, ends[lane])
     for k in range(first, start):
         for i in range(sub_steps):
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+            for lane in range(L):
+                advance_actuators(
+                    other_commands[lane], k, i * step, step, dt, P, E, servos[lane], middle_there, ends[lane]
+                )
     for k in range(start, stop):
         if held.shape[0] > 0:
-            _impose_tangents(x, held[k], X)
+            for lane in range(L):
+                for row in range(9):
+                    changes[lane, row] = (other_held[lane, k, row] - held[k, row]) / steps[lane]
+            _impose_tangents(x, held[k], changes, driven, X)
         for i in range(4):
             now[i] = end[i]
         if command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
             for i in range(4):
                 now[i] = end[i] + command_first * (now[i] - end[i])
+        for lane in range(L):
+            for i in range(4):
+                there[i] = ends[lane, i]
+            if command_first > 0.0:
+                surfaces_after_command(other_commands[lane], k, dt, E, there)
+                for i in range(4):
+                    there[i] = ends[lane, i] + command_first * (there[i] - ends[lane, i])
+            for i in range(3):
+                moved[lane, i] = (there[i] - now[i]) / steps[lane]
+            pushed[lane] = pushes[lane, k]
         gust = gusts[k] if gusts.shape[0] > 0 else still
         W[_TIME] = E[START_TIME] + (k - start) * dt
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, scratch[0])
@@ -219,17 +270,30 @@ def simulate_tangents(
             for i in range(S.shape[2]):
                 S[k - start, row, i] = 0.0
         read_lanes(X, H, rows, gain, products, terms, columns, places, S[k - start], reading)
+        read_driven(D, H, rows, gain, moved, pushed, places[driven:], S[k - start])
         if k + 1 < stop:
             middle = 0.5 * (thrust[k] + thrust[k + 1])
             gust = 0.5 * (gusts[k] + gusts[k + 1]) if gusts.shape[0] > 0 else still
             for i in range(slopes.size):
                 slopes[i] = (held[k + 1, i] - held[k, i]) / dt
+                if np.isfinite(slopes[i]):
+                    for lane in range(L):
+                        after = (other_held[lane, k + 1, i] - held[k + 1, i]) / steps[lane]
+                        led[lane, i] = (after - changes[lane, i]) / dt
+            for lane in range(L):
+                pushed[lane] = 0.5 * (pushes[lane, k] + pushes[lane, k + 1])
             for i in range(sub_steps):
                 advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
+                for lane in range(L):
+                    advance_actuators(
+                        other_commands[lane], k, i * step, step, dt, P, E, servos[lane], middle_there, ends[lane]
+                    )
+                    for j in range(3):
+                        moved[lane, j] = (middle_there[j] - mean[j]) / steps[lane]
                 W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
                 _tangent_step(
                     x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
-                    scratch, flow, D, J, part, products, R, A, force, by_shear, work,
+                    scratch, flow, D, J, part, products, R, A, force, by_shear, work, moved, pushed, led,
                 )  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
                 S[k + 1 - start :] = np.nan

@@ -164,7 +164,8 @@ class FilteredFlight:
         read_theta[:, :, places] = read_v[:, :, : len(places)] * gains[None, :, None]
         for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
             if parameter.kind == "sensor":
-                sensor_derivative(parameter.name, predicted, errors, read_theta[:, :, i])
+                name, slope = sensor_derivative(parameter.name, predicted, errors)
+                read_theta[:, OUTPUTS.index(name), i] += slope
             elif parameter.kind == "effect":
                 h = parameter.step * max(1.0, abs(theta[i]))
                 h = -h if theta[i] + h > parameter.high else h

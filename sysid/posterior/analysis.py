@@ -51,16 +51,29 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class _Begun:
-    """A search of one group of axes near its end. theta: all unknowns; feedback: as in PosteriorResult."""
+    """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns."""
 
     posterior: Posterior
+    model: GroupModel
     theta: Array
-    feedback: float
     doubts: Sequence[Doubt]
+
+    def searched(self) -> _Begun:
+        """The same, near the search's end."""
+        return replace(self, theta=self.posterior.search(self.theta, MAX_PASSES))
+
+    def feedback(self) -> float:
+        """Largest share of a command that follows what is left, as in PosteriorResult."""
+        return self.posterior.of(self.model).feedback(self.theta)
+
+    def values(self) -> dict[str, float]:
+        """What every unknown but the initial states stands at."""
+        names = self.model.names
+        return dict(zip(names, self.theta[: len(names)].tolist(), strict=True))
 
     def ended(self, fine: bool) -> GroupEstimate:
         """The group, estimated, on the full grid or on half of it."""
-        posterior = self.posterior if fine else self.posterior.of(self.posterior.model.rough())
+        posterior = self.posterior.of(self.model if fine else self.model.rough())
         return GroupEstimate(posterior, posterior.solve(self.theta, self.doubts), self.doubts)
 
 
@@ -137,9 +150,8 @@ def estimate(
             seen = _seen(parts, found, vehicle)
             begin = partial(
                 _begun, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
-                near.get(group, {}),
             )  # fmt: skip
-            found[group] = _likelier_flow(begin, FLOW_OF[group] in outputs).ended(fine)
+            found[group] = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group] in outputs).ended(fine)
         except EstimationError as error:
             left_out[group] = str(error)
             problem = DivergedError if isinstance(error, DivergedError) else problem
@@ -172,13 +184,14 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
     return f"{lacking} is missing, or its sensor is dead" if lacking else ""
 
 
-def _likelier_flow(begin: Callable[..., _Begun], has_vane: bool) -> _Begun:
+def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], has_vane: bool) -> _Begun:
     """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop."""
-    begun = begin()
-    if begun.feedback > 0.0 and has_vane:
+    begun = begin(near).searched()
+    feedback = begun.feedback()
+    if feedback > 0.0 and has_vane:
         with suppress(EstimationError):
-            other = begin(flow_imposed=True)
-            if other.feedback < begun.feedback + _NO_WORSE:
+            other = begin(begun.values(), flow_imposed=True).searched()
+            if other.feedback() < feedback + _NO_WORSE:
                 return other
     return begun
 
@@ -237,7 +250,7 @@ def _begun(
     starts = equation_error_starts(parts, vehicle, names) + usual_starts(parts, vehicle, names)
     again = set(names) <= near.keys()
     if again:
-        starts = [(dict(near), 0.0), *starts]
+        starts = [(dict(near), 0.0), *([] if flow_imposed else starts)]
     states, states_std = model.start_states()
     low, high = _bounds(model, len(names))
     tried: list[tuple[float, Array, Posterior]] = []
@@ -266,11 +279,11 @@ def _begun(
         posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
         tried.append((posterior.profile(begin), begin, posterior))
     posterior, theta = _best(tried, again)
-    return _Begun(posterior.of(model), theta, posterior.feedback(theta), doubts)
+    return _Begun(posterior, model, theta, doubts)
 
 
 def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:
-    """The likelier of where the two likeliest starts lead, of those from which the simulation does not diverge.
+    """The likelier of where some steps from the two likeliest starts lead, of those whose simulation does not diverge.
 
     near: whether the first is where an estimate of much the same ended; where it is the likeliest, it alone counts.
     """
@@ -279,13 +292,13 @@ def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Post
         raise DivergedError("the simulated motion diverges from every start: the aircraft may be unstable")
     if near and usable[0] is tried[0]:
         _, theta, posterior = tried[0]
-        return posterior, posterior.search(theta, MAX_PASSES)
+        return posterior, posterior.search(theta, _FIRST_PASSES)
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)
         searched.append((posterior.profile(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
-    return posterior, posterior.search(theta, MAX_PASSES)
+    return posterior, theta
 
 
 def _airspeed_lag(parts: Sequence[FlightPart]) -> Nuisance:

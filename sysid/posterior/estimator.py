@@ -39,8 +39,6 @@ from sysid.signals.record import STATES
 MAX_PASSES = 12  # of Gauss-Newton
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
-# Slopes by what is imposed are worked out anew every so many steps, and before the search may end.
-_FRESH_EVERY = 4
 # Blocks of time of the sandwich, s, and the fewest of them.
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
 
@@ -120,7 +118,6 @@ class Posterior:
             self._bands.append((f >= lowest) & (f <= part.highest_hz))
         self._factors: list[Array] = []
         self._zero: list[Array] = []
-        self._held: dict[int, Array] = {}
         self.spectra: dict[str, ResidualSpectrum] = {}
         self.misfit = 0.0
         self._logdet = 0.0
@@ -190,15 +187,12 @@ class Posterior:
                 total += 0.5 * float(e @ e)
         return total if np.isfinite(total) else np.inf
 
-    def normal(self, at: Point, fresh: bool = True) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,), prior included; fresh: whether all slopes are worked out."""
+    def normal(self, at: Point) -> tuple[Array, Array]:
+        """Information (P, P) and gradient downhill (P,), prior included."""
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
         for i, residual in enumerate(at.residuals):
-            slopes = self.model.slopes(i, at.theta, None if fresh else self._held[i])
-            if fresh:
-                self._held[i] = slopes[:, :, self.model.held_columns]
-            J = self.whitened(i, slopes)
+            J = self.whitened(i, self.model.slopes(i, at.theta))
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             g += J.T @ e
@@ -239,26 +233,26 @@ class Posterior:
 
     def search(self, start: Array, max_passes: int) -> Array:
         """(P,) where some steps from `start` lead."""
-        return self._search(start, max_passes, fresh=not self._held, least=2)[0].theta
+        return self._search(start, max_passes, least=2)[0].theta
 
     def solve(self, start: Array, doubts: Sequence[Doubt] = (), max_passes: int = MAX_PASSES) -> PosteriorResult:
         """Search from `start` (P,), where another search of much the same ended. doubts: what was taken as known.
 
         Raises EstimationError where even the start diverges.
         """
-        at, passes, converged = self._search(start, max_passes, fresh=True, least=1)
+        at, passes, converged = self._search(start, max_passes, least=1)
         return self._result(at, doubts, passes, converged)
 
-    def _search(self, start: Array, max_passes: int, fresh: bool, least: int) -> tuple[Point, int, bool]:
+    def _search(self, start: Array, max_passes: int, least: int) -> tuple[Point, int, bool]:
         """Where the steps end, how many there were, and whether the last was small.
 
-        fresh: whether the first step works out all slopes anew. least: steps before which a small one is no end.
+        least: steps before which a small one is no end.
         """
         at = self.point(np.clip(start, self.low, self.high))
         self.weigh(at)
         damping, converged, passes = 1e-3, False, 0
         for passes in range(1, max_passes + 1):
-            H, g = self.normal(at, fresh)
+            H, g = self.normal(at)
             std = np.sqrt(np.diag(inverse(H)))
             cost, accepted = self.cost(at), None
             for _ in range(8):
@@ -272,18 +266,14 @@ class Posterior:
                     break
                 damping = max(8.0 * damping, 1e-3)
             if accepted is None:
-                if fresh:
-                    break
-                fresh = True
-                continue
+                break
             count = len(self.model.parameters)
             moved = float(np.max((np.abs(accepted.theta - at.theta) / std)[:count]))
             damping, at = max(damping / 10.0, 1e-7), accepted
             self.weigh(at)
-            if moved < _SETTLED and passes >= least and fresh:
+            if moved < _SETTLED and passes >= least:
                 converged = True
                 break
-            fresh = moved < _SETTLED or passes % _FRESH_EVERY == 0
         return at, passes, converged
 
     def feedback(self, theta: Array) -> float:

@@ -114,9 +114,6 @@ class GroupModel:
         self._free = tuple(name for name in _FREE[group] if not (flow_imposed and name in _FLOW_STATES))
         self._driving = _DRIVING | _OF_VANE if flow_imposed else _DRIVING
         self.free_states = [STATES.index(name) for name in self._free]
-        self.held_columns = [
-            i for i, one in enumerate(unknowns, len(self.parameters)) if one.name in self._driving - set(SERVO)
-        ]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
         self._take(parts)
 
@@ -142,8 +139,6 @@ class GroupModel:
         other._model, other.flat = model, flatten(self.vehicle, model)
         used = (*names, *model.coefficients)
         other._surfaces = {*SURFACES_OF[self.group], *(factor for name in used for factor in parse_term(name).factors)}
-        shift = len(other.parameters) - len(self.parameters)
-        other.held_columns = [place + shift for place in self.held_columns]
         return other
 
     def of(self, parts: Sequence[FlightPart]) -> GroupModel:
@@ -191,44 +186,33 @@ class GroupModel:
         y = self._ideal(one, values, theta, self._states(index, theta))[0]
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
-    def slopes(self, index: int, theta: Array, held: Array | None = None) -> Array:
-        """(m, K, P) slopes of a part's outputs by all unknowns, simulated at every second step of the grid.
-
-        held: (m, K, H) columns `held_columns` of such slopes from nearby, which are kept: by what is imposed they
-        hardly change from step to step, and each costs a simulation. (By a servo they do: its play is not smooth.)
-        """
+    def slopes(self, index: int, theta: Array) -> Array:
+        """(m, K, P) slopes of a part's outputs by all unknowns, simulated at every second step of the grid."""
         one, values, count = self._coarse[index], self._values(index, theta), len(self.parameters)
         states = self._states(index, theta)
         y, predictor = self._ideal(one, values, theta, states)
-        local = np.concatenate((theta[:count], states[self.free_states]))
-        S = np.ascontiguousarray(predictor.derivatives(0, local, states, self._all(y))[:, self._columns, :])
-        nuisances = list(self.unknowns)
-        # Behind the tangents: the motion itself, then what it becomes by each nuisance that drives the simulation.
-        kept = [] if held is None else self.held_columns
-        acting = [(i, n) for i, n in enumerate(nuisances) if n.acts_on(one.part.flight)]
+        acting = [(i, n) for i, n in enumerate(self.unknowns) if n.acts_on(one.part.flight)]
         driven = [
             (count + i, n.name, n.step if values[n.name] + n.step <= n.high else -n.step)
             for i, n in acting
-            if n.name in self._driving and count + i not in kept
+            if n.name in self._driving
         ]
         driven += [(i, p.name, _OF_AIRSPEED[p.name]) for i, p in enumerate(self.parameters) if p.name in _OF_AIRSPEED]
-        moved = []
-        for _, name, step in driven:
-            other = {**values, name: values[name] + step}
-            record = self._driven(one, other, predictor.records[0], name in SERVO)
-            moved.append((self._ideal(one, other, theta, states, record)[0] - y) / step)
-        stack = np.concatenate((S, y[:, :, None], *(m[:, :, None] for m in moved)), axis=2)
-        read = self._read(one, values, stack)
+        records = [
+            (self._driven(one, {**values, name: values[name] + step}, predictor.records[0], name in SERVO), step)
+            for _, name, step in driven
+        ]
+        local = np.concatenate((theta[:count], states[self.free_states]))
+        S = predictor.derivatives(0, local, states, self._all(y), driven=records, outputs=self.outputs)
+        read = self._read(one, values, np.concatenate((S, y[:, :, None]), axis=2))
         result = np.zeros((len(self.outputs), one.measured.shape[1], self.size))
         result[:, :, :count] = read[:, :, :count]
         width = len(self.free_states)
         begin = len(self.names) + index * width
         result[:, :, begin : begin + width] = read[:, :, count : count + width]
-        base = read[:, :, count + width]
-        if held is not None:
-            result[:, :, kept] = held
-        for place, (i, _, _) in enumerate(driven):
-            result[:, :, i] += read[:, :, count + width + 1 + place]
+        base = read[:, :, -1]
+        for place, (i, _, _) in enumerate(driven, count + width):
+            result[:, :, i] += read[:, :, place]
         for i, nuisance in acting:
             if nuisance.name not in self._driving:
                 other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}

@@ -56,28 +56,30 @@ def window_length(grids: Sequence[CommonGrid]) -> int:
 
 def welch(series: Sequence[Array], grids: Sequence[CommonGrid], length: int) -> tuple[Complex, float]:
     """Cross-spectra (F, m, m) of (m, K) series pooled over parts, and the number of independent windows."""
-    window = np.hanning(length + 1)[:length]
     interval = grids[0].interval_s
-    ramp = np.arange(length) - 0.5 * (length - 1)
-    total: Complex | None = None
-    count = 0
+    found = []
     for values, grid in zip(series, grids, strict=True):
         inside = np.flatnonzero(grid.taper > 0.5)
         first, last = int(inside[0]), int(inside[-1]) + 1
         if last - first < length:
             first, last = 0, values.shape[1]
-        for begin in range(first, max(last - length, first) + 1, max(1, length // 2)):
-            part = values[:, begin : begin + length]
-            part = part - part.mean(axis=1, keepdims=True)
-            part = part - np.outer(part @ ramp, ramp) / float(ramp @ ramp)
-            Z = np.fft.rfft(part * window, axis=1).T
-            product = Z[:, :, None] * Z[:, None, :].conj()
-            total = product if total is None else total + product
-            count += 1
-    assert total is not None
-    total *= 2.0 * interval / (count * float(window @ window))
+        found.append(spectra_of_windows(values[:, first:last], length))
     seconds = sum(grid.duration_s for grid in grids)
-    return total, max(1.8 * seconds / (length * interval), 1.0)
+    return 2.0 * interval * np.concatenate(found).mean(axis=0), max(1.8 * seconds / (length * interval), 1.0)
+
+
+def spectra_of_windows(values: Array, length: int) -> Complex:
+    """(windows, F, m, m) of (m, K) series in half overlapping windows of Hann, straight lines taken out.
+
+    A window's cross-spectra are per sample and two-sided.
+    """
+    window = np.hanning(length + 1)[:length]
+    ramp = np.arange(length) - 0.5 * (length - 1)
+    parts = np.lib.stride_tricks.sliding_window_view(values, length, axis=1)[:, :: max(1, length // 2)]
+    parts = parts - parts.mean(axis=2, keepdims=True)
+    parts = parts - (parts @ ramp / float(ramp @ ramp))[:, :, None] * ramp
+    Z = np.fft.rfft(parts * window, axis=2).transpose(1, 2, 0)
+    return np.asarray(Z[:, :, :, None] * Z[:, :, None, :].conj() / float(window @ window))
 
 
 def residual_spectrum(

@@ -8,10 +8,10 @@ from functools import cache, partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import welch
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
+from sysid.posterior.residual_spectrum import spectra_of_windows
 from sysid.signals.outliers import MAD_TO_SIGMA
 
 # Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
@@ -77,15 +77,19 @@ def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
     passed = smoothed(time_s, np.random.default_rng(0).standard_normal(values.size), grid, half)
     length = min(grid.size, round(_SPECTRUM_S / float(grid[1] - grid[0])))
     middle = float(smooth.mean())
-    frequencies, power = welch(smooth - middle, nperseg=length)
-    noise = sigma * sigma * welch(passed, nperseg=length)[1]
+    power, noise = (_power(one, length) for one in (smooth, sigma * passed))
     if noise.sum() < _LEAST_SHARE * power.sum():
         return smooth
     gain = 1.0 - np.minimum(noise / np.maximum(power, 1e-300), 1.0)
     # There and back again: no jump where the end meets the start.
     there = np.fft.rfft(np.concatenate((smooth, smooth[::-1])) - middle)
-    kept = np.fft.irfft(there * np.interp(np.fft.rfftfreq(2 * grid.size), frequencies, gain), 2 * grid.size)
-    return np.asarray(middle + kept[: grid.size])
+    gain = np.interp(np.fft.rfftfreq(2 * grid.size), np.fft.rfftfreq(length), gain)
+    return np.asarray(middle + np.fft.irfft(there * gain, 2 * grid.size)[: grid.size])
+
+
+def _power(values: Array, length: int) -> Array:
+    """(F,) spectrum of a series (N,), the mean over windows."""
+    return np.asarray(spectra_of_windows(values[None], length)[:, :, 0, 0].real.mean(axis=0))
 
 
 @dataclass(frozen=True)

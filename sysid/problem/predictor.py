@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate_variants
 from sim_vehicle.vehicle.flat_model import FlatModel
 from sysid.arrays import Array
-from sysid.problem.sensitivities import Inputs, Lane, has_tangents, tangents
+from sysid.problem.sensitivities import Driven, Inputs, Lane, has_tangents, tangents
 from sysid.signals.record import (
     OUTPUT_PLACES,
     OUTPUTS,
@@ -125,15 +126,18 @@ def error_gains(errors: Mapping[str, float]) -> Array:
     return np.array([1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS])
 
 
-def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float], out: Array) -> None:
-    """Derivative of the outputs by one sensor error, added to `out` (N, outputs)."""
+def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float]) -> tuple[str, Array | float]:
+    """The output that one sensor error changes, and the derivative by it, (N,) or the same for all samples."""
     output, form, _, _ = SENSOR_ERRORS[name]
-    column = OUTPUTS.index(output)
     if form == "bias":
-        out[:, column] += 1.0
-        return
+        return output, 1.0
     bias, scale = errors.get(f"{output}_bias", 0.0), errors.get(f"{output}_scale", 0.0)
-    out[:, column] += (predicted[:, column] - bias) / (1.0 + scale)
+    return output, (predicted[:, OUTPUTS.index(output)] - bias) / (1.0 + scale)
+
+
+def _columns(y: Array, outputs: Sequence[str]) -> Array:
+    """The columns of y (N, 15) that some outputs stand in."""
+    return y if outputs is OUTPUTS else y[:, [OUTPUTS.index(name) for name in outputs]]
 
 
 def _timed(flat: FlatModel, record: Record) -> tuple[Array, Array]:
@@ -241,19 +245,29 @@ class Predictor:
             flat.F, flat.K, flat.T, shift, y,
         )  # fmt: skip
 
-    def derivatives(self, index: int, theta: Array, states: Array, predicted: Array, out: Array | None = None) -> Array:
-        """Derivatives of a record's outputs by the parameters and its own free initial states.
+    def derivatives(
+        self,
+        index: int,
+        theta: Array,
+        states: Array,
+        predicted: Array,
+        out: Array | None = None,
+        driven: Sequence[tuple[Record, float]] = (),
+        outputs: Sequence[str] = OUTPUTS,
+    ) -> Array:
+        """Derivatives of some of a record's outputs by the parameters, its own free initial states and what drives it.
 
-        Returns (N, outputs, P + states): `out`, if that is given, written over.
-        theta: unknowns; states: the record's nine initial states; predicted: (N, outputs) there. Sensor errors
-        enter in closed form, parameters of effects by forward differences, all else by tangents of the simulation.
-        Where lift lags there are differences alone.
+        Returns (N, outputs, P + states + driven): `out`, if that is given, written over.
+        theta: unknowns; states: the record's nine initial states; predicted: (N, 15) there. driven: what the record
+        becomes, in its commands, thrust and imposed states, by a step of an unknown, and the step. Sensor errors enter
+        in closed form, parameters of effects by forward differences, all else by tangents of the simulation. Where lift
+        lags there are differences alone.
         """
         record, count = self.records[index], len(self.parameters)
         flat, errors = self.apply(theta)
         unknowns = count + len(self.free_states[index])
         exact = has_tangents(flat, record.interval_s)
-        shape = (record.length, len(OUTPUTS), unknowns)
+        shape = (record.length, len(outputs), unknowns + len(driven))
         by_sample = np.empty(shape) if out is None else out
         if not exact:
             by_sample[:] = 0.0
@@ -267,19 +281,36 @@ class Predictor:
         ]
         if exact:
             differences = [i for i in simulated if i < count and self.parameters[i].kind == "effect"]
-            self._tangents(index, flat, errors, states, [i for i in simulated if i not in differences], by_sample)
+            places = [i for i in simulated if i not in differences]
+            self._tangents(index, flat, errors, states, places, driven, outputs, by_sample)
         else:
             differences = simulated
-        self._differences(index, theta, states, predicted, differences, result)
+            for i, (other, step) in enumerate(driven, unknowns):
+                moved = copy.copy(self)
+                moved.records = (other,)
+                result[i] = _columns((moved.outputs(0, flat, errors, states) - predicted) / step, outputs)
+        self._differences(index, theta, states, predicted, differences, outputs, result)
         for i, parameter in enumerate(self.parameters):
             if parameter.kind == "sensor":
-                sensor_derivative(parameter.name, predicted, errors, result[i])
+                name, slope = sensor_derivative(parameter.name, predicted, errors)
+                if name in outputs:
+                    result[i][:, outputs.index(name)] += slope
         return by_sample
 
     def _tangents(
-        self, index: int, flat: FlatModel, errors: Mapping[str, float], states: Array, places: Sequence[int], out: Array
+        self,
+        index: int,
+        flat: FlatModel,
+        errors: Mapping[str, float],
+        states: Array,
+        places: Sequence[int],
+        driven: Sequence[tuple[Record, float]],
+        outputs: Sequence[str],
+        out: Array,
     ) -> None:
-        """Exact derivatives by the unknowns at `places`, into `out` (N, outputs, P + states); initial states last."""
+        """Exact derivatives by the unknowns at `places`, initial states last of them, and by what drives the record,
+        into `out` (N, outputs, P + states + driven).
+        """
         record, count = self.records[index], len(self.parameters)
         lanes = []
         for i in places:
@@ -292,18 +323,30 @@ class Predictor:
         steps = self.tangent_steps or self.sub_steps
         if self.tangent_steps is None and record.interval_s <= _CLOSE_SAMPLES_S:
             steps = (self.sub_steps + 1) // 2
+        shift = self.thrust_shift(record, errors)
+        others = [
+            Driven(_timed(flat, one)[1], thrust_without_airspeed(one) + shift, one.imposed_states, step)
+            for one, step in driven
+        ]
+        lanes += [Lane(i) for i in range(out.shape[2] - len(driven), out.shape[2])]
         flat = flat.copy()
         flat.E[:], commands = _timed(flat, record)
         inputs = Inputs(
-            record.start, record.start + record.length, commands,
-            thrust_without_airspeed(record) + self.thrust_shift(record, errors), record.rho, record.interval_s, steps,
-            self.command_first, record.imposed_states,
+            record.start, record.start + record.length, commands, thrust_without_airspeed(record) + shift, record.rho,
+            record.interval_s, steps, self.command_first, record.imposed_states,
         )  # fmt: skip
-        gains = error_gains(errors).tolist()
-        tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, OUTPUTS, gains, out)
+        gains = _columns(error_gains(errors)[None], outputs)[0].tolist()
+        tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, outputs, gains, others, out)
 
     def _differences(
-        self, index: int, theta: Array, states: Array, predicted: Array, places: Sequence[int], result: Array
+        self,
+        index: int,
+        theta: Array,
+        states: Array,
+        predicted: Array,
+        places: Sequence[int],
+        names: Sequence[str],
+        result: Array,
     ) -> None:
         """Forward differences by the unknowns at `places`, added to `result`, in one compiled call."""
         if not places:
@@ -335,4 +378,4 @@ class Predictor:
         y = np.empty((len(variants), record.length, len(CHANNELS)))
         self._simulate(record, commands, np.array(x0), flat, np.array(E), np.array(C), np.array(shift), STILL_AIR, y)
         for i, step, outputs in zip(places, steps, y, strict=True):
-            result[i] += (with_errors(outputs, errors) - predicted) / step
+            result[i] += _columns((with_errors(outputs, errors) - predicted) / step, names)

@@ -24,7 +24,7 @@ class Lane:
     """One unknown: its place in the result, and what it is.
 
     term: of the flat model, the coefficient it is; thrust: change of measured thrust [N] by it. An initial state is
-    neither.
+    neither, and what acts through the inputs neither.
     """
 
     place: int
@@ -47,6 +47,16 @@ class Inputs:
     held: Array
 
 
+@dataclass(frozen=True)
+class Driven:
+    """What drives the simulation where an unknown has grown by `step`; arrays as in `Inputs`."""
+
+    commands: Array
+    thrust: Array
+    held: Array
+    step: float
+
+
 def has_tangents(flat: FlatModel, interval_s: float) -> bool:
     """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
     are delayed by a part of a sample.
@@ -63,12 +73,13 @@ def tangents(
     lanes: Sequence[Lane],
     outputs: Sequence[str],
     gains: Sequence[float],
+    driven: Sequence[Driven],
     out: Array,
 ) -> None:
     """Derivatives of `outputs` times `gains` by the unknowns, into `out` (N, outputs, unknowns), 0 at other places.
 
-    x0: (14,) state at the start. states: which of the nine initial states u v w p q r phi theta psi the last lanes are.
-    outputs: names among READINGS.
+    x0: (14,) state at the start. driven: the last lanes act through these. states: which of the nine initial states
+    u v w p q r phi theta psi the lanes before those are. outputs: names among READINGS.
     """
     axes = np.searchsorted(flat.T, np.arange(flat.C.size), side="right") - 1
     terms = np.array([lane.term for lane in lanes], dtype=np.int64)
@@ -86,7 +97,10 @@ def tangents(
     simulate_tangents(
         x0, 0, inputs.start, inputs.stop, inputs.commands, inputs.thrust, inputs.rho, inputs.interval_s,
         inputs.sub_steps, float(inputs.command_first), inputs.held, _STILL_AIR, flat.P, flat.E, flat.C, flat.F, flat.K,
-        flat.T, terms, columns, places, np.array(states, dtype=np.int64), rows, np.array(gains, dtype=np.float64), out,
+        flat.T, terms, columns, places, np.array(states, dtype=np.int64), rows, np.array(gains, dtype=np.float64),
+        _stacked([one.commands for one in driven], inputs.commands),
+        _stacked([one.thrust for one in driven], inputs.thrust), _stacked([one.held for one in driven], inputs.held),
+        np.array([one.step for one in driven], dtype=np.float64), out,
     )  # fmt: skip
     for place in np.nonzero(shares != 1.0)[0]:
         out[:, :, place] *= shares[place]
@@ -100,6 +114,10 @@ def tangents(
         for i, row in enumerate(rows):
             if is_late(int(row), float(flat.E[slot("sensor_time_skew", "group")])):
                 out[:, i, :] = delay_rows(np.ascontiguousarray(out[:, i, :]), late)
+
+
+def _stacked(arrays: Sequence[Array], like: Array) -> Array:
+    return np.stack(arrays) if arrays else np.empty((0, *like.shape))
 
 
 def _lag(series: Array, interval_s: float, tau: float) -> None:

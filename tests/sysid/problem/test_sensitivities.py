@@ -21,7 +21,7 @@ from sim_vehicle.physics.simulation import simulate
 from sim_vehicle.vehicle.flat_model import FlatModel, flatten
 from sim_vehicle.vehicle.propulsion import Polynomial, Propulsion
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter, sensor_error
-from sysid.problem.sensitivities import Inputs, Lane, has_tangents, tangents
+from sysid.problem.sensitivities import Driven, Inputs, Lane, has_tangents, tangents
 from sysid.signals.record import OUTPUTS, Record
 
 Array = NDArray[np.float64]
@@ -76,28 +76,44 @@ def slope(function: Callable[[float], Array], step: float) -> Array:
     return (8.0 * near - far) / (12.0 * step)
 
 
+def driven_by(given: Inputs, h: float) -> Inputs:
+    """The inputs with surfaces, thrust and imposed motion changed by h times something."""
+    generator = np.random.default_rng(5)
+    surfaces = np.repeat(generator.normal(0.0, 1.0, (N // 6, 3)), 6, axis=0)
+    commands = given.commands.copy()
+    commands[:, :3] += h * surfaces
+    thrust = given.thrust + h * np.cos(0.2 * np.arange(N))
+    held = given.held + h * generator.normal(0.0, 1.0, given.held.shape)
+    return replace(given, commands=commands, thrust=thrust, held=held)
+
+
 def assert_tangents(model: FlatModel, given: Inputs, relative: float = 1e-6) -> None:
-    """By every coefficient, every free initial state and the thrust."""
+    """By every coefficient, every free initial state, the thrust, and what drives all of it."""
     free = [i for i in range(9) if not (given.held.size and np.isfinite(given.held[given.start, i]))]
     count = model.C.size
     lanes = [Lane(i, term=i) for i in range(count)] + [Lane(count, thrust=2.0)]
-    lanes += [Lane(count + 1 + i) for i in range(len(free))]
+    lanes += [Lane(count + 1 + i) for i in range(len(free) + 1)]
+    step = 1e-8
+    other = driven_by(given, step)
+    driven = [Driven(other.commands, other.thrust, other.held, step)]
     x0 = np.zeros(14)
     x0[3:6], x0[10:13], x0[13] = STATES[:3], STATES[3:6], np.nan
     x0[6:10] = quaternion(*STATES[6:9])
     found = np.zeros((given.stop - given.start, len(READINGS), len(lanes)))
-    tangents(model, given, x0, free, lanes, READINGS, np.ones(len(READINGS)), found)
+    tangents(model, given, x0, free, lanes, READINGS, np.ones(len(READINGS)), driven, found)
     for place in range(len(lanes)):
 
         def moved(h: float, place: int = place) -> Array:
             states, coefficients = STATES.copy(), model.C.copy()
             if place < count:
                 coefficients[place] += h
-            elif place > count:
+            elif count < place < len(lanes) - 1:
                 states[free[place - count - 1]] += h
-            return flown(model, given, states, coefficients, 2.0 * h if place == count else 0.0)
+            by = driven_by(given, h) if place == len(lanes) - 1 else given
+            return flown(model, by, states, coefficients, 2.0 * h if place == count else 0.0)
 
-        expected = slope(moved, 1e-4)
+        # Servos that limit and stick have kinks, which a smaller step avoids.
+        expected = slope(moved, 1e-6 if place == len(lanes) - 1 else 1e-4)
         size = np.abs(expected).max(axis=0)
         miss = np.abs(found[:, :, place] - expected).max(axis=0)
         assert np.all(miss <= relative * np.maximum(size, 1e-3 * size.max() + 1e-4)), (place, miss / (size + 1e-12))
