@@ -24,10 +24,11 @@ from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import compatibility
-from sysid.numerics.normal_equations import gram
+from sysid.numerics.normal_equations import add_squares, gram
 from sysid.problem.coefficient_residuals import known_propulsion
 from sysid.problem.free_run import Fixed
 from sysid.problem.predictor import Predictor, coefficient
+from sysid.signal_check.kinematic_relations import integrate
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS, Record
 
@@ -62,7 +63,9 @@ def _differentiate() -> None:
     theta = np.concatenate((predictor.flat.C, _states()))
     S = predictor.derivatives(0, theta, _states(), np.zeros((_SAMPLES, len(OUTPUTS))))
     outputs = np.arange(len(OUTPUTS))
-    gram(S, np.zeros((_SAMPLES, outputs.size)), outputs, np.ones(outputs.size))
+    residual = np.zeros((_SAMPLES, outputs.size))
+    gram(S, residual, outputs, np.ones(outputs.size))
+    add_squares(residual, np.zeros(outputs.size), np.zeros(outputs.size, dtype=np.int64))
 
 
 def _reconstruct() -> None:
@@ -73,6 +76,7 @@ def _reconstruct() -> None:
         "alpha": _PITCH, "beta": 0.0, "phi": 0.0, "theta": _PITCH, "psi": 0.0, "vn": _SPEED, "ve": 0.0, "vd": 0.0,
     }  # fmt: skip
     columns = {name: value + one for (name, value), one in zip(level.items(), noise, strict=True)}
+    integrate(noise, _INTERVAL_S, np.empty_like(noise))
     compatibility(FlightData("compilation", _INTERVAL_S, _INTERVAL_S * np.arange(_SAMPLES, dtype=np.float64), columns))
 
 

@@ -74,14 +74,26 @@ def test_an_aircraft_whose_free_motion_runs_away_gets_filter_error(monkeypatch: 
     assert np.isfinite(largest(found))
 
 
-def test_an_aircraft_that_is_slightly_unstable_is_told_so() -> None:
+def unstable(Cm_alpha: float) -> Identification:
     model = read_model("iitb-mav")
-    model = replace(model, coefficients={**model.coefficients, "Cm_alpha": Coefficient(0.05)})
-    found = identify([fly_mav("elevator-3211", 3, model=model)[0]], VEHICLE, systematic=False)
+    model = replace(model, coefficients={**model.coefficients, "Cm_alpha": Coefficient(Cm_alpha)})
+    return identify([fly_mav("elevator-3211", 3, model=model)[0]], VEHICLE, systematic=False)
+
+
+def test_an_aircraft_that_is_slightly_unstable_is_seen_to_be() -> None:
+    found = unstable(0.005)
     entry = found.model.coefficients["Cm_alpha"]
     assert entry.value is not None
     assert entry.std is not None
-    assert abs(entry.value - 0.05) < 3.0 * entry.std < 0.1
+    assert abs(entry.value - 0.005) < 3.0 * entry.std < 0.01
+    assert found.quality.verdict == "good"
+
+
+def test_a_flight_in_which_the_aircraft_tumbles_is_too_poor() -> None:
+    # Ten times as unstable, it has turned over within two seconds, and flies backwards as often as ahead.
+    found = unstable(0.05)
+    assert found.quality.verdict == "poor"
+    assert {"CL", "CD", "Cm"} <= set(found.quality.axes)
 
 
 @pytest.mark.whole_flight
