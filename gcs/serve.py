@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import logging
+import resource
+import shutil
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -14,6 +16,7 @@ from types import FrameType
 import uvicorn
 
 from gcs.api import create_app
+from gcs.api.connections import BoundedProtocol
 from gcs.catalogue.intake import Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.store import Catalogue, Flight
@@ -49,6 +52,21 @@ def _sole_user(data: Path) -> Iterator[None]:
         except OSError as error:
             raise ServiceError(f"{data}: another service uses this data folder; stop it or choose another") from error
         yield
+
+
+def _tidy(settings: Settings) -> None:
+    """Remove the folders of uploads and jobs that a service which was killed left behind."""
+    folders = [*settings.data.glob("upload-*"), *(settings.jobs.iterdir() if settings.jobs.is_dir() else ())]
+    for folder in folders:
+        if folder.is_dir() and not folder.is_symlink():
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _allow_descriptors() -> None:
+    """As many open files and sockets as this process may have: links and recordings must never lack one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != hard:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 @contextmanager
@@ -104,6 +122,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
 
     announce: called once with the URL at which the service answers.
     """
+    _allow_descriptors()
     if settings.vehicle is not None:
         for warning in load_vehicle(settings.vehicle).warnings:
             _log.warning("%s", warning)
@@ -112,6 +131,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         _listen(settings) as listener,
         closing(Catalogue(settings.database)) as catalogue,
     ):
+        _tidy(settings)
         jobs = JobRunner(settings, catalogue)
         identify = _identify_when_over(settings, jobs)
         for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
@@ -140,7 +160,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
-            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
+            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=BoundedProtocol)
             server = _Server(config, live)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):

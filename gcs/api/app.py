@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from gcs.api import problems
+from gcs.api.bodies import BodyLimit
 from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
 from gcs.api.live import router as live_router
@@ -68,7 +69,8 @@ def create_app(
         static_url=DESCRIPTION_FILES,
     )
     app.state.service = service
-    app.add_middleware(Guard, token=settings.token)
+    app.add_middleware(BodyLimit)
+    app.add_middleware(Guard, token=settings.token)  # the last one added is asked first
     problems.install(app)
     for router in (status_router, live_router, flights_router, jobs_router, page_router):
         app.include_router(router)

@@ -76,7 +76,7 @@ def flights(
 @router.post(
     "/api/flights",
     status_code=201,
-    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM},
+    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 507: _PROBLEM},
     openapi_extra=_UPLOAD_BODY,
 )
 async def upload(
@@ -140,6 +140,6 @@ def signals(
 ) -> SignalsView:
     """Signals for plotting, at most about `points` samples of each; the extremes of every stretch are kept."""
     found = service.catalogue.flight(flight_id)
-    wanted = [name.strip() for name in names.split(",") if name.strip()]
+    wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip()))
     series = service.viewer.series(found, wanted, start, end, points)
     return SignalsView(flight=flight_id, signals={name: Series(**entry) for name, entry in series.items()})

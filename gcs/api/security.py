@@ -39,9 +39,13 @@ class Guard:
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = Headers(scope=scope)
-        host = urlsplit("//" + headers.get("host", ""))
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host.netloc:
+        try:
+            host = urlsplit("//" + headers.get("host", ""))
+            site = None if origin is None else urlsplit(origin).netloc
+        except ValueError:
+            return 400, "the header Host or Origin names no host"
+        if site is not None and site != host.netloc:
             return 403, "requests from the page of another site are refused"
         if self._token is None:
             if is_loopback(host.hostname or ""):

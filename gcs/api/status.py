@@ -15,8 +15,9 @@ router = APIRouter(tags=["state"])
 
 
 @router.get("/api/health")
-def health(service: Serving) -> Health:
+async def health(service: Serving) -> Health:
     """Whether the service records: links, disk, version. Needs no token."""
+    # It waits for nothing and needs no thread, so that it answers whatever others ask for.
     links = service.recorder.links
     state = service.recorder.state
     parts: tuple[Watched, ...] = (service.recorder, service.jobs, *service.others)

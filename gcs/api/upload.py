@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import HTTPException, Request
+from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 
 from gcs.settings import Settings
+from gcs.text.sizes import size_text
 
 _WRITE_BYTES = 1 << 20
+# The headers of a form's part are a name and a type.
+_MOST_HEADER_BYTES = 10_000
 
 
 @asynccontextmanager
@@ -26,6 +31,7 @@ async def receive_upload(request: Request, settings: Settings, name: str) -> Asy
     declared = request.headers.get("content-length", "")
     if declared.isdecimal() and int(declared) > settings.max_upload_bytes:
         raise _too_large(settings)
+    _leave_reserve(settings, int(declared) if declared.isdecimal() else 0)
     with tempfile.TemporaryDirectory(prefix="upload-", dir=settings.data) as folder:
         path = Path(folder) / "upload"
         with path.open("wb") as file:
@@ -38,17 +44,31 @@ async def receive_upload(request: Request, settings: Settings, name: str) -> Asy
                     raise _too_large(settings)
                 pending += target.content(chunk)
                 if len(pending) >= _WRITE_BYTES:
+                    _leave_reserve(settings, len(pending))
                     await run_in_threadpool(file.write, bytes(pending))
                     pending.clear()
             await run_in_threadpool(file.write, bytes(pending))
         target.check_complete()
         if path.stat().st_size == 0:
             raise HTTPException(422, target.nothing())
+        # It is kept as a recording of about its own size.
+        _leave_reserve(settings, path.stat().st_size)
         yield path, target.name
 
 
 def _too_large(settings: Settings) -> HTTPException:
     return HTTPException(413, f"the file is larger than {settings.max_upload_bytes} bytes, the most that is taken")
+
+
+def _leave_reserve(settings: Settings, size: int) -> None:
+    """HTTP 507 where `size` more bytes would take of the disk what recordings keep in reserve."""
+    free, reserve = shutil.disk_usage(settings.data).free, settings.storage.reserve_bytes
+    if free < reserve + size:
+        raise HTTPException(
+            507,
+            f"the disk has {size_text(free)} left, and {size_text(reserve)} are kept in reserve for what is recorded;"
+            " free some space",
+        )
 
 
 class _Target:
@@ -83,7 +103,10 @@ class _Target:
         """The bytes of the file in the next chunk of the body."""
         if self._parser is None:
             return chunk
-        self._parser.write(chunk)
+        try:
+            self._parser.write(chunk)
+        except FormParserError as error:
+            raise HTTPException(422, f"the form is not well made ({error}); send the file as the body") from None
         taken = bytes(self._bytes)
         self._bytes.clear()
         return taken
@@ -104,9 +127,15 @@ class _Target:
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
         self._field += data[start:end]
+        self._check_header()
 
     def _header_value(self, data: bytes, start: int, end: int) -> None:
         self._value += data[start:end]
+        self._check_header()
+
+    def _check_header(self) -> None:
+        if len(self._field) + len(self._value) > _MOST_HEADER_BYTES:
+            raise HTTPException(422, f"a header of the form is longer than {_MOST_HEADER_BYTES} bytes")
 
     def _header_end(self) -> None:
         self._headers[self._field.lower()] = self._value

@@ -21,6 +21,7 @@ from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
 from gcs.recording.repair import UNFINISHED, complete
 from gcs.settings import Settings
+from gcs.text.utctext import LAST_NS
 
 _log = logging.getLogger(__name__)
 
@@ -33,6 +34,8 @@ def flight_stamp(ns: int) -> str:
 def describe(paths: list[Path], flight_id: str, name: str, source: str, state: str) -> Flight:
     """The catalogue's entry of a recording, all its files; RecordingError if it cannot be opened."""
     recording = Recording(paths)
+    if recording.end_ns > LAST_NS:
+        raise RecordingError(f"{paths[0]}: its messages came after the year 2262; was the clock that stamped them set?")
     system = vehicle_of(recording)
     return Flight(
         id=flight_id,

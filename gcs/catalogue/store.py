@@ -364,7 +364,8 @@ def _named_failures() -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise CatalogueFileError(
-            f"the catalogue cannot be read or written ({error}); is the disk full, or catalogue.sqlite damaged?"
+            f"the catalogue cannot be read or written ({error}); is the disk full? If catalogue.sqlite is damaged, move"
+            " it away: the next start lists the recordings anew, and results have to be made again"
         ) from error
 
 

@@ -14,6 +14,8 @@ from gcs.jobs.runner import python_path
 from gcs.text.jsontext import dumps
 
 _LONGEST_S = 120.0
+# So many wait for theirs at a time; each of them keeps a thread that others need.
+_MOST_WAITING = 4
 
 
 class Reports:
@@ -21,15 +23,22 @@ class Reports:
 
     def __init__(self, worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.reportworker")) -> None:
         self._worker = tuple(worker)
-        self._free = threading.Lock()
+        self._free, self._places = threading.Lock(), threading.BoundedSemaphore(_MOST_WAITING)
 
     def page(self, result: dict[str, Any]) -> str:
         """The result as one HTML page.
 
         Raises ReportError where it cannot be shown, ServiceError where others are still waiting for theirs.
         """
-        if not self._free.acquire(timeout=_LONGEST_S):
+        if not self._places.acquire(blocking=False):
             raise ServiceError("other reports are being made; ask again in a minute")
+        try:
+            with self._free:
+                return self._made(result)
+        finally:
+            self._places.release()
+
+    def _made(self, result: dict[str, Any]) -> str:
         try:
             made = subprocess.run(
                 self._worker,
@@ -44,8 +53,6 @@ class Reports:
             raise ServiceError(
                 f"the report was not made within {_LONGEST_S:g} s; make it by hand with gcs report"
             ) from None
-        finally:
-            self._free.release()
         if made.returncode != 0:
             lines = made.stderr.strip().splitlines()
             raise ReportError(lines[-1] if lines else f"the report failed (exit code {made.returncode})")

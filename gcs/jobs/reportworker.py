@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 
 from gcs.errors import ReportError
-from gcs.jobs.worker import NICENESS
+from gcs.jobs.limits import memory_limit, stand_back
 from gcs.report.page import report
 
 
 def main() -> int:
     """Write the page. Exit code 1 with the reason on standard error where the result cannot be shown."""
-    os.nice(NICENESS)
+    stand_back(memory_limit())
     try:
         sys.stdout.write(report(json.load(sys.stdin)))
     except ReportError as error:

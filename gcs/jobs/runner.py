@@ -22,6 +22,7 @@ from typing import IO, Any
 from gcs.analysis.part import part_problem
 from gcs.catalogue.store import Catalogue, Job
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
+from gcs.jobs.limits import memory_limit
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
 from sim_vehicle.effects import effect_called
@@ -34,6 +35,8 @@ _log = logging.getLogger(__name__)
 KINDS = ("identify", "discrepancy")
 _MODEL_FIELDS = ("model", "structure", "prior")
 _STOP_TIMEOUT_S = 5.0
+# The longest flights take minutes; what takes longer never ends.
+_LONGEST_S = 7200.0
 _RETRY_S = 5.0
 
 
@@ -44,6 +47,7 @@ class NothingToDoError(JobError):
 class JobRunner:
     """Takes queued jobs from the catalogue. `worker` is the command that runs one.
 
+    longest_s, memory_bytes: what one job may take; memory as `memory_limit` has it unless said otherwise.
     problem: why they wait, in words, empty when all is well.
     """
 
@@ -52,10 +56,13 @@ class JobRunner:
         settings: Settings,
         catalogue: Catalogue,
         worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.worker"),
+        longest_s: float = _LONGEST_S,
+        memory_bytes: int | None = None,
     ) -> None:
         self._settings = settings
         self._catalogue = catalogue
         self._worker = tuple(worker)
+        self._longest_s, self._memory_bytes = longest_s, memory_bytes or memory_limit()
         self.problem = ""
         self._wake = threading.Event()
         self._stopping = threading.Event()
@@ -208,6 +215,10 @@ class JobRunner:
                 process.terminate()
         assert process.stdin is not None
         assert process.stdout is not None
+        late = threading.Event()
+        watchdog = threading.Timer(self._longest_s, _end_late, (process, late))
+        watchdog.daemon = True
+        watchdog.start()
         try:
             with contextlib.suppress(BrokenPipeError):  # it died at its start; exit code and last words say why
                 process.stdin.write(dumps(order) + "\n")
@@ -219,6 +230,7 @@ class JobRunner:
             process.wait()
             raise
         finally:
+            watchdog.cancel()
             with contextlib.suppress(BrokenPipeError):  # closing writes what the dead worker did not take
                 process.stdin.close()
             process.stdout.close()
@@ -226,6 +238,8 @@ class JobRunner:
                 self._process = None
         if self._stopping.is_set():
             return None
+        if late.is_set():
+            raise JobError(f"it was not done after {self._longest_s / 60.0:g} minutes; take a part of the flight")
         if "nothing" in last:
             raise NothingToDoError(last["nothing"])
         if "error" in last:
@@ -270,6 +284,7 @@ class JobRunner:
             "rule_out": request.get("rule_out", ()),
             "as_recorded": request.get("as_recorded", ()),
             "automatic": request.get("automatic", False),
+            "memory_bytes": self._memory_bytes,
             "output": folder / "result.json",
         }
 
@@ -295,6 +310,11 @@ def _check_effects(kind: str, names: Sequence[str]) -> None:
 def _share(given: object) -> float:
     """Progress as a worker reports it; 0, which changes nothing, for anything else."""
     return float(given) if isinstance(given, int | float) and math.isfinite(given) else 0.0
+
+
+def _end_late(process: subprocess.Popen[str], late: threading.Event) -> None:
+    late.set()
+    process.kill()
 
 
 def python_path() -> str:

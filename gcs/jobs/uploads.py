@@ -16,6 +16,7 @@ from typing import Any
 from gcs.catalogue.intake import flight_stamp, numbered_ids
 from gcs.catalogue.store import Catalogue, Flight
 from gcs.errors import ImportFileError, ServiceError
+from gcs.jobs.limits import memory_limit
 from gcs.jobs.runner import last_words, python_path
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
@@ -23,7 +24,6 @@ from gcs.text.jsontext import dumps
 _MAX_NAME = 200
 # The largest upload takes minutes; what takes longer never ends.
 _LONGEST_S = 1800.0
-_MEMORY_SHARE = 0.5
 # What file systems say that have one name for each file (FAT, some network shares).
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
@@ -31,7 +31,7 @@ _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 class Uploads:
     """Turns uploaded files into flights, one at a time. `worker` is the command that reads one.
 
-    longest_s, memory_bytes: what reading one may take; half of this machine's memory unless said otherwise.
+    longest_s, memory_bytes: what reading one may take; memory as `memory_limit` has it unless said otherwise.
     """
 
     def __init__(
@@ -46,8 +46,7 @@ class Uploads:
         self._catalogue = catalogue
         self._worker = tuple(worker)
         self._longest_s = longest_s
-        installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        self._memory_bytes = memory_bytes or int(_MEMORY_SHARE * installed)
+        self._memory_bytes = memory_bytes or memory_limit()
         self._turn = threading.Lock()
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None

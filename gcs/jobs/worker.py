@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import GcsError
+from gcs.jobs.limits import stand_back
 from gcs.text.jsontext import dumps
+from gcs.text.sizes import size_text
 from sim_vehicle.errors import SimVehicleError
 from sysid.errors import SegmentError, SysidError
-
-NICENESS = 10
 
 
 def report(**fields: object) -> None:
@@ -74,9 +74,9 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> int:
     """Read one order, run it, leave the result where the order says. Exit code 1 for a named error."""
-    os.nice(NICENESS)
     order = json.loads(sys.stdin.readline())
     threading.Thread(target=end_with_service, daemon=True).start()
+    stand_back(order["memory_bytes"])
     try:
         result = run(order)
     except (GcsError, SysidError, SimVehicleError) as error:
@@ -84,6 +84,10 @@ def main() -> int:
         for line in getattr(error, "__notes__", ()):
             report(log=f"warning: {line}")
         report(**{"nothing" if ground else "error": str(error)})
+        return 1
+    except MemoryError:
+        most = size_text(order["memory_bytes"])
+        report(error=f"it takes more memory than {most}, the most that a job may take; take a part of the flight")
         return 1
     Path(order["output"]).write_text(dumps(result), encoding="utf-8")
     report(progress=1.0)

@@ -24,8 +24,10 @@ HELD = ("de", "da", "dr", "throttle")
 GAP_S = 0.1  # s without a sample that are a gap
 # No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.
 LARGEST = 1e9
-# Longest flight put on a grid, s: two days.
+# Longest flight put on a grid, s: two days; how much longer than its samples fill it may be where it is longer than so
+# much, s: beyond that it is the clock that jumped, or a vehicle that was switched off for hours.
 _LONGEST_S = 2e5
+_MOSTLY_EMPTY, _EMPTY_FROM_S = 20.0, 4000.0
 # Share of the interval by which a stamp may miss its grid point and still be that grid point's sample (jitter), and
 # by which all stamps together may (offset): an offset is a timing error, jitter averages out.
 JITTER = 0.1
@@ -130,10 +132,16 @@ def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signa
 def _grid(flight: str, name: str, base: Signal, interval_s: float, warnings: list[str]) -> tuple[Array, float]:
     steps = np.diff(base.time_s)
     typical = float(np.median(steps))
-    if base.time_s[-1] - base.time_s[0] > _LONGEST_S:
+    span, filled = float(base.time_s[-1] - base.time_s[0]), base.time_s.size * typical
+    if span > _LONGEST_S:
         raise SignalError(
-            f"{flight}: the stamps of {name} span {base.time_s[-1] - base.time_s[0]:.3g} s, more than a flight lasts;"
-            " cut the recording, or check its clock"
+            f"{flight}: the stamps of {name} span {span:.3g} s, more than a flight lasts; cut the recording, or check"
+            " its clock"
+        )
+    if span > max(_MOSTLY_EMPTY * filled, _EMPTY_FROM_S):
+        raise SignalError(
+            f"{flight}: the stamps of {name} span {span:.0f} s, and its samples fill {filled:.0f} s of them: a clock"
+            " jumped, or the vehicle was switched off meanwhile; take a part of the flight (--from, --to)"
         )
     if typical > 1.5 * interval_s:
         warnings.append(f"{name} comes at {1.0 / typical:.1f} Hz, slower than {1.0 / interval_s:.0f} Hz asked for")

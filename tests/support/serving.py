@@ -13,11 +13,13 @@ from fastapi import FastAPI
 from patience import PATIENCE_S
 from traffic import wait_until
 
+from gcs.api.connections import BoundedProtocol
+
 
 @contextmanager
-def serving(app: FastAPI) -> Iterator[httpx.Client]:
-    """A client of the application behind a real server on a port of this machine."""
-    server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
+def serving(app: FastAPI, protocol: type[BoundedProtocol] = BoundedProtocol) -> Iterator[httpx.Client]:
+    """A client of the application behind a real server on a port of this machine, as `gcs serve` has it."""
+    server = uvicorn.Server(uvicorn.Config(app, log_level="error", http=protocol))
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

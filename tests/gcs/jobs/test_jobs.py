@@ -141,6 +141,32 @@ def test_a_worker_that_dies_before_it_has_read_its_order_leaves_nothing_open(ben
     assert (job.state, job.error) == ("failed", "the worker was ended by signal 9; is there enough memory?")
 
 
+@pytest.mark.parametrize(
+    ("longest_s", "memory_bytes", "program", "words"),
+    [
+        (0.5, None, "import time; time.sleep(600)", "not done after"),
+        (60.0, 300_000_000, "", "more memory than 300 MB"),
+    ],
+)
+def test_a_job_that_takes_too_much_is_ended_and_says_what_to_do(
+    bench: Bench, longest_s: float, memory_bytes: int | None, program: str, words: str
+) -> None:
+    greedy = (
+        "import sys\nfrom gcs.jobs import worker\n"
+        "worker.run = lambda order: bytearray(10**9)\nsys.exit(worker.main())\n"
+    )
+    command = (sys.executable, "-c", program or greedy)
+    runner = JobRunner(bench.settings, bench.catalogue, command, longest_s, memory_bytes)
+    bench.runners.append(runner)
+    runner.start()
+    job = runner.submit(bench.flight, {"kind": "identify"})
+    ended = wait_until(lambda: bench.ended(job.id))
+    assert ended.state == "failed"
+    assert ended.error is not None
+    assert words in ended.error
+    assert "take a part of the flight" in ended.error
+
+
 def test_a_job_with_nothing_to_do_is_skipped_and_says_why(bench: Bench) -> None:
     job = bench.run(NOTHING, {"kind": "identify", "automatic": True})
     assert (job.state, job.progress, job.error) == ("skipped", 1.0, None)

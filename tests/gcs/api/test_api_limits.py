@@ -1,0 +1,156 @@
+"""Clients that take more than their share: connections, bodies, disk, forms, threads."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import httpx
+import pytest
+from api_bench import START, Bench, problem
+from fastapi import FastAPI
+from fastapi.responses import StreamingResponse
+from mcap.writer import Writer
+from patience import PATIENCE_S
+from serving import serving
+from traffic import wait_until
+
+from gcs.api.connections import limited
+from gcs.recording.storage import StorageOptions
+
+
+def ask(connection: socket.socket, path: str = "/api/health") -> bytes:
+    """The first bytes of the answer to a request."""
+    connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+    return connection.recv(100)
+
+
+def connect(client: httpx.Client) -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", client.base_url.port or 0))
+    connection.settimeout(PATIENCE_S)
+    return connection
+
+
+def is_ended(connection: socket.socket) -> bool:
+    """Whether the server has ended a connection from which nothing is to come."""
+    connection.settimeout(0.01)
+    try:
+        return connection.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_beyond_the_limit_those_connections_end_that_have_waited_longest(bench: Bench) -> None:
+    with serving(bench.app, limited(most=5)) as client, ExitStack() as held:
+        idle = []
+        for _ in range(30):
+            idle.append(held.enter_context(connect(client)))
+            time.sleep(0.005)
+        wait_until(lambda: all(is_ended(one) for one in idle[:20]))
+        assert client.get("/api/health").status_code == 200
+        idle[-1].settimeout(PATIENCE_S)
+        assert ask(idle[-1]).startswith(b"HTTP/1.1 200")
+
+
+@pytest.mark.parametrize(
+    "begun",
+    [b"", b"GET /api/hea", b"POST /api/flights/x/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 20\r\n\r\n{"],
+)
+def test_a_client_that_never_says_the_rest_is_waited_for_so_long_and_no_longer(bench: Bench, begun: bytes) -> None:
+    with serving(bench.app, limited(patience_s=0.3)) as client, connect(client) as connection:
+        connection.sendall(begun)
+        wait_until(lambda: is_ended(connection))
+
+
+def test_an_answer_takes_as_long_as_it_takes() -> None:
+    app = FastAPI()
+
+    @app.get("/slow")
+    def slow() -> StreamingResponse:
+        def parts() -> Iterator[bytes]:
+            for _ in range(5):
+                time.sleep(0.2)
+                yield b"part "
+
+        return StreamingResponse(parts())
+
+    with serving(app, limited(patience_s=0.3)) as client:
+        assert client.get("/slow").text == "part " * 5
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_body_larger_than_any_model_is_refused_while_it_comes(client: httpx.Client, declared: bool) -> None:
+    large = b'{"kind": "identify", "prior": {"x": "' + 5_000_000 * b"x" + b'"}}'
+    body = large if declared else (large[i : i + 65536] for i in range(0, len(large), 65536))
+    answer = client.post("/api/flights/x/jobs", content=body, headers={"Content-Type": "application/json"})
+    assert "larger than 4 MB" in problem(answer, 413)
+
+
+def test_names_that_are_no_hosts_are_said_to_be_none(client: httpx.Client) -> None:
+    for headers in ({"Host": "["}, {"Origin": "http://["}):
+        assert "names no host" in problem(client.get("/api/flights", headers=headers), 400)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (b"no boundary at all", "not well made"),
+        (b"--x\r\nContent-Disposition: form-data; name=" + 20_000 * b"y", "longer than 10000 bytes"),
+    ],
+)
+def test_a_form_that_is_none_is_refused_in_words(client: httpx.Client, body: bytes, words: str) -> None:
+    headers = {"Content-Type": "multipart/form-data; boundary=x"}
+    assert words in problem(client.post("/api/flights", content=body, headers=headers), 422)
+
+
+def test_an_upload_leaves_what_recordings_keep_in_reserve(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(storage=StorageOptions(reserve_bytes=10**18))
+    with serving(bench.app) as client:
+        assert "in reserve for what is recorded" in problem(client.post("/api/flights?name=a.tlog", content=b"x"), 507)
+    assert not list(bench.settings.data.glob("upload-*"))
+
+
+def test_a_recording_of_after_2262_is_refused_in_words(bench: Bench, client: httpx.Client) -> None:
+    path = bench.settings.data / "late.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("x", "ros2msg", b"int8 x")
+        channel = writer.register_channel("/x", "cdr", schema)
+        writer.add_message(channel, log_time=2**64 - 1, publish_time=2**64 - 1, data=b"\0\1\0\0\1")
+        writer.finish()
+    answer = client.post("/api/flights?name=late.mcap", content=path.read_bytes())
+    assert problem(answer, 422)
+    assert not bench.catalogue.flights()
+
+
+def test_health_answers_while_every_thread_is_taken(bench: Bench, client: httpx.Client) -> None:
+    free, service = threading.Event(), bench.app.state.service
+    entered = threading.Semaphore(0)
+
+    def slow(*_: object) -> None:
+        entered.release()
+        assert free.wait(PATIENCE_S)
+
+    flight = bench.record(1, 1, START)
+    service.viewer.series = slow
+    askers = [
+        threading.Thread(target=httpx.get, args=(f"{client.base_url}/api/flights/{flight}/signals?names=phi",),
+                         kwargs={"timeout": PATIENCE_S})
+        for _ in range(60)
+    ]  # fmt: skip
+    try:
+        for asker in askers:
+            asker.start()
+        for _ in range(40):
+            assert entered.acquire(timeout=PATIENCE_S)
+        assert client.get("/api/health").status_code == 200
+    finally:
+        free.set()
+        for asker in askers:
+            asker.join()
