@@ -302,14 +302,42 @@ def _accelerations(x: Array, W: Array, P: Array, E: Array, mass: float, fx: floa
 def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P: Array, E: Array, C: Array,
                    F: IntArray, K: IntArray, T: IntArray, W: Array, flow: Array, D: Array, J: Array, work: Array,
                    products: Array, R: Array) -> None:  # fmt: skip
-    """Jacobian R (6, COLUMNS) of ax ay az [m/s2] and p' q' r' [rad/s2] where `derivatives` has just been evaluated.
+    """Jacobian of ax ay az and p' q' r' where `derivatives` has just been evaluated.
 
-    by_throttle: whether thrust followed from the throttle.
-    x, surfaces, gust, P, E, C, F, K, T: as `derivatives` had them, W as it left it; the wind is nil, no lift lags
-    and no ground is near.
-    products: (n,) result, what a term's coefficient is multiplied by, so that dR/dC_i is products[i] times the column
-    of the term's axis. flow (3, 3): result of `flow_slopes`. D (6, regressors), J (6, COLUMNS),
-    work (4, COLUMNS): work.
+    The wind is nil, no lift lags and no ground is near.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State as `derivatives` had it (`sim_vehicle.physics.layout`), SI units and rad.
+    surfaces : Array, shape (4,)
+        de, da, dr [rad] and throttle (0 to 1), as `derivatives` had them.
+    by_throttle : bool
+        Whether thrust followed from the throttle.
+    gust : Array, shape (3,)
+        Velocity of the air in body axes, m/s, as `derivatives` had it.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    W : Array, shape (WORK_SIZE,)
+        Work array as `derivatives` left it, SI units and rad.
+    flow : Array, shape (3, 3)
+        Result of `flow_slopes`, written over: derivatives of V, alpha and beta by the velocity, dimensionless and
+        rad s/m.
+    D : Array, shape (6, regressors)
+        Work, written over.
+    J : Array, shape (6, COLUMNS)
+        Work, written over.
+    work : Array, shape (4, COLUMNS)
+        Work, written over.
+    products : Array, shape (n,)
+        Result, written over: what a term's coefficient is multiplied by, dimensionless, so that dR/dC_i is products[i]
+        times the column of the term's axis.
+    R : Array, shape (6, COLUMNS)
+        Result, written over: derivatives of ax ay az [m/s^2] and p' q' r' [rad/s^2] per unit of each column.
     """
     V, wa = W[_V], x[5] - gust[2]
     mass = P[_MASS_P] * (1.0 + E[_MASS_E]) if E[_MASS] != 0.0 else P[_MASS_P]

@@ -116,9 +116,26 @@ def _inertial(x: Array, P: Array, E: Array, R: Array, H: Array) -> None:
 @jit_fused
 def reading_jacobian(x: Array, W: Array, wa: float, P: Array, E: Array, flow: Array, R: Array, angles: Array,
                      H: Array) -> None:  # fmt: skip
-    """Jacobian H (15, COLUMNS) of READINGS; arguments as `force_jacobian` had and left them, wa as in `flow_slopes`.
+    """Jacobian of READINGS by state, coefficients and thrust.
 
-    angles: (3, 4) result of `euler_slopes`.
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad, as `force_jacobian` had it.
+    W : Array, shape (WORK_SIZE,)
+        Work array as `force_jacobian` left it, SI units and rad.
+    wa : float
+        Downward component, body axes, of the velocity against the air, m/s, as in `flow_slopes`.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    flow : Array, shape (3, 3)
+        Result of `flow_slopes`: derivatives of V, alpha and beta by the velocity, dimensionless and rad s/m.
+    R : Array, shape (6, COLUMNS)
+        Result of `force_jacobian`: derivatives of ax ay az [m/s^2] and p' q' r' [rad/s^2] per unit of each column.
+    angles : Array, shape (3, 4)
+        Result of `euler_slopes`, written over: derivatives of phi, theta, psi [rad] by the quaternion.
+    H : Array, shape (15, COLUMNS)
+        Result, written over: derivatives of READINGS, SI units and rad per unit of each column.
     """
     H[:] = 0.0
     _air_data(x, W, P, E, wa, flow, H)

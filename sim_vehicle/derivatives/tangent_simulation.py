@@ -190,14 +190,63 @@ def simulate_tangents(
 ) -> None:  # fmt: skip
     """Derivatives of what `simulate` gives with the arguments of the same names.
 
-    terms, columns, places: (n,) of every unknown: the term it is the coefficient of, the column of `force_jacobian` it
-    acts through, and its place in the last axis of S, ascending. A term of -1 acts through the column by itself (the
-    thrust), a column of -1 on nothing. The last L unknowns act through what drives the simulation: other_commands,
-    other_thrust, other_held: (L, ...) what commands, thrust and held become where the unknown grows by `steps` (L,).
-    states: (m,) initial states u v w p q r phi theta psi (0 ... 8) that the m unknowns before those are. rows: places
-    in READINGS, one for each row of S; gain: factors on them. S: (stop - start, rows, unknowns) result, 0 at places
-    that are not named. Lags and delays of sensors, a lift that lags and the ground are left out; the height over which
-    the wind changes is an input. A diverging motion leaves NaN.
+    Lags and delays of sensors, a lift that lags and the ground are left out; the height over which the wind changes is
+    an input.
+
+    Parameters
+    ----------
+    x0 : Array, shape (14,)
+        State at sample `start` (`sim_vehicle.physics.layout`), SI units and rad.
+    first, start, stop : int
+        Sample at which the actuators are at rest, first sample of the simulation, and the one after its last.
+    commands : Array, shape (N, 4) or (N, 6)
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+    thrust : Array, shape (N,)
+        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
+    rho : Array, shape (N,)
+        Air density, kg/m^3.
+    dt : float
+        Interval of the samples, s.
+    sub_steps : int
+        Runge-Kutta steps in each interval.
+    command_first : float
+        1 where a sensor at a sample already sees the command of that sample, 0 where it sees that of the sample before;
+        between them where commands are means over the intervals.
+    held : Array, shape (N, 9) or (0, 9)
+        u v w p q r phi theta psi imposed at each sample [m/s, rad/s, rad], NaN where free; (0, 9) where all are free.
+    gusts : Array, shape (N, 3) or (0, 3)
+        Body-axis velocity of the air at the samples, m/s; (0, 3) for still air.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (c,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (c, 4), (c,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    terms, columns, places : IntArray, shape (n,)
+        Of every unknown: the term it is the coefficient of, the column of `force_jacobian` it acts through, and its
+        place in the last axis of S, ascending. A term of -1 acts through the column by itself (the thrust), a column of
+        -1 on nothing. The last L unknowns act through what drives the simulation.
+    states : IntArray, shape (m,)
+        Initial states u v w p q r phi theta psi (0 ... 8) that the m unknowns before those are.
+    rows : IntArray, shape (r,)
+        Places in READINGS, one for each row of S.
+    gain : Array, shape (r,)
+        Factors on the rows of S.
+    other_commands : Array, shape (L, N, 4) or (L, N, 6)
+        What `commands` become where each of the last L unknowns grows by its step, units as `commands`.
+    other_thrust : Array, shape (L, N)
+        What `thrust` becomes there, N.
+    other_held : Array, shape (L, N, 9) or (L, 0, 9)
+        What `held` becomes there, units as `held`.
+    steps : Array, shape (L,)
+        Steps of the last L unknowns, each in its own unit.
+    S : Array, shape (stop - start, r, unknowns)
+        Result, written over: derivatives of the readings times `gain`, SI units and rad per unit of each unknown; 0 at
+        places that are not named. A diverging motion leaves NaN.
+
+    References
+    ----------
+    Griewank & Walther, Evaluating Derivatives, chapter 3.
     """
     x = x0.copy()
     n = columns.size

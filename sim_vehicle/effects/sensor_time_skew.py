@@ -92,9 +92,18 @@ def late_reading(values: Array, last: int, late: float, turns: bool) -> float:
 
 @jit_arrays
 def delay_channels(y: Array, shown: Array, group: float, late: float) -> None:
-    """Let the channels of a group in readings y (N, CHANNELS) come `late` samples late, in place.
+    """Let the channels of a group of sensors come `late` samples late, in place.
 
-    shown: (N, CHANNELS) readings the part of a sample before each, for the samples after the first one.
+    Parameters
+    ----------
+    y : Array, shape (N, CHANNELS)
+        Readings, SI units and rad; changed in place.
+    shown : Array, shape (N, CHANNELS)
+        Readings the part of a sample before each, for the samples after the first one; units as `y`.
+    group : float
+        Place of the group among GROUPS.
+    late : float
+        Delay in samples, with its part of one.
     """
     whole, _ = split_delay(late)
     for channel in range(12):
@@ -109,7 +118,20 @@ def delay_channels(y: Array, shown: Array, group: float, late: float) -> None:
 
 @jit_arrays
 def delay_rows(values: Array, late: float) -> Array:
-    """(N, K) derivatives of readings, as those of readings delayed by `late` samples."""
+    """Derivatives of readings, as those of readings delayed by `late` samples.
+
+    Parameters
+    ----------
+    values : Array, shape (N, K)
+        Derivatives of a reading by K unknowns at N samples, unit of the reading per unit of the unknown.
+    late : float
+        Delay in samples, with its part of one.
+
+    Returns
+    -------
+    Array, shape (N, K)
+        Derivatives of the delayed reading, units as `values`.
+    """
     delayed = np.zeros(values.shape)
     for k in range(values.shape[0]):
         row, a, b, c, d = late_nodes(k, values.shape[0], late)

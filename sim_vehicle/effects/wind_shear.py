@@ -37,7 +37,22 @@ def sheared_wind(gradient: float, height: float) -> float:
 
 @jit
 def shear_slopes(x: Array, gradient: float, slopes: Array) -> None:
-    """Derivatives (3, 7) of what the shear adds to the rates of u v w, by u v w and the quaternion of the state `x`."""
+    """Derivatives of what the shear adds to the rates of u v w, by u v w and the quaternion of the state.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad.
+    gradient : float
+        Growth of the north wind with height, 1/s.
+    slopes : Array, shape (3, 7)
+        Result, written over: by u v w [1/s], then by the four parts of the quaternion [m/s^2].
+
+    References
+    ----------
+    W. Frost, R. L. Bowles, "Wind Shear Terms in the Equations of Aircraft Motion", J. Aircraft 21(11), 1984,
+    pp. 866-872.
+    """
     u, v, w = x[3], x[4], x[5]
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     north = (q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3, 2.0 * (q1 * q2 - q0 * q3), 2.0 * (q1 * q3 + q0 * q2))

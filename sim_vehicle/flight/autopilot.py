@@ -36,9 +36,22 @@ class Targets:
 
 
 def control_effectiveness(plant: Plant, trim: Trim) -> Array:
-    """Acceleration per unit of each control in trim (4,): pitch, roll, yaw, rad/s^2 per rad; along x, m/s^2 per unit.
+    """Acceleration per unit of each control in trim.
 
     Measured on the surfaces themselves: a slow actuator must not look like a weak one, or its gain would grow.
+
+    Parameters
+    ----------
+    plant : Plant
+        The vehicle and its model.
+    trim : Trim
+        The steady flight about which the controls are moved.
+
+    Returns
+    -------
+    Array, shape (4,)
+        Of de, da, dr: pitch, roll, yaw acceleration, rad/s^2 per rad; of the throttle: acceleration along x, m/s^2 per
+        unit.
     """
     found = np.zeros(4)
     for control, place in enumerate((P_RATE + 1, P_RATE, P_RATE + 2, U)):

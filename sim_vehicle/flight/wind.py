@@ -65,11 +65,36 @@ def dryden_gusts(
     generator: np.random.Generator,
     stationary: bool = True,
 ) -> Array:
-    """Gusts (samples, 3) in body axes u, v, w, m/s, every `dt` s, seen by an aircraft at `airspeed`, m/s.
+    """Gusts of Dryden turbulence, as an aircraft sees them at a constant airspeed.
 
-    The filters are discretised exactly, so variance and correlation hold for any `dt`. `stationary` starts
-    from the spectrum's own distribution; otherwise the air is calm in the first sample, as a flight that
-    starts in trim wants.
+    The filters are discretised exactly, so variance and correlation hold for any `dt`.
+
+    Parameters
+    ----------
+    samples : int
+        Number of samples.
+    dt : float
+        Interval of the samples, s.
+    sigma : float
+        Intensity, standard deviation of each component, m/s.
+    length : float
+        Scale length, m.
+    airspeed : float
+        Airspeed of the aircraft, m/s.
+    generator : np.random.Generator
+        Source of the white noise.
+    stationary : bool
+        Start from the spectrum's own distribution; otherwise the air is calm in the first sample, as a flight that
+        starts in trim wants.
+
+    Returns
+    -------
+    Array, shape (samples, 3)
+        Gusts in body axes u, v, w, m/s.
+
+    References
+    ----------
+    MIL-F-8785C, 3.7.1.2 (Dryden form, as in MIL-STD-1797A).
     """
     step = dt * airspeed / length
     decay = float(np.exp(-step))

@@ -23,7 +23,24 @@ _STARTS = 4
 
 
 def relative_peak_factor(values: Array) -> float:
-    """(max - min) / (2 sqrt(2) rms): 1 for a sine, the smaller the more power for a given amplitude."""
+    """Relative peak factor, (max - min) / (2 sqrt(2) rms).
+
+    It is 1 for a sine; the smaller, the more power for a given amplitude.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        The signal, in any unit.
+
+    Returns
+    -------
+    float
+        Relative peak factor, dimensionless.
+
+    References
+    ----------
+    Klein & Morelli, Aircraft System Identification, 2nd ed., 9.5.2.
+    """
     return float((values.max() - values.min()) / (2.0 * np.sqrt(2.0 * np.mean(values**2))))
 
 
@@ -40,7 +57,30 @@ def synthesise(
     period: float,
     weights: Sequence[float] | None = None,
 ) -> Array:
-    """sum of w_k sin(2 pi k t / period + phi_k), (N,), at `time`, s; w_k = 1 where no weights are given."""
+    """Multisine, the sum of w_k sin(2 pi k t / period + phi_k).
+
+    Parameters
+    ----------
+    harmonics : Sequence[int], length K
+        Harmonics k of the base period.
+    phases : Sequence[float], length K
+        Phases phi_k, rad.
+    time : Array, shape (N,)
+        Time t, s.
+    period : float
+        Base period, s.
+    weights : Sequence[float], length K, optional
+        Amplitudes w_k, in the unit of the signal; 1 where none are given.
+
+    Returns
+    -------
+    Array, shape (N,)
+        The signal, in the unit of the weights.
+
+    References
+    ----------
+    Klein & Morelli, Aircraft System Identification, 2nd ed., 9.5.2.
+    """
     angle = 2.0 * np.pi / period * np.outer(time, np.asarray(harmonics, dtype=np.float64))
     waves = np.sin(angle + np.asarray(phases, dtype=np.float64))
     return np.asarray(waves.sum(axis=1) if weights is None else waves @ np.asarray(weights, dtype=np.float64))

@@ -48,7 +48,15 @@ def delayed_mean(commands: Array, tick: int, channel: int, begin: float, end: fl
 
 @jit
 def start_actuators(command: Array, actuators: Array) -> None:
-    """Actuators at rest at `command` (de, da, dr, throttle)."""
+    """Put the actuators at rest at a command.
+
+    Parameters
+    ----------
+    command : Array, shape (4,) or longer
+        de, da, dr [rad] and throttle (0 to 1); what follows does not count.
+    actuators : Array, shape (ACTUATOR_SIZE,)
+        Result, written over: state of the actuators, rad and throttle (0 to 1).
+    """
     for channel in range(3):
         actuators[2 * channel] = command[channel]
         actuators[2 * channel + 1] = command[channel]
@@ -68,7 +76,17 @@ def deflection(channel: int, position: float, E: Array) -> float:
 
 @jit
 def surfaces_at_rest(command: Array, E: Array, end: Array) -> None:
-    """Surfaces (4,) of actuators that have been at rest at `command` for long."""
+    """Surfaces of actuators that have been at rest at a command for long.
+
+    Parameters
+    ----------
+    command : Array, shape (4,) or longer
+        de, da, dr [rad] and throttle (0 to 1); what follows does not count.
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+    end : Array, shape (4,)
+        Result, written over: de, da, dr [rad] and throttle (0 to 1).
+    """
     for channel in range(3):
         end[channel] = deflection(channel, command[channel], E)
     end[3] = command[3]
@@ -79,10 +97,26 @@ def advance_actuators(
     commands: Array, tick: int, begin: float, step: float, dt: float, P: Array, E: Array,
     actuators: Array, mean: Array, end: Array,
 ) -> None:  # fmt: skip
-    """Advance by `step` seconds, `begin` seconds after `tick`.
+    """Advance the actuators by one step, `begin` seconds after a tick.
 
-    commands: (N, 4) de, da, dr [rad], throttle, as held from each tick on. actuators: (10,) state, changed in place.
-    mean, end: (4,) results: mean over the step and value at its end.
+    Parameters
+    ----------
+    commands : Array, shape (N, 4) or wider
+        de, da, dr [rad] and throttle (0 to 1), as held from each tick on; further columns do not count.
+    tick : int
+        Row of `commands` that is held.
+    begin : float
+        Time from the tick to the step's begin, s.
+    step : float
+        Length of the step, s.
+    dt : float
+        Interval of the ticks, s.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    actuators : Array, shape (10,)
+        State of the actuators, rad and throttle (0 to 1); changed in place.
+    mean, end : Array, shape (4,)
+        Results, written over: de, da, dr [rad] and throttle (0 to 1), mean over the step and value at its end.
     """
     delay = E[_DELAY_S] if E[_DELAY] != 0.0 else 0.0
     for channel in range(3):
@@ -122,7 +156,21 @@ def advance_actuators(
 
 @jit
 def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end: Array) -> None:
-    """Let a command act at once on the surfaces a sensor sees at its own tick, where nothing delays or lags it."""
+    """Let a command act at once on the surfaces a sensor sees at its own tick, where nothing delays or lags it.
+
+    Parameters
+    ----------
+    commands : Array, shape (N, 4) or wider
+        de, da, dr [rad] and throttle (0 to 1), as held from each tick on; further columns do not count.
+    tick : int
+        Row of `commands` that acts.
+    dt : float
+        Interval of the ticks, s.
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+    end : Array, shape (4,)
+        Surfaces de, da, dr [rad] and throttle (0 to 1); the three surfaces are changed in place.
+    """
     lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
     remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
     if lags or delays or E[_RATE] != 0.0 or remembers:

@@ -38,7 +38,22 @@ def pressure(altitude: ArrayLike) -> Array:
 
 
 def density(altitude: ArrayLike) -> Array:
-    """Air density, kg/m^3, at geopotential `altitude`, m (up to 20 km)."""
+    """Air density at a geopotential altitude.
+
+    Parameters
+    ----------
+    altitude : ArrayLike, any shape
+        Geopotential altitude, m (up to 20 km).
+
+    Returns
+    -------
+    Array, shape of `altitude`
+        Air density, kg/m^3.
+
+    References
+    ----------
+    ICAO Doc 7488/3 (the same constants as the U.S. Standard Atmosphere 1976 below 20 km).
+    """
     return np.asarray(pressure(altitude) / (GAS_CONSTANT * temperature(altitude)))
 
 

@@ -267,12 +267,37 @@ def derivatives(
 ) -> None:  # fmt: skip
     """Rates of the state.
 
-    x, rate: (14,) state (sim_vehicle.physics.layout) and its rate. surfaces: (4,) de, da, dr [rad], throttle.
-    thrust: N, as measured, NaN where it follows from the throttle; before propulsion effects. wind: (3,) NED velocity
-    of the air, m/s; gust: (3,) that in body axes on top. Where the effect vector has a wind shear, u v w are against
-    the air that it moves, which is at rest at a height of 0, and `wind` does not hold it. rho: kg/m3. P, E: vehicle
-    constants and effect vector. C, F, K, T: values (n,), factor indices (n, 4), kinds (n,) and axis bounds (7,) of the
-    aerodynamic terms. W: work array, holds the by-products (Aux) afterwards; its `time` stays as it came.
+    Where the effect vector has a wind shear, u v w are against the air that it moves, which is at rest at a height of
+    0, and `wind` does not hold it.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad.
+    surfaces : Array, shape (4,)
+        de, da, dr [rad] and throttle (0 to 1).
+    thrust : float
+        Thrust as measured, N, NaN where it follows from the throttle; before propulsion effects.
+    wind : Array, shape (3,)
+        Velocity of the air, north east down, m/s.
+    gust : Array, shape (3,)
+        Velocity of the air in body axes on top, m/s.
+    rho : float
+        Air density, kg/m^3.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    W : Array, shape (WORK_SIZE,)
+        Work array, holds the by-products (`Aux`) afterwards, SI units and rad; its `time` [s] stays as it came.
+    rate : Array, shape (14,)
+        Result, written over: rate of the state, its units per second.
+
+    References
+    ----------
+    Stevens & Lewis, Aircraft Control and Simulation, chapters 1.7 and 3.
     """
     R = rotation_matrix(x[6], x[7], x[8], x[9])
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = R
@@ -359,7 +384,38 @@ def runge_kutta_along(
     step: float, slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array,
     scratch: Array,
 ) -> None:  # fmt: skip
-    """`runge_kutta_step` with surfaces that move: (4,) at its begin, in its middle and at its end."""
+    """Advance the state by one step as `runge_kutta_step` does, with surfaces that move.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
+    first, middle, last : Array, shape (4,)
+        de, da, dr [rad] and throttle (0 to 1) at the step's begin, in its middle and at its end.
+    thrust : float
+        Thrust as measured, N, NaN where it follows from the throttle.
+    wind : Array, shape (3,)
+        Velocity of the air, north east down, m/s.
+    gust : Array, shape (3,)
+        Velocity of the air in body axes on top, m/s.
+    rho : float
+        Air density, kg/m^3.
+    step : float
+        Length of the step, s.
+    slopes : Array, shape (6,) or (0,)
+        Rates of u v w [m/s^2] and p q r [rad/s^2] that are imposed, NaN where they follow from the equations; (0,)
+        where all do.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    W : Array, shape (WORK_SIZE,)
+        Work array as of `derivatives`, SI units and rad.
+    scratch : Array, shape (5, 14)
+        Work, written over.
+    """
     k1, k2, k3, k4, y = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     n = x.size
     derivatives(x, first, thrust, wind, gust, rho, P, E, C, F, K, T, W, k1)

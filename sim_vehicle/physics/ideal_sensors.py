@@ -67,9 +67,20 @@ def _played(sensor: Array, index: int, value: float, interval: float, width: flo
 def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor: Array, y: Array) -> None:
     """Readings from the state and the by-products of the equations of motion.
 
-    x: (14,) state; W: work array that `derivatives` left there; interval: s since the last reading, 0 at the start.
-    sensor: (SENSOR_SIZE,) memory of lags and of the thrust sensor, changed in place. y: (19,) readings in the order of
-    CHANNELS.
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad.
+    W : Array, shape (WORK_SIZE,)
+        Work array that `derivatives` left there, SI units and rad.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    interval : float
+        Time since the last reading, s; 0 at the start.
+    sensor : Array, shape (SENSOR_SIZE,)
+        Memory of lags and of the thrust sensor, in the readings' units; changed in place.
+    y : Array, shape (19,)
+        Result, written over: readings in the order of CHANNELS, SI units and rad.
     """
     p, q, r = x[10], x[11], x[12]
     V, alpha = W[_V], W[_ALPHA]

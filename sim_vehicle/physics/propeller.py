@@ -36,9 +36,25 @@ def curve(P: Array, at: int, J: float) -> tuple[float, float]:
 
 @jit
 def throttle_thrust(throttle: float, V: float, rho: float, P: Array) -> float:
-    """Thrust [N] at a throttle behind the motor's lag: the share of its full speed at which the propeller turns.
+    """Thrust at a throttle and an airspeed.
 
     By CT over advance ratio where the vehicle has it, else in proportion to the throttle.
+
+    Parameters
+    ----------
+    throttle : float
+        Throttle behind the motor's lag: the share of its full speed at which the propeller turns, 0 to 1.
+    V : float
+        Airspeed, m/s.
+    rho : float
+        Air density, kg/m^3.
+    P : Array, shape (PAR_SIZE,)
+        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
+
+    Returns
+    -------
+    float
+        Thrust, N.
     """
     if P[CT_PLACE] == 0.0:
         proportional: float = P[_TMAX] * throttle
@@ -60,7 +76,26 @@ def throttle_torque(throttle: float, V: float, rho: float, P: Array) -> float:
 
 @jit
 def speed_slopes(throttle: float, V: float, rho: float, P: Array) -> tuple[float, float]:
-    """Derivatives of `throttle_thrust` [N s/m] and `throttle_torque` [N s] by the airspeed."""
+    """Derivatives of `throttle_thrust` and `throttle_torque` by the airspeed.
+
+    Parameters
+    ----------
+    throttle : float
+        Throttle behind the motor's lag: the share of its full speed at which the propeller turns, 0 to 1.
+    V : float
+        Airspeed, m/s.
+    rho : float
+        Air density, kg/m^3.
+    P : Array, shape (PAR_SIZE,)
+        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
+
+    Returns
+    -------
+    by_thrust : float
+        Derivative of the thrust, N s/m; 0 where CT is unknown.
+    by_torque : float
+        Derivative of the torque, N s; 0 where CQ is unknown.
+    """
     n: float = max(throttle * P[_ROTOR] / (2.0 * math.pi), _SLOWEST)
     D: float = P[_DIA]
     by_thrust, by_torque = 0.0, 0.0
@@ -73,7 +108,22 @@ def speed_slopes(throttle: float, V: float, rho: float, P: Array) -> tuple[float
 
 @jit
 def rotor_speed(throttle: float, thrust: float, P: Array) -> float:
-    """Speed of the propeller [rad/s]: by the throttle where CT or CQ is known, else thrust goes with its square."""
+    """Speed of the propeller: by the throttle where CT or CQ is known, else thrust goes with its square.
+
+    Parameters
+    ----------
+    throttle : float
+        Throttle behind the motor's lag, 0 to 1.
+    thrust : float
+        Thrust, N.
+    P : Array, shape (PAR_SIZE,)
+        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
+
+    Returns
+    -------
+    float
+        Speed of the propeller, rad/s.
+    """
     if P[CT_PLACE] != 0.0 or P[CQ_PLACE] != 0.0:
         turning: float = P[_ROTOR] * throttle
         return turning
@@ -83,7 +133,26 @@ def rotor_speed(throttle: float, thrust: float, P: Array) -> float:
 
 @jit_arrays
 def along(throttle: Array, V: Array, rho: Array, P: Array) -> tuple[Array, Array]:
-    """Thrust [N] and torque [N m], (N,) each, at every sample of a flight; arguments as of `throttle_thrust`."""
+    """Thrust and torque at every sample of a flight.
+
+    Parameters
+    ----------
+    throttle : Array, shape (N,)
+        Throttle behind the motor's lag, 0 to 1, as of `throttle_thrust`.
+    V : Array, shape (N,)
+        Airspeed, m/s.
+    rho : Array, shape (N,)
+        Air density, kg/m^3.
+    P : Array, shape (PAR_SIZE,)
+        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
+
+    Returns
+    -------
+    thrust : Array, shape (N,)
+        Thrust, N.
+    torque : Array, shape (N,)
+        Torque that the propeller takes, N m.
+    """
     thrust, torque = np.empty(throttle.size), np.empty(throttle.size)
     for i in range(throttle.size):
         thrust[i] = throttle_thrust(throttle[i], V[i], rho[i], P)

@@ -26,7 +26,18 @@ def quaternion_parts(phi: float, theta: float, psi: float) -> tuple[float, float
 
 
 def quaternion(phi: float, theta: float, psi: float) -> Array:
-    """Quaternion (4,), scalar first, of the 3-2-1 Euler angles [rad]."""
+    """Quaternion of the 3-2-1 Euler angles.
+
+    Parameters
+    ----------
+    phi, theta, psi : float
+        Roll, pitch and yaw angle, rad.
+
+    Returns
+    -------
+    Array, shape (4,)
+        Quaternion, scalar first, dimensionless.
+    """
     return np.array(quaternion_parts(phi, theta, psi))
 
 

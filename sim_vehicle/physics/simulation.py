@@ -29,13 +29,41 @@ HEIGHT_COLUMN, WAY_COLUMN = 4, 5
 
 @jit
 def split_delay_ticks(E: Array, dt: float) -> tuple[int, float]:
-    """Whole ticks of `dt` s by which the effects E delay the sensors of their group, and the part beside them."""
+    """Whole ticks by which the effects delay the sensors of their group, and the part beside them.
+
+    Parameters
+    ----------
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+    dt : float
+        Interval of the ticks, s.
+
+    Returns
+    -------
+    whole : int
+        Whole ticks of the delay, 0 without one.
+    part : float
+        Part of a tick beside them, 0 to 1, dimensionless.
+    """
     return split_delay(E[_SKEW_S] / dt) if E[_SKEW] != 0.0 else (0, 0.0)
 
 
 @jit_arrays
 def effects_flown(E: Array, thrust: float) -> Array:
-    """The effect vector less what measured thrust already holds: its own loss with speed."""
+    """The effect vector less what measured thrust already holds: its own loss with speed.
+
+    Parameters
+    ----------
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+    thrust : float
+        Measured thrust, N; NaN where it follows from the throttle.
+
+    Returns
+    -------
+    Array, shape (slots,)
+        The effect vector, SI units: `E` itself where nothing is taken out, else a copy.
+    """
     if E[_LOSS] == 0.0 or np.isnan(thrust):
         return E
     flown = E.copy()
@@ -45,9 +73,21 @@ def effects_flown(E: Array, thrust: float) -> Array:
 
 @jit_arrays
 def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
-    """Thrust [N] (N,) of the propeller behind its sensor's reading; NaN, where it follows from the throttle, stays.
+    """Thrust of the propeller behind its sensor's reading; NaN, where it follows from the throttle, stays.
 
-    commands: as of `simulate`.
+    Parameters
+    ----------
+    thrust : Array, shape (N,)
+        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
+    commands : Array, shape (N, 4) or (N, 6)
+        As of `simulate`; the last of six columns is the way, -1 to 1, in which the reading moves.
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+
+    Returns
+    -------
+    Array, shape (N,)
+        Thrust of the propeller, N; `thrust` itself without the effect or without that column.
     """
     if E[_HYST] == 0.0 or commands.shape[1] <= WAY_COLUMN:
         return thrust
@@ -63,11 +103,48 @@ def tick(
     rho: float, measured_thrust: float, slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
     T: IntArray, W: Array, scratch: Array, mean: Array, end: Array,
 ) -> None:  # fmt: skip
-    """Fly from `row` of `commands` to the next, in place; `end` then holds the surfaces a sensor sees there.
+    """Fly from one row of the commands to the next, in place.
 
     The time in W goes on by `dt`; what changes with it is taken in the middle of each step.
-    measured_thrust: N, or NaN where thrust follows from the throttle. slopes: imposed rates of u v w p q r, (6,) with
-    NaN where free, or (0,).
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
+    actuators : Array, shape (ACTUATOR_SIZE,)
+        State of the actuators, rad and throttle (0 to 1); changed in place.
+    commands : Array, shape (N, 4) or (N, 6)
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+    row : int
+        Row of `commands` to fly from.
+    dt : float
+        Interval of the ticks, s.
+    sub_steps : int
+        Runge-Kutta steps in the tick.
+    wind : Array, shape (3,)
+        Velocity of the air, north east down, m/s, mean over the tick.
+    gust : Array, shape (3,)
+        Velocity of the air in body axes on top, m/s, mean over the tick.
+    rho : float
+        Air density, kg/m^3.
+    measured_thrust : float
+        Measured thrust, N, or NaN where thrust follows from the throttle.
+    slopes : Array, shape (6,) or (0,)
+        Imposed rates of u v w [m/s^2] and p q r [rad/s^2], NaN where free; (0,) where all are free.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    W : Array, shape (WORK_SIZE,)
+        Work array: regressors, by-products (`Aux`) and the time, SI units.
+    scratch : Array, shape (5, 14)
+        Work, written over.
+    mean : Array, shape (4,)
+        Work, written over: mean surfaces over a step, rad, and throttle.
+    end : Array, shape (4,)
+        Result, written over: the surfaces a sensor sees at the next row, rad, and throttle (0 to 1).
     """
     step, begin = dt / sub_steps, W[_TIME]
     for i in range(sub_steps):
@@ -84,11 +161,60 @@ def read_within_tick(
     P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array, mean: Array,
     rate: Array, sensor: Array, y: Array,
 ) -> None:  # fmt: skip
-    """What sensors read a `share` of the way from `row` of `commands` to the next, into y (19,).
+    """What sensors read a share of the way from one row of the commands to the next.
 
-    The motion, the actuators and the surfaces stay where they are; arguments as of `tick`. gust_there, thrust_there:
-    at that moment, the others are means over the tick. sensor: memory of sensors that are read at such moments alone,
-    a tick apart; it goes on.
+    The motion, the actuators and the surfaces stay where they are; arguments as of `tick`.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State at the row (`sim_vehicle.physics.layout`), SI units and rad.
+    actuators : Array, shape (ACTUATOR_SIZE,)
+        State of the actuators at the row, rad and throttle (0 to 1).
+    surfaces : Array, shape (4,)
+        Surfaces at the row, rad, and throttle (0 to 1).
+    commands : Array, shape (N, 4) or (N, 6)
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+    row : int
+        Row of `commands` to start from.
+    dt : float
+        Interval of the ticks, s.
+    sub_steps : int
+        Runge-Kutta steps in a tick.
+    share : float
+        Part of the tick after which the sensors are read, 0 to 1, dimensionless.
+    wind : Array, shape (3,)
+        Velocity of the air, north east down, m/s, mean over the tick.
+    gust : Array, shape (3,)
+        Velocity of the air in body axes on top, m/s, mean over the tick.
+    gust_there : Array, shape (3,)
+        Gust at that moment, body axes, m/s.
+    rho : float
+        Air density, kg/m^3.
+    measured_thrust : float
+        Measured thrust, mean over the tick, N, or NaN where thrust follows from the throttle.
+    thrust_there : float
+        Measured thrust at that moment, N, or NaN likewise.
+    slopes : Array, shape (6,) or (0,)
+        Imposed rates of u v w [m/s^2] and p q r [rad/s^2], NaN where free; (0,) where all are free.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    W : Array, shape (WORK_SIZE,)
+        Work array: regressors, by-products (`Aux`) and the time, SI units; its time is as it came afterwards.
+    scratch : Array, shape (5, 14)
+        Work, written over.
+    mean : Array, shape (4,)
+        Work, written over: mean surfaces over a step, rad, and throttle.
+    rate : Array, shape (14,)
+        Work, written over: rate of the state at that moment, SI units and rad.
+    sensor : Array, shape (SENSOR_SIZE,)
+        Memory of sensors that are read at such moments alone, a tick apart, SI units and rad; it goes on, in place.
+    y : Array, shape (19,)
+        Result, written over: readings in the order of CHANNELS, SI units and rad.
     """
     x, actuators, end = x.copy(), actuators.copy(), surfaces.copy()
     step, begin = dt / sub_steps, W[_TIME]
@@ -109,7 +235,15 @@ def read_within_tick(
 
 @jit
 def impose(x: Array, held: Array) -> None:
-    """Replace the finite ones of u v w p q r phi theta psi (9,) in the state `x`."""
+    """Replace the imposed ones of u v w p q r phi theta psi in the state.
+
+    Parameters
+    ----------
+    x : Array, shape (14,)
+        State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
+    held : Array, shape (9,)
+        u v w [m/s], p q r [rad/s], phi theta psi [rad]; those that are not finite are free.
+    """
     for i in range(3):
         if np.isfinite(held[i]):
             x[3 + i] = held[i]
@@ -234,9 +368,43 @@ def simulate_variants(
     sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
     K: IntArray, T: IntArray, thrust_shift: Array, y: Array,
 ) -> None:  # fmt: skip
-    """`simulate` for n variants of the same stretch in one call.
+    """Run `simulate` for n variants of the same stretch in one call.
 
-    x0: (n, 14); E: (n, slots); C: (n, terms); thrust_shift: (n,) N added to the measured thrust. y: (n, N, 19) result.
+    Parameters
+    ----------
+    x0 : Array, shape (n, 14)
+        States at sample `start` (`sim_vehicle.physics.layout`), SI units and rad.
+    first, start, stop : int
+        Sample at which the actuators are at rest, first sample of the simulation, and the one after its last.
+    commands : Array, shape (N, 4) or (N, 6)
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+    thrust : Array, shape (N,)
+        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
+    rho : Array, shape (N,)
+        Air density, kg/m^3.
+    dt : float
+        Interval of the samples, s.
+    sub_steps : int
+        Runge-Kutta steps in each interval.
+    command_first : float
+        1 where a sensor at a sample already sees the command of that sample, 0 where it sees that of the sample before;
+        between them where commands are means over the intervals.
+    held : Array, shape (N, 9) or (0, 9)
+        u v w p q r phi theta psi imposed at each sample [m/s, rad/s, rad], NaN where free; (0, 9) where all are free.
+    gusts : Array, shape (N, 3) or (0, 3)
+        Body-axis velocity of the air at the samples, m/s; (0, 3) for still air.
+    P : Array, shape (PAR_SIZE,)
+        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
+    E : Array, shape (n, slots)
+        Effect vectors of the variants (`sim_vehicle.effects`), SI units.
+    C : Array, shape (n, terms)
+        Values of the variants' aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (terms, 4), (terms,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    thrust_shift : Array, shape (n,)
+        Added to the measured thrust of each variant, N.
+    y : Array, shape (n, stop - start, 19)
+        Result, written over: readings in the order of CHANNELS, SI units and rad. A diverging motion leaves NaN rows.
     """
     for i in range(x0.shape[0]):
         simulate(x0[i], first, start, stop, commands, thrust + thrust_shift[i], rho, dt, sub_steps, command_first, held,
@@ -250,10 +418,33 @@ def evaluate_path(
 ) -> None:  # fmt: skip
     """Coefficients and accelerations that a model gives along a known motion, no integration.
 
-    states: (N, 9) u v w p q r phi theta psi at the samples from `first` of commands (M, 4 or 6: see `simulate`, with
-    `command_first`), thrust (M,), rho (M,) on.
-    Elements with memory of the motion itself (a lift that lags) start settled. coefficients: (N, 12) result: the six of
-    AXES, ax ay az [m/s2], p' q' r' [rad/s2], at the centre of gravity.
+    Elements with memory of the motion itself (a lift that lags) start settled.
+
+    Parameters
+    ----------
+    states : Array, shape (N, 9)
+        u v w [m/s], p q r [rad/s], phi theta psi [rad] at the samples from `first` of the commands on.
+    commands : Array, shape (M, 4) or (M, 6)
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+    first : int
+        Sample of the commands at which the states begin.
+    thrust : Array, shape (M,)
+        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
+    rho : Array, shape (M,)
+        Air density, kg/m^3.
+    dt : float
+        Interval of the samples, s.
+    command_first : float
+        1 where a sample already sees its own command, 0 where it sees that of the sample before; see `simulate`.
+    P, E : Array, shapes (PAR_SIZE,) and (slots,)
+        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
+    C : Array, shape (n,)
+        Values of the aerodynamic terms, dimensionless.
+    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
+        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    coefficients : Array, shape (N, 12)
+        Result, written over: the six of AXES (dimensionless), ax ay az [m/s^2], p' q' r' [rad/s^2], at the centre of
+        gravity.
     """
     actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
     W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)

@@ -98,9 +98,21 @@ def _pwm_at(deflection: float, xs: Sequence[float], ys: Sequence[float]) -> floa
 
 
 def mixing_matrix(controls: Mapping[str, Control]) -> tuple[tuple[int, ...], Array]:
-    """Servo numbers (n,) and the (n, m) matrix from the m controls' deflections to the servos' own.
+    """Servo numbers and the matrix from the controls' deflections to the servos' own.
 
     It is the pseudo-inverse of the mixes, so that the servos together give just the deflections asked for.
+
+    Parameters
+    ----------
+    controls : Mapping[str, Control], length m
+        Control name -> its servos and their mix.
+
+    Returns
+    -------
+    servos : tuple[int, ...], length n
+        Servo numbers, ascending.
+    matrix : Array, shape (n, m)
+        Deflections of the servos per deflection of each control, dimensionless.
     """
     servos = tuple(sorted({servo for control in controls.values() for servo in control.servos}))
     mixes = np.zeros((len(controls), len(servos)))

@@ -134,8 +134,20 @@ def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
 def part_states(data: FlightData, layout: SensorLayout, values: Mapping[str, float]) -> dict[str, Array]:
     """Signals of a part with sensor errors taken off, at the centre of gravity.
 
-    values: sensor errors by name; those absent count as 0. Returns ax ay az p q r V and, where measured,
-    alpha beta phi theta vn ve vd, each (N,).
+    Parameters
+    ----------
+    data : FlightData
+        The part: N uniform samples of the sensors' readings, SI units and rad.
+    layout : SensorLayout
+        Where the sensors sit and what they read.
+    values : Mapping[str, float]
+        Sensor errors by name, each in the unit of `sysid.compatibility.selection.LIMITS`; those absent count as 0.
+
+    Returns
+    -------
+    dict[str, Array], each of shape (N,)
+        ax ay az [m/s^2], p q r [rad/s], V [m/s] and, where measured, alpha beta phi theta [rad]. Where vn ve vd are
+        measured and their wind is in `values`, the velocity against the air vn_air ve_air vd_air [m/s], earth axes.
     """
 
     def error(name: str) -> float:

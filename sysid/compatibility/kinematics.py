@@ -112,10 +112,27 @@ def reconstruct(x0: Array, imu: Array, bias: Array, dt: float, gravity: float) -
 def to_centre_of_gravity(
     specific_force: Array, rates: Array, rate_derivatives: Array, position: tuple[float, float, float]
 ) -> Array:
-    """Move specific force from the accelerometer to the centre of gravity.
+    """Move specific force from the accelerometer to the centre of gravity: a_m - w' x r - w x (w x r).
 
-    specific_force: (N, 3) m/s^2. rates, rate_derivatives: (N, 3) rad/s, rad/s^2. position: of the accelerometer from
-    the centre of gravity, body axes, m. Returns (N, 3): a_m - w' x r - w x (w x r).
+    Parameters
+    ----------
+    specific_force : Array, shape (N, 3)
+        a_m, specific force at the accelerometer, body axes, m/s^2.
+    rates : Array, shape (N, 3)
+        w, body rates p q r, rad/s.
+    rate_derivatives : Array, shape (N, 3)
+        w', their derivatives with respect to time, rad/s^2.
+    position : tuple[float, float, float]
+        r, position of the accelerometer from the centre of gravity, body axes, m.
+
+    Returns
+    -------
+    Array, shape (N, 3)
+        Specific force at the centre of gravity, body axes, m/s^2.
+
+    References
+    ----------
+    Klein & Morelli, "Aircraft System Identification", chapter 10.
     """
     lever = np.asarray(position, dtype=np.float64)
     tangential = np.cross(rate_derivatives, lever)

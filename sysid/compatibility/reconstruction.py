@@ -361,7 +361,26 @@ def check_compatibility(prepared: Sequence[Prepared]) -> CompatibilityResult:
 def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, float]) -> dict[str, Array]:
     """Motion of a record reconstructed from its own measurements: errors taken off, smoothed without phase.
 
-    Returns name of STATES -> (N,). A vane that is missing counts as zero angle.
+    A vane that is missing counts as zero angle.
+
+    Parameters
+    ----------
+    record : Record
+        One stretch of a flight, N samples.
+    layout : SensorLayout
+        Where the sensors sit and what they read.
+    errors : dict[str, float]
+        Sensor errors by name, each in the unit of `sysid.compatibility.selection.LIMITS`; those absent count as 0.
+
+    Returns
+    -------
+    dict[str, Array], each of shape (N,)
+        Name of STATES -> its time history: u v w [m/s], p q r [rad/s], phi theta psi [rad].
+
+    References
+    ----------
+    Klein & Morelli, "Aircraft System Identification", chapter 10.
+    R. V. Jategaonkar, "Flight Vehicle System Identification", chapter 10.
     """
     columns = {name: record.z[:, j] for j, name in enumerate(RECORD_OUTPUTS) if np.isfinite(record.z[:, j]).all()}
     columns["airspeed"] = columns["airspeed"] * airspeed_gain(record, layout)

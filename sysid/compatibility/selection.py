@@ -99,8 +99,21 @@ def most_implausible(names: Sequence[str], values: Sequence[float]) -> Refusal |
 def select(names: Sequence[str], covariance: Array) -> tuple[list[str], list[Refusal]]:
     """Split sensor errors into those the data identify and those they do not.
 
-    names: P names of LIMITS. covariance: (P, P) predicted, given that all P are estimated.
-    Returns the names kept and the refusals. One at a time: taking one out makes the rest better known.
+    One is refused at a time: taking one out makes the rest better known.
+
+    Parameters
+    ----------
+    names : Sequence[str], length P
+        Names of LIMITS.
+    covariance : Array, shape (P, P)
+        Predicted covariance, given that all P are estimated, in products of the units of LIMITS.
+
+    Returns
+    -------
+    kept : list[str]
+        Names of the sensor errors that are identified.
+    refused : list[Refusal]
+        The others, with reason and the manoeuvre that would identify each, in the order of their refusal.
     """
     kept, refused = list(names), []
     covariance = np.array(covariance, dtype=np.float64)

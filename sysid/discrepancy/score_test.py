@@ -46,11 +46,29 @@ def gains_of(
     gradient: Array,
     own_share: float = _OWN,
 ) -> list[tuple[float, dict[str, float]]]:
-    """What each candidate promises, as `filter_gains` gives it.
+    """What each candidate promises by Rao's score test, as `filter_gains` gives it.
 
-    inner: (P, P) information of the model's own parameters, downhill: (P,) their gradient, both with priors. rows: (C,
-    P + C) information of the columns with those and with one another, gradient: (C,) theirs. own_share: of a
-    direction that nothing else can imitate, below which it counts as an imitation.
+    Parameters
+    ----------
+    choices : Sequence[Candidate]
+        The candidate effects.
+    columns : Sequence[ScoredColumn], length C
+        The columns that the candidates add: each one parameter of one candidate, from one of its starts.
+    inner : Array, shape (P, P)
+        Information of the model's own parameters, prior included; per product of the two parameters' units.
+    downhill : Array, shape (P,)
+        Their gradient, prior included; per unit of each parameter.
+    rows : Array, shape (C, P + C)
+        Information of the columns with the model's own parameters and with one another, in units as `inner`.
+    gradient : Array, shape (C,)
+        Gradient of the columns, in units as `downhill`.
+    own_share : float
+        Share of a direction that nothing else can imitate, below which it counts as an imitation; dimensionless.
+
+    Returns
+    -------
+    list of (float, dict[str, float])
+        For each candidate twice the log likelihood to be won, and the parameters to start from, each in its own unit.
     """
     own = downhill.size
     solve, cross, outer = inverse(inner), rows[:, :own], rows[:, own:]

@@ -48,7 +48,20 @@ class Body:
 
 
 def dynamic_pressure(data: FlightData, body: Body) -> Array:
-    """(N,) Pa, from true airspeed `V` (m/s) and density."""
+    """Dynamic pressure from true airspeed and density.
+
+    Parameters
+    ----------
+    data : FlightData
+        The flight, N samples: true airspeed `V` [m/s] and, where it has the column, `air_density` [kg/m^3].
+    body : Body
+        What is known of the aircraft; its air density [kg/m^3] counts where the flight has none.
+
+    Returns
+    -------
+    Array, shape (N,)
+        Dynamic pressure, Pa.
+    """
     density = data.columns.get("air_density", body.air_density)
     return np.asarray(0.5 * density * data["V"] ** 2, dtype=np.float64)
 
@@ -61,13 +74,31 @@ def off_centre(data: FlightData, body: Body) -> bool:
 def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[str, Array]:
     """Coefficients of every axis at every sample.
 
-    data: corrected (sysid.compatibility.reconstruction.correct): ax ay az (m/s^2), p q r (rad/s), alpha (rad), V (m/s),
-    thrust (N),
-        and torque (N m) where the propeller's is known.
-        Without the note that correction leaves, the accelerometer's lever arm is taken off here.
-    body: mass, inertia, geometry. rate_derivatives: (N, 3) p' q' r', rad/s^2.
-    Returns CL CD CY Cl Cm Cn, (N,) each.
-    Raises SignalError for a missing signal; a flight without measured thrust needs its estimate in `thrust`.
+    Parameters
+    ----------
+    data : FlightData
+        The flight, N samples, corrected (`sysid.compatibility.reconstruction.correct`): ax ay az [m/s^2], p q r
+        [rad/s], alpha [rad], V [m/s], thrust [N], and torque [N m] where the propeller's is known. Without the note
+        that correction leaves, the accelerometer's lever arm is taken off here.
+    body : Body
+        Mass, inertia, geometry, SI units.
+    rate_derivatives : Array, shape (N, 3)
+        p' q' r', rad/s^2.
+
+    Returns
+    -------
+    dict[str, Array], each of shape (N,)
+        CL CD CY Cl Cm Cn, dimensionless.
+
+    Raises
+    ------
+    SignalError
+        For a missing signal; a flight without measured thrust needs its estimate in `thrust`.
+
+    References
+    ----------
+    Jolly, Unhelkar, Arya, section III.
+    Klein & Morelli, chapter 5.
     """
     missing = [name for name in ("ax", "ay", "az", "p", "q", "r", "alpha", "V", "thrust") if name not in data]
     if missing:

@@ -26,7 +26,26 @@ _ROUNDS = 3
 def settled_path(
     flight: FilteredFlight, theta: Array, noise: Array, turbulence: Turbulence
 ) -> tuple[list[Linear], Pass]:
-    """Linearise where this model's own filter runs: a reconstruction is not there."""
+    """Linearise where this model's own filter runs: a reconstruction is not there.
+
+    Parameters
+    ----------
+    flight : FilteredFlight
+        Records and the paths they are linearised along; the paths are moved to where the filter was.
+    theta : Array, shape (P,)
+        Parameters, each in its own unit.
+    noise : Array, shape (m,)
+        Noise variances of the used outputs, squares of the outputs' units.
+    turbulence : Turbulence
+        Intensities of the gusts [m/s] and their scale length [m].
+
+    Returns
+    -------
+    linear : list[Linear]
+        Every record linearised about its path.
+    found : Pass
+        The filter pass along these paths, with information and slopes.
+    """
     for _ in range(2):
         linear = flight.all_linearised(theta)
         flight.move(flight.filtered(linear, noise, turbulence, wanted=False))

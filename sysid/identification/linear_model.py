@@ -206,11 +206,33 @@ def linearise(
     density: float,
     covariance: tuple[Sequence[str], Array] | None = None,
 ) -> LinearModel:
-    """The model about steady level flight at `airspeed` [m/s] in air of `density` [kg/m3].
+    """The model about steady level flight, with the standard errors of its coefficients.
 
-    covariance: names of coefficients and their covariance; without it the standard errors of the model stand alone. A
-    coefficient that was refused counts as 0 with its usual size as standard error.
-    Raises SimVehicleError where the vehicle cannot be trimmed there.
+    A coefficient that was refused counts as 0 with its usual size as standard error.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        The vehicle that flies.
+    model : Model
+        Coefficients and effects, with standard errors.
+    airspeed : float
+        True airspeed of the steady flight, m/s.
+    density : float
+        Air density, kg/m^3.
+    covariance : tuple of (Sequence[str], Array), optional
+        Names of M coefficients and their covariance, shape (M, M), dimensionless; without it the standard errors of the
+        model stand alone.
+
+    Returns
+    -------
+    LinearModel
+        State space about trim [SI, rad], its derivatives with respect to the coefficients, and their covariance.
+
+    Raises
+    ------
+    SimVehicleError
+        Where the vehicle cannot be trimmed there.
     """
     motion_known = {
         longitudinal: any(

@@ -11,9 +11,22 @@ from sysid.numerics.filters import correlation
 
 
 def pooled_autocorrelation(series: Sequence[Array], share: float = 0.2) -> Array:
-    """Two-sided normalised autocorrelation of residuals, tapered, (2 L + 1,), pooled over series; NaN counts as 0.
+    """Two-sided normalised autocorrelation of residuals, tapered, pooled over series.
 
     Lags are kept up to `share` of the shortest series and end where the correlation is first lost in its own noise.
+
+    Parameters
+    ----------
+    series : Sequence of Array, shape (N,) each
+        Residuals, all in one unit, which may be any; NaN counts as 0.
+    share : float
+        Largest lag over the length of the shortest series, dimensionless.
+
+    Returns
+    -------
+    Array, shape (2 L + 1,)
+        Autocorrelation at the lags -L to L, in samples, dimensionless; 1 in the middle. L is 0 where all residuals
+        are 0.
     """
     length = max(2, int(share * min(len(x) for x in series)))
     total, power, count = np.zeros(length), 0.0, 0

@@ -8,9 +8,23 @@ from sysid.arrays import Array
 
 
 def read_later(values: Array, delay: float, interval: float) -> Array:
-    """(N,) or (N, K) reading at k + delay / interval: shifted, by parts of a sample along the cubic through four.
+    """Reading at sample k + delay / interval: shifted, by parts of a sample along the cubic through four.
 
     Values at the ends are repeated; NaN makes its neighbours NaN where parts of a sample are asked for.
+
+    Parameters
+    ----------
+    values : Array, shape (N,) or (N, K)
+        Uniform samples, each column in its own unit.
+    delay : float
+        Time by which the signal is read later, s.
+    interval : float
+        Sample interval, s.
+
+    Returns
+    -------
+    Array, shape (N,) or (N, K)
+        Shifted samples, shape and units of `values`.
     """
     place = delay / interval
     whole = int(np.floor(place + 1e-9))
@@ -36,7 +50,22 @@ def read_later(values: Array, delay: float, interval: float) -> Array:
 
 
 def held_back(values: Array, delay: float, interval: float) -> Array:
-    """(N,) or (N, K) commands as they act when the aircraft follows late: the mean of what is held in each interval."""
+    """Commands as they act when the aircraft follows late: the mean of what is held in each interval.
+
+    Parameters
+    ----------
+    values : Array, shape (N,) or (N, K)
+        Commands held from each sample to the next, each column in its own unit.
+    delay : float
+        Time by which the aircraft follows late, s.
+    interval : float
+        Sample interval, s.
+
+    Returns
+    -------
+    Array, shape (N,) or (N, K)
+        Delayed commands, shape and units of `values`; the first value is repeated before the beginning.
+    """
     place = delay / interval
     whole = int(np.floor(place + 1e-9))
     part = max(place - whole, 0.0)

@@ -12,10 +12,29 @@ Array = NDArray[np.float64]
 
 @jit_inlined
 def innovation(s: Array, p: Array, h: Array, left: float, noise: float, hp: Array) -> tuple[float, float]:
-    """One reading's innovation and its variance; hp: (nx,) result, covariance of the state with what is read.
+    """One reading's innovation and its variance.
 
-    s, p: (nx,), (nx, nx) expected state and covariance. h: (nx,) reading by state. left: measured, less what a state
-    of zero reads. noise: variance.
+    Parameters
+    ----------
+    s : Array, shape (nx,)
+        Expected state, each in its own unit.
+    p : Array, shape (nx, nx)
+        Covariance of the expected state, in the product of the units of both states.
+    h : Array, shape (nx,)
+        Derivative of the reading by the state, in the reading's unit over the state's.
+    left : float
+        Measured reading, less what a state of zero reads, in the reading's unit.
+    noise : float
+        Variance of the reading's noise, in the square of its unit.
+    hp : Array, shape (nx,)
+        Covariance of the state with what is read, in the state's unit times the reading's; result, written over.
+
+    Returns
+    -------
+    nu : float
+        Innovation, in the reading's unit.
+    big : float
+        Variance of the innovation, in the square of the reading's unit.
     """
     nu, big = left, noise
     for a in range(s.size):

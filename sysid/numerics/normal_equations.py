@@ -19,10 +19,29 @@ _CACHED_NUMBERS = 1 << 15
 
 
 def damped_step(information: Array, downhill: Array, damping: float, flight: str) -> Array:
-    """(P,) Levenberg-Marquardt step from information (P, P) and gradient downhill (P,); damping 0 is Gauss-Newton's.
+    """Levenberg-Marquardt step from an information matrix and a gradient.
 
-    flight: its name, for the message. Raises EstimationError where either is no number, which it is where the
-    simulation diverges next to the values tried: with such slopes there is no direction to go in.
+    Parameters
+    ----------
+    information : Array, shape (P, P)
+        Information matrix, in one over the units of both unknowns.
+    downhill : Array, shape (P,)
+        Gradient, pointing to a lower cost, in one over the unknown's unit.
+    damping : float
+        Damping added to the diagonal in scaled unknowns, dimensionless; 0 gives the Gauss-Newton step.
+    flight : str
+        Name of the flight, for the message of an error.
+
+    Returns
+    -------
+    Array, shape (P,)
+        Step, in the unknowns' units.
+
+    Raises
+    ------
+    EstimationError
+        Where the information matrix or the gradient is no number, which it is where the simulation diverges next to the
+        values tried: with such slopes there is no direction to go in. Also where the equations cannot be solved.
     """
     require_numbers(flight, information, downhill)
     scale = _scale(information)
@@ -36,23 +55,58 @@ def damped_step(information: Array, downhill: Array, damping: float, flight: str
 
 
 def hold(information: Array, downhill: Array, places: Mask, std: Array) -> None:
-    """Take unknowns that go in steps out of normal equations, in place: they stay, known to `std` (P,)."""
+    """Take unknowns that go in steps out of normal equations, in place: they stay, known to `std`.
+
+    Parameters
+    ----------
+    information : Array, shape (P, P)
+        Information matrix, in one over the units of both unknowns; written over.
+    downhill : Array, shape (P,)
+        Gradient, in one over the unknown's unit; written over.
+    places : Mask, shape (P,)
+        True for the unknowns that are taken out.
+    std : Array, shape (P,)
+        Standard deviation to which each unknown is known, in its unit; used at `places` alone.
+    """
     information[places, :] = information[:, places] = 0.0
     information[places, places] = 1.0 / std[places] ** 2
     downhill[places] = 0.0
 
 
 def require_numbers(flight: str, *values: Array) -> None:
-    """Raise EstimationError where anything in the normal equations of a flight is not finite."""
+    """Raise EstimationError where anything in the normal equations of a flight is not finite.
+
+    Parameters
+    ----------
+    flight : str
+        Name of the flight, for the message of the error.
+    *values : Array
+        Information matrices, gradients or sensitivities, of any shape and unit.
+
+    Raises
+    ------
+    EstimationError
+        Where a value is not finite.
+    """
     if not all(np.isfinite(one).all() for one in values):
         raise EstimationError(_no_step(flight))
 
 
 def inverse(M: Array) -> Array:
-    """(P, P) covariance that belongs to an information matrix, by its eigenvalues, in scaled unknowns.
+    """Covariance that belongs to an information matrix, by its eigenvalues, in scaled unknowns.
 
     A direction without information gets a huge variance, never none: what is not known must not look certain. For a
     step or an elimination, where such a direction is to stay as it is, there is `solve`.
+
+    Parameters
+    ----------
+    M : Array, shape (P, P)
+        Information matrix, in one over the units of both unknowns.
+
+    Returns
+    -------
+    Array, shape (P, P)
+        Covariance, in the product of the units of both unknowns.
     """
     scale = _scale(M)
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
@@ -62,7 +116,20 @@ def inverse(M: Array) -> Array:
 
 
 def solve(M: Array, right: Array) -> Array:
-    """M^-1 right, of (P,) or (P, K), in scaled unknowns; nothing along directions of which M says nothing."""
+    """M^-1 right, in scaled unknowns; nothing along directions of which M says nothing.
+
+    Parameters
+    ----------
+    M : Array, shape (P, P)
+        Information matrix, in one over the units of both unknowns.
+    right : Array, shape (P,) or (P, K)
+        Right-hand sides, such as gradients, in one over the unknown's unit.
+
+    Returns
+    -------
+    Array, shape (P,) or (P, K)
+        Solution, shape of `right`, in the unknowns' units.
+    """
     scale = _scale(M)
     rows = scale if right.ndim == 1 else scale[:, None]
     return np.asarray(np.linalg.lstsq(M * np.outer(scale, scale), right * rows, rcond=1e-13)[0] * rows)
@@ -100,7 +167,17 @@ def _weigh(
 
 @jit
 def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
-    """Add the squares of residuals (N, outputs) to `sums` (outputs,), and how many are no NaN to `counts`."""
+    """Add the squares of residuals to `sums`, and how many are no NaN to `counts`.
+
+    Parameters
+    ----------
+    residual : Array, shape (N, outputs)
+        Residuals, each column in its output's unit; values that are not finite are left out.
+    sums : Array, shape (outputs,)
+        Sums of squares, in the square of each output's unit; result, written over.
+    counts : IntArray, shape (outputs,)
+        Numbers of residuals that count; result, written over.
+    """
     for k in range(residual.shape[0]):
         for j in range(residual.shape[1]):
             value = residual[k, j]
@@ -112,8 +189,26 @@ def add_squares(residual: Array, sums: Array, counts: IntArray) -> None:
 def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Array, Array]:
     """Information matrix S' R^-1 S and gradient S' R^-1 nu of one record; missing samples count for nothing.
 
-    s: (N, outputs, unknowns), residual: (N, outputs), of which `columns` count. Parts of the record are weighted and
-    multiplied one after the other, so that a part never leaves the processor's cache.
+    Parts of the record are weighted and multiplied one after the other, so that a part never leaves the processor's
+    cache.
+
+    Parameters
+    ----------
+    s : Array, shape (N, outputs, unknowns)
+        Sensitivities S, in the output's unit over the unknown's.
+    residual : Array, shape (N, outputs)
+        Residuals nu, each column in its output's unit; NaN where a sample is missing.
+    columns : IntArray, shape (C,)
+        Indices of the outputs that count.
+    sigma : Array, shape (outputs,)
+        Standard deviation of each output's noise, in its unit; R holds its square.
+
+    Returns
+    -------
+    M : Array, shape (unknowns, unknowns)
+        Information matrix, in one over the units of both unknowns.
+    g : Array, shape (unknowns,)
+        Gradient, in one over the unknown's unit.
     """
     unknowns = s.shape[2]
     M, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
@@ -130,9 +225,25 @@ def gram(s: Array, residual: Array, columns: IntArray, sigma: Array) -> tuple[Ar
 
 
 def crossed(s: Array, more: Array, residual: Array, columns: IntArray, sigma: Array) -> Array:
-    """What further unknowns share with those of `gram`: S' R^-1 N, (unknowns, further unknowns).
+    """What further unknowns share with those of `gram`: S' R^-1 N.
 
-    more: N, (samples, outputs, further unknowns), in memory in this order; the rest as `gram` has it.
+    Parameters
+    ----------
+    s : Array, shape (samples, outputs, unknowns)
+        Sensitivities S as `gram` has them, in the output's unit over the unknown's.
+    more : Array, shape (samples, outputs, further unknowns)
+        Sensitivities N to the further unknowns, in the same units, in memory in the order of these axes.
+    residual : Array, shape (samples, outputs)
+        Residuals as `gram` has them, each column in its output's unit; NaN marks samples that are missing.
+    columns : IntArray, shape (C,)
+        Indices of the outputs that count.
+    sigma : Array, shape (outputs,)
+        Standard deviation of each output's noise, in its unit.
+
+    Returns
+    -------
+    Array, shape (unknowns, further unknowns)
+        Shared block of the information matrix, in one over the units of both unknowns.
     """
     n, count = s.shape[2], more.shape[2]
     across = np.zeros((n, count))

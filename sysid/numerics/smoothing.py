@@ -70,10 +70,24 @@ class Smoothed:
 def noise_sigma(values: Array, interval_s: float) -> float:
     """Standard deviation of the white noise on a signal, from its fourth differences.
 
-    values: (N,) samples, NaN allowed.
-    interval_s: sample interval, s; the differences need samples dense against the signal's own motion.
-    Returns sigma in the unit of `values`; 0 for a signal without noise. The median makes single jumps harmless.
-    Raises SignalError for fewer than 12 usable differences or an interval that is not above 0.
+    The median makes single jumps harmless.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Samples in any unit, NaN allowed.
+    interval_s : float
+        Sample interval, s; the differences need samples dense against the signal's own motion.
+
+    Returns
+    -------
+    float
+        Standard deviation in the unit of `values`; 0 for a signal without noise.
+
+    Raises
+    ------
+    SignalError
+        For fewer than 12 usable differences or an interval that is not above 0.
     """
     if not interval_s > 0.0:
         raise SignalError(f"the sample interval must be above 0 s, not {interval_s}")
@@ -93,6 +107,23 @@ def sample_noise(values: Array, interval_s: float) -> float:
 
     These share their noise with their neighbours, so that every second one has more of it than the differences of all
     show, and every third one no more than that; what grows on is motion.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Samples in any unit; those that are not finite are left out.
+    interval_s : float
+        Sample interval, s.
+
+    Returns
+    -------
+    float
+        Standard deviation in the unit of `values`.
+
+    Raises
+    ------
+    SignalError
+        As `noise_sigma` does: for fewer than 12 usable differences or an interval that is not above 0.
     """
     known = values[np.isfinite(values)]
     every = noise_sigma(known, interval_s)
@@ -105,11 +136,32 @@ def sample_noise(values: Array, interval_s: float) -> float:
 def fourier_smooth(values: Array, interval_s: float, cutoff_hz: float | None = None) -> Smoothed:
     """Smooth a signal by its global sine series and a Wiener filter; no phase lag.
 
-    values: (N,) finite uniform samples, N >= 16.
-    interval_s: sample interval, s.
-    cutoff_hz: frequency at which the filter passes one half; None finds it from the noise floor of the series. Give
-        the same number for every signal of one regression, so that all are filtered alike.
-    Raises SignalError for too few or not finite samples.
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Finite uniform samples in any unit, N >= 16.
+    interval_s : float
+        Sample interval, s.
+    cutoff_hz : float or None
+        Frequency at which the filter passes one half, Hz; None finds it from the noise floor of the series. Give the
+        same number for every signal of one regression, so that all are filtered alike.
+
+    Returns
+    -------
+    Smoothed
+        Smoothed signal, (N,), in the unit of `values`, its time derivative, (N,), in that unit per second, and the
+        standard deviation of the noise, in that unit; each is computed when it is asked for.
+
+    Raises
+    ------
+    SignalError
+        For too few or not finite samples.
+
+    References
+    ----------
+    E. A. Morelli, "Estimating noise characteristics from flight test data using optimal Fourier smoothing", Journal of
+    Aircraft 32(4), 1995.
+    C. Lanczos, "Applied Analysis".
     """
     values = np.asarray(values, dtype=np.float64)
     if values.size < 16 or not np.all(np.isfinite(values)):
@@ -126,7 +178,30 @@ def fourier_smooth(values: Array, interval_s: float, cutoff_hz: float | None = N
 def smooth_columns(values: Array, interval_s: float, cutoff_hz: float) -> Array:
     """What `fourier_smooth` gives for each column, in one transform, without derivatives and noise.
 
-    values: (N, P) uniform samples, finite, N >= 16. interval_s: s. cutoff_hz: of the filter. Returns (N, P).
+    Parameters
+    ----------
+    values : Array, shape (N, P)
+        Uniform samples, finite, N >= 16; each column in its own unit.
+    interval_s : float
+        Sample interval, s.
+    cutoff_hz : float
+        Frequency at which the filter passes one half, Hz.
+
+    Returns
+    -------
+    Array, shape (N, P)
+        Smoothed columns, each in its own unit.
+
+    Raises
+    ------
+    SignalError
+        For too few or not finite samples.
+
+    References
+    ----------
+    E. A. Morelli, "Estimating noise characteristics from flight test data using optimal Fourier smoothing", Journal of
+    Aircraft 32(4), 1995.
+    C. Lanczos, "Applied Analysis".
     """
     size = values.shape[0]
     if size < 16 or not np.isfinite(values).all():

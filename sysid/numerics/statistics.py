@@ -13,10 +13,23 @@ _WINDOW_S, _SHORTEST_WINDOW = 8.0, 32  # s and samples of a window of Welch's sp
 
 
 def spectral_span(runs: Sequence[Array], interval_s: float) -> float:
-    """Logarithm of the largest over the smallest density (95 and 5 % of the frequencies) of runs of one residual.
+    """Logarithm of the largest over the smallest spectral density of runs of one residual.
 
-    runs: (N,) each, NaN where nothing was read; those with less than 32 samples do not count. Welch's method, windows
-    of a sixth of the longest run, 8 s at most, smoothed over three frequencies. 0 where no run is long enough.
+    Largest and smallest are the densities that 95 and 5 % of the frequencies stay below. Welch's method, windows of a
+    sixth of the longest run, 8 s at most, 32 samples at least, smoothed over three frequencies.
+
+    Parameters
+    ----------
+    runs : Sequence of Array, shape (N,) each
+        Residual of each run, in any one unit, NaN where nothing was read; runs with fewer finite samples than a window,
+        and so all with less than 32, do not count.
+    interval_s : float
+        Sample interval, s.
+
+    Returns
+    -------
+    float
+        Natural logarithm of the ratio, dimensionless; 0 where no run is long enough.
     """
     clean = [run[np.isfinite(run)] for run in runs]
     longest = max((run.size for run in clean), default=0)
@@ -37,7 +50,20 @@ def spectral_span(runs: Sequence[Array], interval_s: float) -> float:
 
 
 def sample_autocorrelation(values: Array, lags: int) -> Array:
-    """Normalised autocorrelation about the mean at lag 0..lags; values: (N,) finite. Returns (lags + 1,)."""
+    """Normalised autocorrelation about the mean at lag 0..lags.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Finite samples in any unit.
+    lags : int
+        Largest lag, in samples.
+
+    Returns
+    -------
+    Array, shape (lags + 1,)
+        Autocorrelation, dimensionless, 1 at lag 0; that of a constant is 0 at all other lags.
+    """
     centred = values - values.mean()
     size = fft.next_fast_len(centred.size + lags, real=True)
     sums = fft.irfft(np.abs(fft.rfft(centred, size)) ** 2, size)[: lags + 1]
@@ -75,7 +101,17 @@ def gaussian_p(values: Array) -> float | None:
     """Probability of a residual's whitened values, if Gaussian, of looking at least as little like it.
 
     D'Agostino & Pearson's K^2 on the whitened series: the test assumes independent samples, and residuals of
-    flight data are not. None for fewer than 20 samples or a constant.
+    flight data are not.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Residual in any unit; samples that are not finite are left out.
+
+    Returns
+    -------
+    float or None
+        Probability, dimensionless; None for fewer than 40 finite samples or a constant.
     """
     finite = values[np.isfinite(values)]
     if finite.size < 40 or np.ptp(finite) == 0.0:
@@ -86,7 +122,18 @@ def gaussian_p(values: Array) -> float | None:
 
 
 def effective_count(values: Array) -> float:
-    """Number of independent samples a correlated series is worth for its mean (initial positive sequence)."""
+    """Number of independent samples a correlated series is worth for its mean (initial positive sequence).
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Finite samples in any unit.
+
+    Returns
+    -------
+    float
+        Effective number of samples.
+    """
     rho = sample_autocorrelation(values, max(values.size // 5, 1))
     negative = np.flatnonzero(rho < 0.0)
     stop = int(negative[0]) if negative.size else rho.size

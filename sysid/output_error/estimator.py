@@ -97,7 +97,22 @@ class UnlikelyError(EstimationError):
 
 
 def prior_knowledge(parameters: Sequence[FreeParameter], prior: Gaussian | None) -> tuple[Array, Array]:
-    """Means (P,) and information (P, P): each parameter's own, or `prior` for those that it names."""
+    """Prior means and information: each parameter's own, or `prior` for those that it names.
+
+    Parameters
+    ----------
+    parameters : Sequence[FreeParameter], length P
+        What is estimated, each with mean and standard deviation of its own prior.
+    prior : Gaussian or None
+        What is known of several of the parameters together, in place of their own priors.
+
+    Returns
+    -------
+    mean : Array, shape (P,)
+        Prior means, each in its parameter's unit.
+    information : Array, shape (P, P)
+        Inverse of the prior covariance, per product of the two parameters' units; 0 where nothing is known.
+    """
     mean = np.array([parameter.prior_mean for parameter in parameters])
     information = np.diag([parameter.prior_std**-2.0 for parameter in parameters])
     if prior is not None:

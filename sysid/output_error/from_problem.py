@@ -20,7 +20,26 @@ def build(
     effects: Sequence[tuple[str, str]] = (),
     sigma: Array | None = None,
 ) -> OutputError:
-    """The estimation problem for a model in which `coefficients` and effect parameters (effect, parameter) are free."""
+    """The estimation problem for a model in which coefficients and effect parameters are free.
+
+    Parameters
+    ----------
+    problem : Problem
+        Records, guesses of the initial states, and what is known before.
+    model : Model
+        The model that holds what is not free.
+    coefficients : Sequence[str]
+        Names of the coefficients that are free.
+    effects : Sequence[tuple[str, str]]
+        (effect, parameter) pairs that are free.
+    sigma : Array, shape (15,), optional
+        Known standard deviations of the noise of OUTPUTS, in the outputs' units; None to estimate them.
+
+    Returns
+    -------
+    OutputError
+        The problem to solve.
+    """
     predictor = predictor_of(problem, model, coefficients, effects)
     return OutputError(predictor, problem.guesses, problem.motion.outputs, sigma, known_of(problem, predictor))
 

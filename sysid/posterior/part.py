@@ -115,10 +115,31 @@ def make_part(
     end: float,
     reconstructed: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> FlightPart:
-    """A part of a flight. reconstructed: alpha or beta by kinematics (stamps, rad) for where no vane is.
+    """Prepare one part of a flight for the estimator.
 
-    An accelerometer or gyro that the flight does not have at all is taken to read nothing where it is imposed. Raises
-    SignalError where something that nothing can stand for is missing.
+    An accelerometer or gyro that the flight does not have at all is taken to read nothing where it is imposed.
+
+    Parameters
+    ----------
+    signals : FlightSignals
+        The flight's signals, each with its own stamps, SI units and rad.
+    vehicle : Vehicle
+        The vehicle that flew.
+    begin, end : float
+        First and last moment of the part, s on the flight's clock.
+    reconstructed : Mapping[str, tuple[Array, Array]], optional
+        alpha or beta by kinematics for where no vane is: stamps [s] and values [rad], shape (M,) each.
+
+    Returns
+    -------
+    FlightPart
+        Inputs, imposed motion and measured outputs from where all that is needed is read, SI units and rad.
+
+    Raises
+    ------
+    SignalError
+        Where something that nothing can stand for is missing, where less than 3 s are left in which all is read, or
+        where the airspeed repeats one value.
     """
     read = {name: finite(signals, name, begin, end) for name in (*MEASURED, *ESSENTIAL)}
     inertial = [name for name in IMU if name in signals.signals]

@@ -43,7 +43,25 @@ class CoefficientPath:
 
 
 def known_propulsion(record: Record, model: Fixed, speed: Array) -> tuple[Array, Array]:
-    """Thrust, N, as measured or by the vehicle's law, and the propeller's torque, N m, (N,) each, at `speed` (N,)."""
+    """Thrust, as measured or by the vehicle's law, and the propeller's torque along a record.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight with N output samples; its thrust is NaN where it follows from the throttle.
+    model : Fixed
+        Model with nothing left free; gives the vehicle's constants, and the bias of ax, m/s^2, that the moving mass
+        brought into the thrust and that is taken off.
+    speed : Array, shape (N,)
+        Airspeed at the record's samples, m/s.
+
+    Returns
+    -------
+    thrust : Array, shape (N,)
+        Thrust, N.
+    torque : Array, shape (N,)
+        Torque of the propeller, N m.
+    """
     here, P = slice(record.start, record.start + record.length), model.flat.P
     throttle = lagged_throttle(record.commands, record.interval_s, float(P[Par.motor_tau]))[here]
     computed, torque = along(throttle, np.ascontiguousarray(speed), np.ascontiguousarray(record.rho[here]), P)

@@ -86,7 +86,23 @@ def _moved(states: Array, off: Array, airspeed: float) -> Array:
 
 
 def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list[tuple[Record, Array]]:
-    """Measured minus free-running simulation, (N, 15), for every window of a record."""
+    """Measured minus free-running simulation, for every window of a record.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight, which is cut into windows of five seconds.
+    layout : SensorLayout
+        Where the sensors sit and what they read, for the initial states.
+    model : Fixed
+        Model with nothing left free.
+
+    Returns
+    -------
+    list of tuple of Record and Array, shape (N, 15)
+        Each window, and the residuals of OUTPUTS at its N samples, each column in its output's unit, angles phi and psi
+        in [-pi, pi]; NaN where nothing was measured.
+    """
     states = smoothed_states(record, layout, dict(model.errors))
     path = np.stack([states[name] for name in STATES], axis=1)
     result = []
@@ -153,8 +169,34 @@ def noise_floor(
 ) -> dict[str, float]:
     """Median gap of the model on data generated from itself with the estimated noise.
 
-    records: runs; starts: per run nine initial states. sigma: (15,) output noise; thrust_sigma: N; air: its turbulence.
     A model that diverges over the whole run flies it window by window, from the motion measured at their beginnings.
+
+    Parameters
+    ----------
+    records : Sequence of Record
+        Runs to generate data for.
+    starts : Sequence of Array, shape (9,) each
+        Initial state of each run: u, v, w, m/s, p, q, r, rad/s, phi, theta, psi, rad.
+    layout : SensorLayout
+        Where the sensors sit and what they read.
+    model : Fixed
+        Model with nothing left free.
+    sigma : Array, shape (15,)
+        Standard deviation of the noise of OUTPUTS, each in its output's unit; NaN counts as 0.
+    thrust_sigma : float
+        Standard deviation of the thrust's noise, N.
+    air : Turbulence
+        Turbulence of the air: intensities, m/s, and scale length, m.
+    generator : np.random.Generator
+        Source of the random numbers.
+    repeats : int
+        Number of times that data are generated.
+
+    Returns
+    -------
+    dict of str to float
+        Name of the output, V for the airspeed -> median over the repeats of the root mean square of its residuals over
+        all windows, in its unit.
     """
     found: list[dict[str, float]] = []
     for _ in range(repeats):

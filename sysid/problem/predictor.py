@@ -110,7 +110,21 @@ def with_errors(y: Array, errors: Mapping[str, float]) -> Array:
 
 
 def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
-    """Readings (N, 15) from ideal OUTPUTS (N, 15): (1 + scale) true + bias."""
+    """Readings from ideal OUTPUTS: (1 + scale) true + bias.
+
+    Parameters
+    ----------
+    y : Array, shape (N, 15)
+        Ideal OUTPUTS, each column in its output's unit.
+    errors : Mapping of str to float
+        Name of a sensor error -> its value, a bias in the output's unit, a scale error dimensionless; names that are
+        not in SENSOR_ERRORS are left out.
+
+    Returns
+    -------
+    Array, shape (N, 15)
+        Readings, each column in its output's unit.
+    """
     out = y.copy()
     for name, value in errors.items():
         if name not in SENSOR_ERRORS:
@@ -122,12 +136,41 @@ def with_placed_errors(y: Array, errors: Mapping[str, float]) -> Array:
 
 
 def error_gains(errors: Mapping[str, float]) -> Array:
-    """(15,) what one unit of each true output reads."""
+    """What one unit of each true output reads.
+
+    Parameters
+    ----------
+    errors : Mapping of str to float
+        Name of a sensor error -> its value; the scale errors, dimensionless, are used.
+
+    Returns
+    -------
+    Array, shape (15,)
+        Gain 1 + scale of each of OUTPUTS, dimensionless.
+    """
     return np.array([1.0 + errors.get(f"{name}_scale", 0.0) for name in OUTPUTS])
 
 
 def sensor_derivative(name: str, predicted: Array, errors: Mapping[str, float]) -> tuple[str, Array | float]:
-    """The output that one sensor error changes, and the derivative by it, (N,) or the same for all samples."""
+    """The output that one sensor error changes, and the derivative by it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the sensor error, of SENSOR_ERRORS.
+    predicted : Array, shape (N, 15)
+        Predicted readings of OUTPUTS, sensor errors included, each column in its output's unit.
+    errors : Mapping of str to float
+        Name of a sensor error -> its value, a bias in the output's unit, a scale error dimensionless.
+
+    Returns
+    -------
+    output : str
+        Name of the output, of OUTPUTS.
+    derivative : Array, shape (N,), or float
+        Derivative of the reading: by a bias 1, dimensionless and the same for all samples; by a scale error the true
+        output, in its unit.
+    """
     output, form, _, _ = SENSOR_ERRORS[name]
     if form == "bias":
         return output, 1.0

@@ -119,9 +119,28 @@ def _measured(record: Record, names: Sequence[str]) -> bool:
 def split_runs(
     record: Record, states: Mapping[str, Array], motion: Motion, run_s: float = MAX_RUN_S
 ) -> tuple[list[Record], list[Array]]:
-    """Cut a stretch into runs of at most `run_s` seconds, each with its reconstructed states (N, 9).
+    """Cut a stretch into runs of limited length, each with its reconstructed states.
 
-    states: name of STATES -> (N,) reconstructed motion of the stretch, relative to the air.
+    Where only a part of the motion is simulated freely, the states of the other part are imposed as reconstructed.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight with N output samples.
+    states : Mapping of str to Array, shape (N,) each
+        Name of STATES -> reconstructed motion of the stretch, relative to the air: u, v, w, m/s, p, q, r, rad/s, phi,
+        theta, psi, rad.
+    motion : Motion
+        Which part of the motion is simulated freely.
+    run_s : float
+        Longest duration of a run, s.
+
+    Returns
+    -------
+    runs : list of Record
+        Runs of at most `run_s`, one after the other.
+    paths : list of Array, shape (N, 9) each
+        Reconstructed STATES at the N samples of each run, in the units of `states`.
     """
     path = np.stack([states[name] for name in STATES], axis=1)
     held = np.zeros((0, 9))

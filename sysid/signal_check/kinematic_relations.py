@@ -37,7 +37,17 @@ Columns = Mapping[str, Array]
 
 @jit
 def integrate(rates: Array, interval_s: float, out: Array) -> None:
-    """Integrals (K, N) of (K, N) samples from the first one on, by the cubic through the four nearest ones, N >= 4."""
+    """Integrate uniform samples from the first one on, by the cubic through the four nearest ones.
+
+    Parameters
+    ----------
+    rates : Array, shape (K, N)
+        K signals of N >= 4 uniform samples, each in its own unit per second.
+    interval_s : float
+        Sampling interval, s.
+    out : Array, shape (K, N)
+        Result, written over: the integrals, 0 at the first sample, in the signals' units.
+    """
     last = rates.shape[1] - 1
     for k in range(rates.shape[0]):
         rate, total = rates[k], 0.0

@@ -20,7 +20,18 @@ BY_ATTITUDE = "the attitude's rate of change"
 
 
 def repeats(values: Array) -> bool:
-    """Whether a signal is one value throughout: its sensor is dead or not connected, or nobody fills its field."""
+    """Whether a signal is one value throughout: its sensor is dead or not connected, or nobody fills its field.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Samples in any unit; those that are not finite are left out.
+
+    Returns
+    -------
+    bool
+        True for at least two finite samples that are all equal.
+    """
     known = values[np.isfinite(values)]
     return known.size > 1 and float(np.ptp(known)) == 0.0
 

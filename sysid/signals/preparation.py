@@ -220,10 +220,21 @@ def require_thrust(prepared: Sequence[Prepared]) -> None:
 
 
 def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
-    """(N,) by which an indicated airspeed grows when it is expressed as in the air that `layout.airspeed_factor` stands
-    for.
+    """Factor by which an indicated airspeed grows when it is expressed as in the air of `layout.airspeed_factor`.
 
     True over indicated airspeed is sqrt(1.225 / rho) at each sample; the kinematic equations know one factor only.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight with N output samples, whose air density, kg/m3, is used.
+    layout : SensorLayout
+        What the airspeed sensor reads, and the one factor, dimensionless, of the kinematic equations.
+
+    Returns
+    -------
+    Array, shape (N,)
+        Factor, dimensionless; 1 where the sensor reads true airspeed.
     """
     if layout.airspeed_is_true:
         return np.ones(record.length)

@@ -54,7 +54,18 @@ STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
 
 
 def angle_wrap(residual: Array) -> Array:
-    """Residuals (N, 15) with those of phi and psi brought to [-pi, pi]."""
+    """Residuals with those of phi and psi brought to [-pi, pi].
+
+    Parameters
+    ----------
+    residual : Array, shape (N, 15)
+        Residuals of OUTPUTS, each in its output's unit (angles in rad); written over.
+
+    Returns
+    -------
+    Array, shape (N, 15)
+        The same array, each column in its output's unit.
+    """
     for name in ("phi", "psi"):
         j = OUTPUTS.index(name)
         residual[:, j] = (residual[:, j] + np.pi) % (2.0 * np.pi) - np.pi
@@ -130,12 +141,36 @@ class Record:
 
 
 def thrust_without_airspeed(record: Record) -> Array:
-    """(M,) N, the thrust of a record without what the simulated airspeed adds to it."""
+    """Thrust of a record without what the simulated airspeed adds to it.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight, whose commands have M samples.
+
+    Returns
+    -------
+    Array, shape (M,)
+        Thrust, N; NaN where it follows from the throttle. The record's own array where it has no airspeed law.
+    """
     return record.thrust if record.law is None else record.thrust - record.law.along(record.airspeed)
 
 
 def simulated_effects(flat: FlatModel, record: Record) -> Array:
-    """The effect vector for a record whose thrust follows the airspeed of the simulation."""
+    """The effect vector for a record whose thrust follows the airspeed of the simulation.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        Flat model, of whose effect vector a copy is taken.
+    record : Record
+        Stretch of a flight; its airspeed law, where it has one, enters the effect vector.
+
+    Returns
+    -------
+    Array, shape (E,)
+        Effect vector, one value per slot of `sim_vehicle.effects`, each in that parameter's unit.
+    """
     effects = effects_at(flat, record)
     if record.law is not None:
         effects[[THRUST_AIRSPEED, THRUST_SLOPE, THRUST_BEND]] = record.law.about, record.law.slope, record.law.bend
@@ -143,7 +178,20 @@ def simulated_effects(flat: FlatModel, record: Record) -> Array:
 
 
 def effects_at(flat: FlatModel, record: Record) -> Array:
-    """The effect vector for a record: at its own time, and without what its source of thrust holds already."""
+    """The effect vector for a record: at its own time, and without what its source of thrust holds already.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        Flat model, of whose effect vector a copy is taken.
+    record : Record
+        Stretch of a flight; where its thrust comes from the propeller's speed, battery sag is left out.
+
+    Returns
+    -------
+    Array, shape (E,)
+        Effect vector, one value per slot of `sim_vehicle.effects`, each in that parameter's unit.
+    """
     effects = flat.E.copy()
     effects[START_TIME] = record.time_s[0]
     if record.thrust_source.signal == "rpm":
@@ -152,9 +200,24 @@ def effects_at(flat: FlatModel, record: Record) -> Array:
 
 
 def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
-    """Commands (M, 4) of a record, their first row what servos with a dead band had accepted until then.
+    """Commands of a record, their first row what servos with a dead band had accepted until then.
 
     The actuators are at rest there; what lags behind them has forgotten that row when the record's samples begin.
+
+    Parameters
+    ----------
+    commands : Array, shape (M, 4)
+        Commands de, da, dr, rad, and throttle, dimensionless.
+    record : Record
+        Stretch of a flight, whose `command_history` holds the surfaces' earlier commands, rad.
+    effects : Array, shape (E,)
+        Effect vector, each value in its parameter's unit.
+
+    Returns
+    -------
+    Array, shape (M, 4)
+        Commands, rad, and throttle, dimensionless; the array given where no servo has a dead band or no earlier command
+        is known.
     """
     half = 0.5 * float(effects[slot("servo_deadband", "width")])
     if effects[slot("servo_deadband")] == 0.0 or half == 0.0 or not record.command_history.size:
@@ -169,10 +232,27 @@ def held_by_dead_band(commands: Array, record: Record, effects: Array) -> Array:
 
 
 def height_for(record: Record, effects: Array) -> Array:
-    """(M,) m, the height of a record that an effect depends on, (0,) where none does: above the ground where that acts,
-    else above the middle of the flight, so that the wind's shear there is no steady wind.
+    """Height of a record that an effect depends on.
 
-    Raises SignalError where it is not known.
+    It is the height above the ground where ground effect acts, else above the middle of the flight, so that the wind's
+    shear there is no steady wind.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight, whose commands have M samples.
+    effects : Array, shape (E,)
+        Effect vector, each value in its parameter's unit.
+
+    Returns
+    -------
+    Array, shape (M,) or (0,)
+        Height, m; (0,) where no effect depends on it.
+
+    Raises
+    ------
+    SignalError
+        Where an effect depends on the height and it is not known.
     """
     if effects[slot("ground_effect")] != 0.0:
         if not record.heights.size:
@@ -192,9 +272,27 @@ def height_for(record: Record, effects: Array) -> Array:
 
 
 def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
-    """Commands (M, 4) of a record with its height and its thrust's way behind them, (M, 6), if an effect needs one.
+    """Commands of a record with its height and its thrust's way behind them, if an effect needs one of these.
 
-    Raises SignalError where the height that an effect needs is not known.
+    Parameters
+    ----------
+    commands : Array, shape (M, 4)
+        Commands de, da, dr, rad, and throttle, dimensionless.
+    record : Record
+        Stretch of a flight, whose commands have M samples.
+    effects : Array, shape (E,)
+        Effect vector, each value in its parameter's unit.
+
+    Returns
+    -------
+    Array, shape (M, 4) or (M, 6)
+        The commands as given where no effect needs more; else followed by the height, m, NaN where no effect depends on
+        it, and by the way in which the thrust sensor's reading moves, -1 to 1, dimensionless, 0 where it is not known.
+
+    Raises
+    ------
+    SignalError
+        Where the height that an effect needs is not known.
     """
     heights = height_for(record, effects)
     if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0:

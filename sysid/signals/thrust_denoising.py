@@ -108,13 +108,30 @@ def _terms(values: Array, coefficients: Array, max_share: float) -> int:
 
 
 def denoised_thrust(thrust: Array, throttle: Array, interval_s: float, airspeed: Array | None = None) -> Denoised:
-    """Measured thrust (N,) [N] with its noise taken off, and what that leaves uncertain: level, gain and lag of the
-    throttle's share, slow swings.
+    """Measured thrust with its noise taken off, and what that leaves uncertain.
 
-    What a lagged throttle (N,) explains is taken as it is, so that its steps stay sharp; the rest is smoothed.
+    Uncertain are the level, gain and lag of the throttle's share, and slow swings. What a lagged throttle explains is
+    taken as it is, so that its steps stay sharp; the rest is smoothed. A propeller pulls less the faster it flies:
+    where airspeed explains thrust, its first two powers take the place of the many slow swings that would else be
+    needed.
 
-    airspeed: (N,) m/s as measured, where there is one. A propeller pulls less the faster it flies: where airspeed
-    explains thrust, its first two powers take the place of the many slow swings that would else be needed.
+    Parameters
+    ----------
+    thrust : Array, shape (N,)
+        Thrust as measured, N, or the propeller's speed, 1/min. Fewer than 16 samples, one that is not finite, or a
+        constant come back unchanged.
+    throttle : Array, shape (N,)
+        Throttle, dimensionless.
+    interval_s : float
+        Sample interval, s.
+    airspeed : Array, shape (N,), or None
+        Airspeed as measured, m/s; None where there is none.
+
+    Returns
+    -------
+    Denoised
+        Thrust without its noise, (N,), and the independent errors left in it, (K, N), each of one standard deviation,
+        both in the unit of `thrust`; what of it the airspeed explains; and what noise passed the smoothing.
     """
     thrust = np.asarray(thrust, dtype=np.float64)
     if thrust.size < 16 or not np.isfinite(thrust).all() or np.ptp(thrust) == 0.0:

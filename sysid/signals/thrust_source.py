@@ -52,7 +52,20 @@ def _present(data: FlightData, name: str) -> bool:
 
 
 def dead_thrust(thrust: Array, throttle: Array) -> bool:
-    """Whether measured thrust repeats one value though the throttle (0 to 1) moves: its sensor is dead."""
+    """Whether measured thrust repeats one value though the throttle moves: its sensor is dead.
+
+    Parameters
+    ----------
+    thrust : Array, shape (N,)
+        Thrust as measured, N; NaN allowed.
+    throttle : Array, shape (K,)
+        Throttle, 0 to 1, dimensionless; NaN counts as 0. It may have samples of its own, or none.
+
+    Returns
+    -------
+    bool
+        Whether the sensor is dead.
+    """
     return repeats(thrust) and throttle.size > 1 and float(np.ptp(np.nan_to_num(throttle))) > _THROTTLE_MOVED
 
 
@@ -109,9 +122,30 @@ def thrust_of_speed(speed: Denoised, vehicle: Vehicle) -> Denoised:
 
 
 def thrust_in_air(rpm: Array, airspeed: Array, rho: Array, vehicle: Vehicle) -> Array:
-    """(N,) N, of a propeller that turns at rpm, 1/min, in an airspeed, m/s, and air of density rho, kg/m3.
+    """Thrust of a propeller that turns at a measured speed, in an airspeed and air of a density.
 
-    By CT(J) of [propulsion], else by max_thrust (rpm / max_rpm)^2. Raises SignalError without either.
+    By CT(J) of [propulsion], else by max_thrust (rpm / max_rpm)^2.
+
+    Parameters
+    ----------
+    rpm : Array, shape (N,)
+        Propeller speed, 1/min.
+    airspeed : Array, shape (N,)
+        Airspeed, m/s.
+    rho : Array, shape (N,)
+        Air density, kg/m3.
+    vehicle : Vehicle
+        Vehicle, whose [propulsion] gives the law.
+
+    Returns
+    -------
+    Array, shape (N,)
+        Thrust, N.
+
+    Raises
+    ------
+    SignalError
+        Where [propulsion] gives neither CT nor max_thrust with max_rpm.
     """
     propulsion = vehicle.propulsion
     if propulsion is None or not propulsion.CT:
@@ -129,7 +163,22 @@ def _square_law(vehicle: Vehicle) -> float:
 
 
 def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
-    """(M,) throttle behind the motor's lag at the samples of held commands (M, 4), at rest at the first."""
+    """Throttle behind the motor's lag at the samples of held commands, at rest at the first.
+
+    Parameters
+    ----------
+    commands : Array, shape (M, 4)
+        Commands de, da, dr, rad, and throttle, dimensionless, each held from its sample on.
+    interval_s : float
+        Sample interval, s.
+    tau : float
+        Time constant of the motor's first-order lag, s; 0 for none.
+
+    Returns
+    -------
+    Array, shape (M,)
+        Throttle behind the lag, dimensionless.
+    """
     throttle = commands[:, 3]
     kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
     before = np.append(throttle[0], throttle[:-1])

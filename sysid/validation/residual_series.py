@@ -92,7 +92,18 @@ def extremes(first: Array, second: Array, points: int) -> IntArray:
 
 
 def rounded(values: Array) -> list[float]:
-    """Numbers of DIGITS significant digits."""
+    """Numbers of DIGITS significant digits.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Numbers, in any unit.
+
+    Returns
+    -------
+    list[float], length N
+        The same numbers rounded, in the same unit.
+    """
     return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
 
 
@@ -114,7 +125,20 @@ def _coefficient_residual(compared: ModelComparison, axis: str) -> dict[str, Any
 def output_residuals(residuals: Sequence[Array], interval_s: float) -> dict[str, dict[str, Any]]:
     """Per measured output the autocorrelation of its residuals, pooled over runs.
 
-    residuals: per run (N, 15) in the order of OUTPUTS, NaN where missing.
+    An output that is measured at too few of the samples (GPS beside an IMU) is left out.
+
+    Parameters
+    ----------
+    residuals : Sequence[Array], each of shape (N, 15)
+        For each run the residuals in the order of OUTPUTS, SI units and rad, NaN where missing.
+    interval_s : float
+        Sampling interval, s.
+
+    Returns
+    -------
+    dict[str, dict[str, Any]]
+        Name of OUTPUTS -> step of the lags [s], normalised autocorrelation (dimensionless), its limit for a white
+        series (dimensionless), and the count of samples.
     """
     found = {}
     for j, name in enumerate(OUTPUTS):
