@@ -16,7 +16,7 @@ from types import FrameType
 import uvicorn
 
 from gcs.api import create_app
-from gcs.api.connections import BoundedProtocol
+from gcs.api.connections import MOST, BoundedProtocol, limited
 from gcs.catalogue.intake import Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.store import Catalogue, Flight
@@ -62,11 +62,12 @@ def _tidy(settings: Settings) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _allow_descriptors() -> None:
-    """As many open files and sockets as this process may have: links and recordings must never lack one."""
+def _connections() -> type[BoundedProtocol]:
+    """HTTP that leaves most of the open files and sockets that this process may have to links and recordings."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    return limited(MOST if hard == resource.RLIM_INFINITY else min(MOST, hard // 4))
 
 
 @contextmanager
@@ -122,7 +123,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
 
     announce: called once with the URL at which the service answers.
     """
-    _allow_descriptors()
+    protocol = _connections()
     if settings.vehicle is not None:
         for warning in load_vehicle(settings.vehicle).warnings:
             _log.warning("%s", warning)
@@ -160,7 +161,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
-            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=BoundedProtocol)
+            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=protocol)
             server = _Server(config, live)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):

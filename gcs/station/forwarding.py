@@ -34,6 +34,7 @@ _IDLE_S = 1.0
 _MEMORY_S = 30.0
 _MEMORY_FRAMES = 32768
 _OWN = "own"
+_MAVLINK_2 = 0xFD
 
 
 @dataclass(frozen=True)
@@ -45,22 +46,36 @@ class ForwardingCounts:
     dropped_bytes: int = 0
 
 
+@dataclass(frozen=True)
+class _First:
+    """Who brought a frame first, from which side, and when."""
+
+    source: str
+    from_vehicle: bool
+    time_s: float
+
+
 class _Memory:
     """Which source brought a frame first: the same frame from another one soon after is a copy.
 
     So a vehicle heard over two links is passed on once, and a ring of stations that forward to each other does
-    not go round for ever. A source may repeat itself.
+    not go round for ever. A source may repeat itself. What a ground station says for itself is no copy of anything from
+    the vehicles' side: there somebody may have sent every frame that it could be, to keep a command from the vehicle.
     """
 
     def __init__(self) -> None:
-        self._first: OrderedDict[int, tuple[str, float]] = OrderedDict()
+        self._first: OrderedDict[int, _First] = OrderedDict()
+        self._stations: set[int] = set()  # systems that have said something of their own from the stations' side
 
-    def is_copy(self, frame: bytes, source: str, now: float) -> bool:
-        key = hash(frame)
+    def is_copy(self, frame: bytes, source: str, now: float, *, from_vehicle: bool) -> bool:
+        key, system = hash(frame), frame[5] if frame[0] == _MAVLINK_2 else frame[3]
         first = self._first.get(key)
-        if first is not None and first[0] != source and now - first[1] < _MEMORY_S:
+        repeated = first is not None and first.source != source and now - first.time_s < _MEMORY_S
+        if repeated and not (first and first.from_vehicle and not from_vehicle and system in self._stations):
             return True
-        self._first[key] = (source, now)
+        if not repeated and not from_vehicle:
+            self._stations.add(system)
+        self._first[key] = _First(source, from_vehicle, now)
         self._first.move_to_end(key)
         if len(self._first) > _MEMORY_FRAMES:
             self._first.popitem(last=False)
@@ -153,7 +168,7 @@ class Forwarder:
 
     def _pass_on(self, name: str, from_vehicle: bool, data: bytes, offered: float, now: float) -> None:
         if name == _OWN:
-            self._memory.is_copy(data, name, now)
+            self._memory.is_copy(data, name, now, from_vehicle=False)
             return
         if now - offered > STALE_S:
             self._dropped += len(data)
@@ -173,7 +188,8 @@ class Forwarder:
                 self._send(name, source, [frames.frame(i) for i in range(len(frames))], now)
 
     def _send(self, name: str, source: _Source, frames: list[bytes], now: float) -> None:
-        fresh = [frame for frame in frames if not self._memory.is_copy(frame, name, now)]
+        side = source.targets is self._stations
+        fresh = [frame for frame in frames if not self._memory.is_copy(frame, name, now, from_vehicle=side)]
         self._copies += len(frames) - len(fresh)
         if not fresh:
             return

@@ -21,11 +21,14 @@ from gcs.recording.reader import Recording
 ANSWERS = "/TIMESYNC"
 
 
-def start(program: str, arguments: Sequence[object], **environment: str) -> subprocess.Popen[str]:
-    """`gcs` or `sim-vehicle` of this environment; environment: variables to set."""
+def start(
+    program: str, arguments: Sequence[object], descriptors: int | None = None, **environment: str
+) -> subprocess.Popen[str]:
+    """`gcs` or `sim-vehicle` of this environment; descriptors: how many it may have. environment: variables to set."""
     inherited = {name: value for name, value in os.environ.items() if name != "GCS_TOKEN"}
+    fewer = [] if descriptors is None else ["sh", "-c", f'ulimit -n {descriptors}; exec "$0" "$@"']
     return subprocess.Popen(
-        [str(Path(sys.executable).with_name(program)), *map(str, arguments)],
+        [*fewer, str(Path(sys.executable).with_name(program)), *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -85,9 +88,9 @@ def recording_station(url: str, path: Path, expected: int) -> Iterator[None]:
 
 
 @contextmanager
-def service(*arguments: object, **environment: str) -> Iterator[str]:
+def service(*arguments: object, descriptors: int | None = None, **environment: str) -> Iterator[str]:
     """`gcs serve` on a free port: its URL. It is told to stop at the end, and must then end well."""
-    process = start("gcs", ["serve", "--port", "0", *arguments], **environment)
+    process = start("gcs", ["serve", "--port", "0", *arguments], descriptors, **environment)
     with process:
         try:
             assert process.stdout is not None

@@ -160,6 +160,29 @@ def test_a_vehicle_on_two_links_is_passed_on_once_and_an_echo_never() -> None:
             assert len(other.look()) == 200
 
 
+def test_a_command_reaches_the_vehicle_though_its_every_frame_came_from_the_vehicles_side_before() -> None:
+    taken = Taken()
+    with ExitStack() as stack:
+        operator, port = Peer(stack), free_port()
+        vehicle, attacker = Peer(stack, port), Peer(stack, port)
+        with running([f"udpin:127.0.0.1:{port}"], [f"udpout:127.0.0.1:{operator.port}"], taken):
+            vehicle.socket.send(Vehicle().attitude(0.1))
+            wait_until(operator.look)
+            said = mavlink.MAVLink(None, srcSystem=240, srcComponent=190)
+            command = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            every = []
+            for sequence in range(256):
+                said.seq = sequence
+                every.append(bytes(command.pack(said)))
+            for frame in every:
+                attacker.socket.send(frame)
+            wait_until(lambda: len(operator.look()) == 257)
+            operator.answer(Sender(240, 190).send("STATUSTEXT").frame)
+            wait_until(lambda: len(vehicle.look()) == 1)
+            operator.answer(every[77])
+            wait_until(lambda: every[77] in vehicle.look())
+
+
 @pytest.mark.whole_flight
 def test_a_ground_station_that_does_not_read_holds_up_nothing() -> None:
     taken = Taken()

@@ -1,0 +1,44 @@
+"""Reports for many at once: some wait, the others are asked to come again, and none takes the threads of all."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+
+from traffic import wait_until
+
+from gcs.errors import ServiceError
+from gcs.jobs.reports import Reports
+
+WAITING = """
+import sys, time
+from pathlib import Path
+sys.stdin.read()
+while not Path(sys.argv[1]).exists():
+    time.sleep(0.02)
+print("<html>")
+"""
+
+
+def test_a_report_that_too_many_wait_for_is_asked_for_again(tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    reports = Reports((sys.executable, "-c", WAITING, str(go)))
+    answers: list[str] = []
+
+    def ask() -> None:
+        try:
+            answers.append(reports.page({}).strip())
+        except ServiceError as error:
+            answers.append(str(error))
+
+    askers = [threading.Thread(target=ask) for _ in range(10)]
+    for asker in askers:
+        asker.start()
+    wait_until(lambda: len(answers) == 6)
+    assert set(answers) == {"other reports are being made; ask again in a minute"}
+    go.touch()
+    for asker in askers:
+        asker.join()
+    assert answers.count("<html>") == 4
+    assert reports.page({}) == "<html>\n"
