@@ -39,9 +39,9 @@ from sysid.compatibility.reconstruction import check_compatibility
 from sysid.discrepancy import discrepancy
 from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE, SUB_STEPS
 from sysid.discrepancy.by_filter_error.candidate_fits import fitted
+from sysid.problem.estimation_problem import MAX_RUN_S, free_coefficients, model_of
 from sysid.problem.formulation import make_problem
 from sysid.problem.free_run import Fixed
-from sysid.problem.problem import MAX_RUN_S, free_coefficients, model_of
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, prepare
 

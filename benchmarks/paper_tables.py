@@ -37,9 +37,9 @@ from sysid.equation_error.time_domain import equation_error
 from sysid.errors import SysidError
 from sysid.identify import identify
 from sysid.output_error.estimator import OutputError
+from sysid.problem.estimation_problem import LONGITUDINAL_STATES, Motion
 from sysid.problem.formulation import corrected_parts
 from sysid.problem.predictor import Predictor, coefficient, sensor_error
-from sysid.problem.problem import LONGITUDINAL_STATES, Motion
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.signals.record import LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import SettingsError
-from gcs.text.chance import p_text, probability_text
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
+from gcs.text.probability_text import p_text, probability_text
 from gcs.text.quality import flights_words, quality_lines
 from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.cli.writable import unwritable

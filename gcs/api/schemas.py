@@ -6,7 +6,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gcs.analysis.part import part_problem
+from gcs.analysis.flight_part import part_problem
 
 
 class Problem(BaseModel):

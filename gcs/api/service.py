@@ -8,7 +8,7 @@ from typing import Annotated, Protocol, cast
 
 from fastapi import Depends, Request
 
-from gcs.api.lastminute import LastMinute
+from gcs.api.last_minute import LastMinute
 from gcs.catalogue.flightview import FlightViewer
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.reports import Reports
@@ -50,7 +50,7 @@ class Service:
         self.uploads = Uploads(self.settings, self.catalogue)
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:  # without a thread of its own, which there may be none for
     return cast(Service, request.app.state.service)
 
 

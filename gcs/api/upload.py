@@ -17,8 +17,6 @@ from gcs.settings import Settings
 from gcs.text.sizes import size_text
 
 _WRITE_BYTES = 1 << 20
-# The headers of a form's part are a name and a type.
-_MOST_HEADER_BYTES = 10_000
 
 
 @asynccontextmanager
@@ -127,15 +125,9 @@ class _Target:
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
         self._field += data[start:end]
-        self._check_header()
 
     def _header_value(self, data: bytes, start: int, end: int) -> None:
         self._value += data[start:end]
-        self._check_header()
-
-    def _check_header(self) -> None:
-        if len(self._field) + len(self._value) > _MOST_HEADER_BYTES:
-            raise HTTPException(422, f"a header of the form is longer than {_MOST_HEADER_BYTES} bytes")
 
     def _header_end(self) -> None:
         self._headers[self._field.lower()] = self._value

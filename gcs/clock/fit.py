@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.clock.envelope import lowest, support_lines
+from gcs.clock.lower_bound import lowest, support_lines
 
 Times = NDArray[np.int64]
 Array = NDArray[np.float64]

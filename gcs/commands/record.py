@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.errors import LinkError, SettingsError
     from gcs.links.opening import open_links
     from gcs.links.url import parse_url
-    from gcs.live.lines import LiveLines
+    from gcs.live.terminal_lines import LiveLines
     from gcs.options.links import link_options
     from gcs.options.storage import storage_options
     from gcs.station.capture import CaptureOptions, record

@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from gcs.text.chance import percent_text
+from gcs.text.probability_text import percent_text
 
 _STAGES = ("given", "before", "after", "noise_floor")
 _LABELS = ("model as given", "coefficients fitted again", "effect added", "noise floor")

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from gcs.analysis.part import part_problem
+from gcs.analysis.flight_part import part_problem
 from gcs.catalogue.store import Catalogue, Job
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
 from gcs.jobs.limits import memory_limit

@@ -52,7 +52,7 @@ def add_part_arguments(parser: argparse.ArgumentParser) -> None:
 
 def require_part(args: argparse.Namespace) -> None:
     """Raise SettingsError for a part of the flight that is none."""
-    from gcs.analysis.part import part_problem
+    from gcs.analysis.flight_part import part_problem
     from gcs.errors import SettingsError
 
     if problem := part_problem(args.start, args.stop):

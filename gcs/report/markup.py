@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from gcs.text.chance import probability_text
+from gcs.text.probability_text import probability_text
 from sysid.discrepancy.wording import LEAST_EXPONENT, too_small
 
 NONE = '<span aria-label="none">–</span>'

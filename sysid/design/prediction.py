@@ -30,10 +30,10 @@ from sysid.design.simulated_flight import RATE_HZ, channel_noise, rehearse, true
 from sysid.numerics.normal_equations import inverse
 from sysid.output_error.estimator import OutputError
 from sysid.output_error.from_problem import build
+from sysid.problem.estimation_problem import Problem, free_coefficients, refusals
 from sysid.problem.formulation import make_problem, with_unclear_sensors
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, usual_size
 from sysid.problem.predictor import Predictor
-from sysid.problem.problem import Problem, free_coefficients, refusals
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.record import OUTPUTS, SURFACES

@@ -10,8 +10,8 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.identified_effect import Named
 from sysid.numerics.dryden import Turbulence
+from sysid.problem.estimation_problem import Motion
 from sysid.problem.free_run import Fixed
-from sysid.problem.problem import Motion
 from sysid.quality.verdict import Quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared

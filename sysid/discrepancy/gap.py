@@ -15,8 +15,8 @@ from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.smoothing import noise_sigma
+from sysid.problem.estimation_problem import Estimates, Motion, Problem, split_runs
 from sysid.problem.free_run import Fixed, gap, noise_floor
-from sysid.problem.problem import Estimates, Motion, Problem, split_runs
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared
 from sysid.signals.record import OUTPUTS, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS

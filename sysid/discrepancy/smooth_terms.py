@@ -6,7 +6,7 @@ from sim_vehicle.effects import CoefficientEffect, Parameter, Stage
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.candidates import Candidate
 from sysid.equation_error.coefficients import AXES
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 
 # Smooth terms that no single effect of the catalogue is, by which whatever is missing shows.
 _LONGITUDINAL = ("alpha2", "alpha3", "q", "alpha_q", "de2", "alpha_de", "beta2", "alphadot")

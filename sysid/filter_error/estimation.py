@@ -12,7 +12,7 @@ from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.compatibility.selection import Refusal, most_implausible, select
 from sysid.filter_error.estimator import FilterError, FilterErrorResult
 from sysid.numerics.dryden import Turbulence
-from sysid.problem.problem import Problem, Progress, known_of, predictor_of, start_values
+from sysid.problem.estimation_problem import Problem, Progress, known_of, predictor_of, start_values
 from sysid.signals.record import GROUND, OUTPUTS
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.arrays import Array
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import Record

@@ -29,9 +29,9 @@ from sysid.identification.result_model import (
     with_extra,
 )
 from sysid.problem.coefficient_residuals import moment_noise
+from sysid.problem.estimation_problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
 from sysid.problem.model_structure import default_structure
-from sysid.problem.problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_rules import flights_quality
 from sysid.quality.verdict import NOTHING_SEEN, Quality
@@ -214,8 +214,8 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
     from sysid.posterior.estimates import PRIOR_SHARE
+    from sysid.posterior.nuisance_priors import THRUST_BY_SPEED_STD
     from sysid.posterior.servo_replay import as_moved
-    from sysid.posterior.unknowns import THRUST_BY_SPEED_STD
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)

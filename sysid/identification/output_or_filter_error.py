@@ -18,8 +18,8 @@ from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit, warmed
 from sysid.output_error.linearisation import Linearised
 from sysid.output_error.structure_error import Widened, widened
+from sysid.problem.estimation_problem import Likeliest, Problem, Progress
 from sysid.problem.formulation import with_unclear_sensors
-from sysid.problem.problem import Likeliest, Problem, Progress
 from sysid.signals.record import GROUND, OUTPUTS
 from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, misled
 from sysid.uncertainty.systematic import systematic_errors, systematic_in_turbulence

@@ -19,9 +19,9 @@ from sysid.identification.repaired_flight import Meant, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import estimate
-from sysid.posterior.declared import unused_timing
 from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
-from sysid.posterior.part import FlightPart, make_part
+from sysid.posterior.flight_part import FlightPart, make_part
+from sysid.posterior.stated_priors import unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size

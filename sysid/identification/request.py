@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.problem.problem import Progress
+from sysid.problem.estimation_problem import Progress
 from sysid.signals.flight import FlightSignals
 
 

@@ -27,7 +27,7 @@ from sysid.live.recursive.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import estimate, excited
 from sysid.posterior.estimates import NuisanceEstimate
-from sysid.posterior.part import FlightPart, make_part
+from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES

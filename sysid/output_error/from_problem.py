@@ -9,8 +9,8 @@ from dataclasses import replace
 from sim_vehicle.model.model_file import Model
 from sysid.arrays import Array
 from sysid.output_error.estimator import MAX_ITERATIONS, OutputError, OutputErrorResult
+from sysid.problem.estimation_problem import Problem, Progress, known_of, predictor_of, start_values
 from sysid.problem.predictor import free_states
-from sysid.problem.problem import Problem, Progress, known_of, predictor_of, start_values
 
 
 def build(

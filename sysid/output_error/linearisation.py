@@ -14,7 +14,7 @@ from sysid.numerics.normal_equations import crossed, gram, require_numbers
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.from_problem import build, step_callback
-from sysid.problem.problem import Problem, Progress, start_values
+from sysid.problem.estimation_problem import Problem, Progress, start_values
 from sysid.signals.record import OUTPUTS
 
 

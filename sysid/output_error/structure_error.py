@@ -31,7 +31,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.from_problem import build, fit, warmed
-from sysid.problem.problem import Motion, Problem, start_values
+from sysid.problem.estimation_problem import Motion, Problem, start_values
 from sysid.signals.record import OUTPUTS, SURFACES, Record
 
 # Twice the log likelihood that a misfit of one axis must gain: of axes without any 0.03 % do so.

@@ -16,8 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.declared import Stated, declared, zero_stds
-from sysid.posterior.doubts import Doubt, doubts_of, flow_doubt
+from sysid.posterior.considered_errors import Doubt, doubts_of, flow_doubt
 from sysid.posterior.estimates import (
     GroupEstimate,
     PosteriorEstimate,
@@ -27,11 +26,12 @@ from sysid.posterior.estimates import (
     warnings_of,
 )
 from sysid.posterior.estimator import MAX_PASSES, Posterior, Prior
-from sysid.posterior.group import GroupModel
-from sysid.posterior.part import FlightPart, outputs_of, with_vane
+from sysid.posterior.flight_part import FlightPart, outputs_of, with_vane
+from sysid.posterior.group_model import GroupModel
+from sysid.posterior.nuisance_priors import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
 from sysid.posterior.reported_spectrum import noise_spectra
-from sysid.posterior.start import equation_error_starts, usual_starts
-from sysid.posterior.unknowns import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
+from sysid.posterior.start_values import equation_error_starts, usual_starts
+from sysid.posterior.stated_priors import Stated, declared, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 # Standard deviation of a command, rad, below which it has excited nothing.

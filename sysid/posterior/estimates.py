@@ -10,9 +10,9 @@ import numpy as np
 from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.doubts import Doubt
+from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimator import Posterior, PosteriorResult
-from sysid.posterior.group import SERVO
+from sysid.posterior.group_model import SERVO
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 

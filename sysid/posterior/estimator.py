@@ -24,8 +24,9 @@ from sysid.posterior.closed_loop import (
     is_law,
     most_answered,
 )
-from sysid.posterior.doubts import Doubt
-from sysid.posterior.group import GroupModel
+from sysid.posterior.considered_errors import Doubt
+from sysid.posterior.group_model import GroupModel
+from sysid.posterior.nuisance_priors import SURFACES_OF
 from sysid.posterior.residual_spectrum import (
     LEAST_MISFIT,
     LEAST_OF_KNOWN,
@@ -33,7 +34,6 @@ from sysid.posterior.residual_spectrum import (
     ResidualSpectrum,
     residual_spectrum,
 )
-from sysid.posterior.unknowns import SURFACES_OF
 from sysid.signals.record import STATES
 
 MAX_PASSES = 12  # of Gauss-Newton

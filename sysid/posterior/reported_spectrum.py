@@ -10,8 +10,8 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.observations import joined_at
-from sysid.posterior.part import FlightPart
 from sysid.posterior.residual_spectrum import ResidualSpectrum
 
 _SENSORS = {

@@ -9,9 +9,9 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import PosteriorEstimate
+from sysid.posterior.flight_part import inputs_of
 from sysid.posterior.inputs import InputSignal, surface_means
-from sysid.posterior.part import inputs_of
-from sysid.posterior.unknowns import GROUPS, SURFACES_OF
+from sysid.posterior.nuisance_priors import GROUPS, SURFACES_OF
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import PRE_ROLL_S, SURFACES, Record

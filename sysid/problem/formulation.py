@@ -20,9 +20,7 @@ from sysid.equation_error.time_domain import equation_error
 from sysid.errors import EstimationError, SysidError
 from sysid.numerics.gaussian import Gaussian, known_from
 from sysid.problem.coefficient_residuals import known_propulsion
-from sysid.problem.free_run import Fixed
-from sysid.problem.model_structure import usual_size
-from sysid.problem.problem import (
+from sysid.problem.estimation_problem import (
     MAX_RUN_S,
     Motion,
     Problem,
@@ -31,6 +29,8 @@ from sysid.problem.problem import (
     relevant_sensors,
     split_runs,
 )
+from sysid.problem.free_run import Fixed
+from sysid.problem.model_structure import usual_size
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES

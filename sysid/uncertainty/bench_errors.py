@@ -26,7 +26,7 @@ from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.from_problem import build
 from sysid.output_error.linearisation import Linearised
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap

@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 from sysid.signals.record import STATES, Record
 from sysid.uncertainty.bench_errors import BenchError
 

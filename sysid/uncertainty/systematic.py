@@ -25,7 +25,7 @@ from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.normal_equations import damped_step, gram
 from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import Linearised
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 from sysid.signals.record import SURFACES, Record, angle_wrap
 from sysid.signals.thrust_source import THRUST_BY_SQUARE
 

@@ -26,8 +26,8 @@ from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import Linearised
+from sysid.problem.estimation_problem import Problem
 from sysid.problem.predictor import Predictor, free_states
-from sysid.problem.problem import Problem
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap
 from sysid.signals.thrust_denoising import denoised_thrust
 

@@ -19,9 +19,9 @@ from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE
 from sysid.discrepancy.gap import fixed_model
 from sysid.errors import SysidError
 from sysid.output_error.from_problem import fit
+from sysid.problem.estimation_problem import Problem
 from sysid.problem.formulation import make_problem
 from sysid.problem.free_run import gap
-from sysid.problem.problem import Problem
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, prepare
 

@@ -24,9 +24,9 @@ from sysid.compatibility.reconstruction import CompatibilityResult, check_compat
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.time_domain import equation_values
 from sysid.identification.equation_error import diffuse, estimate_by_equations
+from sysid.problem.estimation_problem import excited_motion, free_coefficients
 from sysid.problem.formulation import corrected_parts, make_problem
 from sysid.problem.model_structure import default_structure
-from sysid.problem.problem import excited_motion, free_coefficients
 from sysid.signals.preparation import Prepared, prepare
 
 # Seeds that no test uses.

@@ -15,8 +15,8 @@ from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.filter_error.thrust_noise import with_thrust_errors
+from sysid.problem.estimation_problem import MAX_RUN_S, Problem, free_coefficients, model_of
 from sysid.problem.formulation import make_problem, start_model
-from sysid.problem.problem import MAX_RUN_S, Problem, free_coefficients, model_of
 from sysid.signals.preparation import Prepared
 
 Progress = Callable[[float, str], None]

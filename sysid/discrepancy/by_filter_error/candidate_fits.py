@@ -21,7 +21,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.filter_error.noise_scoring import SEARCH_S
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
-from sysid.problem.problem import Problem, start_values
+from sysid.problem.estimation_problem import Problem, start_values
 
 Start = Mapping[str, float]
 Effects = Sequence[tuple[str, str]]

@@ -46,7 +46,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.output_error.from_problem import fit
-from sysid.problem.problem import Estimates, Problem
+from sysid.problem.estimation_problem import Estimates, Problem
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.preparation import Prepared, require_thrust
 

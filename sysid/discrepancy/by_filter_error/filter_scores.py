@@ -15,7 +15,7 @@ from sysid.discrepancy.score_test import ScoredColumn, gains_of
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.filter_error.initial_noise import settled_path
-from sysid.problem.problem import Problem, predictor_of
+from sysid.problem.estimation_problem import Problem, predictor_of
 
 
 def filter_gains(

@@ -17,7 +17,7 @@ from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
-from sysid.problem.problem import Problem, Progress, model_of
+from sysid.problem.estimation_problem import Problem, Progress, model_of
 
 # None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
 # most so many.

@@ -11,7 +11,7 @@ from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.filter_error.estimation import build_filter
 from sysid.numerics.autocorrelation import pooled_autocorrelation
-from sysid.problem.problem import Problem
+from sysid.problem.estimation_problem import Problem
 from sysid.signals.record import OUTPUTS
 
 # Noise of an output over what its highest frequencies show, and how many samples of its innovations are

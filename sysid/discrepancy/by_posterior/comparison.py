@@ -12,7 +12,7 @@ from sim_vehicle.vehicle.flat_model import flatten
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.by_posterior.forward_selection import Found, search
 from sysid.discrepancy.by_posterior.group_fits import fit_of
-from sysid.discrepancy.by_posterior.textbooks import as_of_textbooks, is_of_the_field, with_airspeed_at_once
+from sysid.discrepancy.by_posterior.textbook_flights import as_of_textbooks, is_of_the_field, with_airspeed_at_once
 from sysid.discrepancy.by_posterior.verdict import verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.errors import EstimationError
@@ -21,11 +21,11 @@ from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
-from sysid.posterior.part import FlightPart
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.servo_replay import as_moved
+from sysid.problem.estimation_problem import Motion, Problem, excited_motion
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed
-from sysid.problem.problem import Motion, Problem, excited_motion
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust

@@ -19,7 +19,7 @@ from sysid.discrepancy.identified_effect import Named, nearly
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.numerics.normal_equations import inverse
-from sysid.problem.problem import Problem, Progress
+from sysid.problem.estimation_problem import Problem, Progress
 
 Groups = Mapping[str, GroupFit]
 

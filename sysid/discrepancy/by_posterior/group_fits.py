@@ -19,10 +19,10 @@ from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate, extended, within
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.doubts import Doubt
+from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimates import GroupEstimate
 from sysid.posterior.estimator import Posterior, Prior
-from sysid.posterior.unknowns import GROUPS
+from sysid.posterior.nuisance_priors import GROUPS
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 _PASSES = 8  # of Gauss-Newton from a candidate's start

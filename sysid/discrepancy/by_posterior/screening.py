@@ -18,8 +18,8 @@ from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.candidates import Candidate, alone, extended
 from sysid.discrepancy.score_test import ScoredColumn, gains_of
 from sysid.errors import SysidError
-from sysid.posterior.group import SERVO
-from sysid.posterior.start import equation_error_starts
+from sysid.posterior.group_model import SERVO
+from sysid.posterior.start_values import equation_error_starts
 
 # A direction of which nuisances and coefficients leave no more than this share is imitated by them.
 _OWN = 1e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.analysis.part import part_problem
+from gcs.analysis.flight_part import part_problem
 from gcs.cli import main
 
 

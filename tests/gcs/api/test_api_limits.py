@@ -97,15 +97,11 @@ def test_names_that_are_no_hosts_are_said_to_be_none(client: httpx.Client) -> No
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        (b"no boundary at all", "not well made"),
-        (b"--x\r\nContent-Disposition: form-data; name=" + 20_000 * b"y", "longer than 10000 bytes"),
-    ],
+    "body", [b"no boundary at all", b"--x\r\nContent-Disposition: form-data; name=" + 20_000 * b"y"]
 )
-def test_a_form_that_is_none_is_refused_in_words(client: httpx.Client, body: bytes, words: str) -> None:
+def test_a_form_that_is_none_is_refused_in_words(client: httpx.Client, body: bytes) -> None:
     headers = {"Content-Type": "multipart/form-data; boundary=x"}
-    assert words in problem(client.post("/api/flights", content=body, headers=headers), 422)
+    assert "not well made" in problem(client.post("/api/flights", content=body, headers=headers), 422)
 
 
 def test_an_upload_leaves_what_recordings_keep_in_reserve(make_bench: Callable[..., Bench]) -> None:
@@ -133,9 +129,10 @@ def test_health_answers_while_every_thread_is_taken(bench: Bench, client: httpx.
     free, service = threading.Event(), bench.app.state.service
     entered = threading.Semaphore(0)
 
-    def slow(*_: object) -> None:
+    def slow(*_: object) -> dict[str, object]:
         entered.release()
         assert free.wait(PATIENCE_S)
+        return {}
 
     flight = bench.record(1, 1, START)
     service.viewer.series = slow

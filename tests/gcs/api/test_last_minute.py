@@ -10,7 +10,7 @@ from api_bench import Bench
 from serving import serving
 from traffic import SECOND, wait_until
 
-from gcs.api.lastminute import LastMinute
+from gcs.api.last_minute import LastMinute
 from gcs.live.feed import LiveState
 
 

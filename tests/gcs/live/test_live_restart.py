@@ -10,8 +10,8 @@ import pytest
 from traffic import SECOND, Vehicle, batch
 
 from gcs.live.feed import LiveFeed
-from gcs.live.lines import LiveLines
 from gcs.live.protocol import Flight
+from gcs.live.terminal_lines import LiveLines
 from gcs.live.vehiclefile import WatchedVehicle
 from gcs.live.worker import LiveProcess
 from gcs.mavlink.dialect import Dialect

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.text.chance import p_text, percent_text, probability_text
+from gcs.text.probability_text import p_text, percent_text, probability_text
 
 
 @pytest.mark.parametrize(

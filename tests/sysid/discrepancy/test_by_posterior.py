@@ -20,7 +20,7 @@ from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy import discrepancy
 from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
-from sysid.discrepancy.by_posterior.textbooks import as_of_textbooks
+from sysid.discrepancy.by_posterior.textbook_flights import as_of_textbooks
 from sysid.discrepancy.candidates import Candidate
 
 

@@ -17,9 +17,9 @@ from sysid.discrepancy.candidates import Candidate, candidates, extended, steppi
 from sysid.errors import SignalError
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit
+from sysid.problem.estimation_problem import Problem, free_coefficients
 from sysid.problem.formulation import make_problem
 from sysid.problem.predictor import effect_parameter
-from sysid.problem.problem import Problem, free_coefficients
 from sysid.signals.preparation import prepare
 
 pytestmark = pytest.mark.whole_flight

@@ -17,8 +17,8 @@ from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.identified_effect import Named
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
+from sysid.problem.estimation_problem import Problem
 from sysid.problem.predictor import effect_parameter
-from sysid.problem.problem import Problem
 
 
 def result_of(names: tuple[str, ...], values: list[float], stds: list[float], together: bool) -> FilterErrorResult:

@@ -27,8 +27,8 @@ from sysid.filter_error.kalman import kalman_pass, variance_gradient, variance_p
 from sysid.filter_error.thrust_noise import with_thrust_errors
 from sysid.identify import Identification, identify
 from sysid.numerics.dryden import Turbulence, gust_system
+from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
-from sysid.problem.problem import free_coefficients
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 

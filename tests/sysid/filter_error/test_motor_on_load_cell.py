@@ -11,8 +11,8 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.filter_error.estimation import build_filter
 from sysid.numerics.dryden import Turbulence
+from sysid.problem.estimation_problem import free_coefficients, start_values
 from sysid.problem.formulation import make_problem
-from sysid.problem.problem import free_coefficients, start_values
 from sysid.signals.preparation import prepare
 
 

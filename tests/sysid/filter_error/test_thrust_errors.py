@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.filter_error.thrust_noise import with_thrust_errors
-from sysid.problem.problem import Motion, Problem
+from sysid.problem.estimation_problem import Motion, Problem
 from sysid.signals.record import OUTPUTS, Record
 from sysid.signals.thrust_denoising import Denoised, denoised_thrust
 

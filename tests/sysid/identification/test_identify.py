@@ -18,9 +18,9 @@ from sysid.identification.linear_model import LinearModel, linearise
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.output_error.from_problem import fit
+from sysid.problem.estimation_problem import Motion, split_runs
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure, is_longitudinal
-from sysid.problem.problem import Motion, split_runs
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 from sysid.signals.record import STATES

@@ -13,9 +13,9 @@ from sysid.compatibility.reconstruction import check_compatibility
 from sysid.identify import identify
 from sysid.numerics.gaussian import Gaussian, known_from
 from sysid.output_error.from_problem import fit
+from sysid.problem.estimation_problem import model_of
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure, is_longitudinal
-from sysid.problem.problem import model_of
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
 

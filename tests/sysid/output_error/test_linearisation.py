@@ -17,8 +17,8 @@ from sysid.compatibility.reconstruction import check_compatibility
 from sysid.errors import EstimationError
 from sysid.output_error.from_problem import fit
 from sysid.output_error.linearisation import Linearised
+from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
-from sysid.problem.problem import free_coefficients
 from sysid.signals.preparation import prepare
 
 

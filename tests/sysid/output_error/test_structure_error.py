@@ -14,9 +14,9 @@ from sysid.compatibility.reconstruction import check_compatibility
 from sysid.identify import identify
 from sysid.output_error.from_problem import fit
 from sysid.output_error.structure_error import _GAIN, _likeliest_variances
+from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure
-from sysid.problem.problem import free_coefficients
 from sysid.signals.preparation import prepare
 
 pytestmark = pytest.mark.whole_flight

@@ -12,7 +12,7 @@ from simulated import fly_mav
 from table_two import with_table_two
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
-from sysid.posterior.part import make_part, with_vane
+from sysid.posterior.flight_part import make_part, with_vane
 from sysid.posterior.smoothing import airspeed_through, expected, smoothed
 from sysid.signals.flight import FlightSignals, Signal
 

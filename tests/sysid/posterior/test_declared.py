@@ -16,8 +16,8 @@ from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 from sysid.identification.identify import identify
-from sysid.posterior.declared import airspeed_lag, declared, unused_timing, zero_stds
-from sysid.posterior.unknowns import PRIORS, unknowns_of
+from sysid.posterior.nuisance_priors import PRIORS, unknowns_of
+from sysid.posterior.stated_priors import airspeed_lag, declared, unused_timing, zero_stds
 
 MESSAGES = {"q": "HIGHRES_IMU", "de": "SERVO_OUTPUT_RAW", "alpha": "AOA_SSA", "airspeed": "VFR_HUD"}
 NOMINAL = {one.name: one for one in PRIORS}

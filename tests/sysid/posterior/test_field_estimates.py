@@ -16,9 +16,9 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.errors import SignalError
 from sysid.identification.identify import Identification, identify
 from sysid.identification.result_file import result_json
-from sysid.posterior.group import GroupModel
-from sysid.posterior.part import make_part, outputs_of
-from sysid.posterior.unknowns import PRIORS, unknowns_of
+from sysid.posterior.flight_part import make_part, outputs_of
+from sysid.posterior.group_model import GroupModel
+from sysid.posterior.nuisance_priors import PRIORS, unknowns_of
 from sysid.problem.model_structure import default_structure, is_longitudinal
 from sysid.signals.flight import FlightSignals, Signal
 

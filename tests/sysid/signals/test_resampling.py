@@ -121,3 +121,11 @@ def test_a_missing_name_is_refused():
     time = 0.02 * np.arange(50)
     with pytest.raises(SignalError, match="no signal alpha"):
         resample(flight(q=(time, time)), names=["q", "alpha"])
+
+
+def test_a_clock_that_jumps_by_hours_is_no_flight_of_hours() -> None:
+    time_s = 0.02 * np.arange(2000)
+    time_s[1000:] += 9000.0
+    signals = {name: Signal(time_s, np.zeros(2000), "1", "TEST") for name in ("ax", "ay", "az", "p", "q", "r")}
+    with pytest.raises(SignalError, match=r"span 9040 s, and its samples fill 40 s .* take a part of the flight"):
+        resample(FlightSignals("jump", signals))

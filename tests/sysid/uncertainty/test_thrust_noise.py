@@ -17,8 +17,8 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.output_error.from_problem import fit
 from sysid.output_error.linearisation import Linearised
+from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
-from sysid.problem.problem import free_coefficients
 from sysid.signals.preparation import prepare
 from sysid.uncertainty.thrust_noise import with_input_noise, with_thrust_by_airspeed
 

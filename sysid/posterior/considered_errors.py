@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
-from sysid.posterior.group import Altered
+from sysid.posterior.group_model import Altered
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}

@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.posterior.unknowns import FLOW_OF, PRIORS, SURFACES_OF, ZERO_STD
+from sysid.posterior.nuisance_priors import FLOW_OF, PRIORS, SURFACES_OF, ZERO_STD
 
 # Mean and standard deviation of a prior, None where the table's stands.
 Stated = tuple[float | None, float | None]

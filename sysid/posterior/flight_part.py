@@ -13,11 +13,11 @@ from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Sensors, Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
-from sysid.posterior.declared import airspeed_lag
 from sysid.posterior.inputs import InputSignal, input_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
+from sysid.posterior.stated_priors import airspeed_lag
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ESSENTIAL, IMU

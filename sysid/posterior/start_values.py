@@ -9,8 +9,8 @@ import numpy as np
 from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.inputs import servo
-from sysid.posterior.part import FlightPart
 from sysid.problem.model_structure import usual_size
 
 # Delays of the commands that are tried, s.

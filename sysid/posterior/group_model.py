@@ -25,10 +25,10 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
+from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.inputs import surface_means, swing
+from sysid.posterior.nuisance_priors import FLOW_OF, SURFACES_OF, Unknowns
 from sysid.posterior.observations import joined_at, read_at
-from sysid.posterior.part import FlightPart, VaneReading, vane_reading
-from sysid.posterior.unknowns import FLOW_OF, SURFACES_OF, Unknowns
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter
 from sysid.signals.record import OUTPUTS, STATES, SURFACES, Record
 
