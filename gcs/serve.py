@@ -37,6 +37,9 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
 
+# Open files and sockets that are asked for where a system sets no limit.
+_DESCRIPTORS = 8192
+
 
 @contextmanager
 def _sole_user(data: Path) -> Iterator[None]:
@@ -65,9 +68,11 @@ def _tidy(settings: Settings) -> None:
 def _connections() -> type[BoundedProtocol]:
     """HTTP that leaves most of the open files and sockets that this process may have to links and recordings."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft != hard:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    return limited(MOST if hard == resource.RLIM_INFINITY else min(MOST, hard // 4))
+    # Some systems say that there is no limit, and then take no number that is one.
+    wanted = max(soft, _DESCRIPTORS) if hard == resource.RLIM_INFINITY else hard
+    if soft != wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+    return limited(min(MOST, wanted // 4))
 
 
 @contextmanager
