@@ -64,7 +64,11 @@ def test_beyond_the_limit_those_connections_end_that_have_waited_longest(bench: 
 def test_a_client_that_never_says_the_rest_is_waited_for_so_long_and_no_longer(bench: Bench, begun: bytes) -> None:
     with serving(bench.app, limited(patience_s=0.3)) as client, connect(client) as connection:
         connection.sendall(begun)
+        asked = time.monotonic()
         wait_until(lambda: is_ended(connection))
+        # Not at once: it was waited for.
+        assert time.monotonic() - asked > 0.2
+        assert client.get("/api/health").status_code == 200
 
 
 def test_an_answer_takes_as_long_as_it_takes() -> None:

@@ -181,6 +181,8 @@ def test_a_command_reaches_the_vehicle_though_its_every_frame_came_from_the_vehi
             wait_until(lambda: len(vehicle.look()) == 1)
             operator.answer(every[77])
             wait_until(lambda: every[77] in vehicle.look())
+            assert vehicle.got.count(every[77]) == 1
+            assert not set(every) & set(vehicle.got[:1])
 
 
 @pytest.mark.whole_flight
