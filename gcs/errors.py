@@ -11,6 +11,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── RecordingDeletedError      a recording that was deleted to make room
 ├── CatalogueFileError         a catalogue whose file cannot be read or written, as on a full disk
 ├── JobError                   a job that cannot be started or has failed
+│   └── QueueFullError         a job for which too many others wait
 ├── SignalMapError             a signal whose message or field does not exist
 ├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
@@ -60,6 +61,10 @@ class CatalogueFileError(GcsError):
 
 class JobError(GcsError):
     """A job cannot be started, or has failed."""
+
+
+class QueueFullError(JobError):
+    """Too many other jobs wait."""
 
 
 class SignalMapError(GcsError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import resource
 import shutil
@@ -10,16 +9,17 @@ import signal
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from types import FrameType
 
 import uvicorn
 
 from gcs.api import create_app
 from gcs.api.connections import MOST, BoundedProtocol, limited
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.sole_user import sole_user
+from gcs.catalogue.store import Catalogue
 from gcs.errors import GcsError, ServiceError
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
@@ -39,22 +39,6 @@ _log = logging.getLogger(__name__)
 
 # Open files and sockets that are asked for where a system sets no limit.
 _DESCRIPTORS = 8192
-
-
-@contextmanager
-def _sole_user(data: Path) -> Iterator[None]:
-    """Two services on one data folder would take each other's running jobs and flights for crashed ones."""
-    try:
-        data.mkdir(parents=True, exist_ok=True)
-        lock = (data / "lock").open("a")
-    except OSError as error:
-        raise ServiceError(f"{data}: the data folder cannot be used ({error.strerror}); choose another") from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ServiceError(f"{data}: another service uses this data folder; stop it or choose another") from error
-        yield
 
 
 def _tidy(settings: Settings) -> None:
@@ -133,7 +117,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         for warning in load_vehicle(settings.vehicle).warnings:
             _log.warning("%s", warning)
     with (
-        _sole_user(settings.data),
+        sole_user(settings.data),
         _listen(settings) as listener,
         closing(Catalogue(settings.database)) as catalogue,
     ):
@@ -164,7 +148,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
             live.on_estimate = EstimateTelemetry(station.send_to_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
-            retention = Retention(settings.flights, catalogue, rule)
+            retention = Retention(settings.flights, catalogue, rule, backups=settings.backups)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=protocol)
             server = _Server(config, live)

@@ -58,6 +58,11 @@ class Settings:
         return self.data / "jobs"
 
     @property
+    def backups(self) -> Path:
+        """Folder of the catalogue's backups."""
+        return self.data / "backups"
+
+    @property
     def database(self) -> Path:
         """The catalogue's file."""
         return self.data / "catalogue.sqlite"

@@ -11,8 +11,8 @@ from starlette.concurrency import run_in_threadpool
 from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView, Uploaded
 from gcs.api.service import Serving
 from gcs.api.upload import receive_upload
-from gcs.catalogue.store import Flight
-from gcs.errors import CatalogueError
+from gcs.catalogue.flight_table import Flight
+from gcs.errors import CatalogueError, JobError
 from gcs.text.utctext import utc_text
 
 router = APIRouter(tags=["flights"])
@@ -66,9 +66,10 @@ def flights(
     search: Annotated[
         str, Query(max_length=200, description="Words that stand in the id, the name or the start, as 2026-11-23 06:10")
     ] = "",
+    deleted: Annotated[bool, Query(description="Those that were deleted, and can be taken back, instead")] = False,
 ) -> FlightPage:
     """Flights, newest first."""
-    found = service.catalogue.flights(limit + 1, after, search)
+    found = service.catalogue.flights(limit + 1, after, search, discarded=deleted)
     page = found[:limit]
     return FlightPage(flights=[_item(flight) for flight in page], next=page[-1].id if len(found) > limit else None)
 
@@ -101,6 +102,22 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
     return FlightSummary.model_validate({**_fields(found), **service.viewer.summary(found), "jobs": jobs})
+
+
+@router.delete("/api/flights/{flight_id}", status_code=204, responses={404: _PROBLEM, 409: _PROBLEM})
+def delete(service: Serving, flight_id: str) -> None:
+    """Delete a flight with its recording, jobs, results and models; for a day it can be restored."""
+    found = service.catalogue.flight(flight_id)
+    if found.state == "recording":
+        raise JobError(f"flight {flight_id} is still being recorded; wait until it has ended")
+    if not service.catalogue.discard_flight(flight_id):
+        raise JobError(f"a job that waits or runs needs flight {flight_id}; cancel it, or wait until it is done")
+
+
+@router.post("/api/flights/{flight_id}/restore", responses={404: _PROBLEM})
+def restore(service: Serving, flight_id: str) -> FlightItem:
+    """Take the deletion of a flight back."""
+    return _item(service.catalogue.restore_flight(flight_id))
 
 
 @router.get(

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
+from pydantic import ValidationError
 
-from gcs.api.schemas import JobRequest, JobView, ModelItem, Problem
+from gcs.api.schemas import JobChanges, JobRequest, JobView, ModelItem, Problem
 from gcs.api.service import Serving
 
 router = APIRouter(tags=["estimation"])
@@ -19,7 +21,11 @@ _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
 OfJob = Annotated[str | None, Query(description="The job whose result is wanted; the newest without it")]
 
 
-@router.post("/api/flights/{flight_id}/jobs", status_code=202, responses={**_MISSING, 409: {"model": Problem}})
+@router.post(
+    "/api/flights/{flight_id}/jobs",
+    status_code=202,
+    responses={**_MISSING, 409: {"model": Problem}, 503: {"model": Problem}},
+)
 def start_job(service: Serving, flight_id: str, request: JobRequest) -> JobView:
     """Queue an identification or a discrepancy analysis; `log` begins with what is to be known of it beforehand."""
     wanted = request.model_dump(by_alias=True, exclude_none=True)
@@ -30,6 +36,35 @@ def start_job(service: Serving, flight_id: str, request: JobRequest) -> JobView:
 def job(service: Serving, job_id: str) -> JobView:
     """State, progress, log, and the error in words."""
     return JobView.of(service.catalogue.job(job_id).to_json())
+
+
+@router.post("/api/jobs/{job_id}/cancel", responses={**_MISSING, 409: {"model": Problem}})
+def cancel(service: Serving, job_id: str) -> JobView:
+    """End a job that waits or runs; nothing comes of it."""
+    return JobView.of(service.jobs.cancel(job_id).to_json())
+
+
+@router.post(
+    "/api/jobs/{job_id}/rerun",
+    status_code=202,
+    responses={**_MISSING, 409: {"model": Problem}, 503: {"model": Problem}},
+)
+def rerun(service: Serving, job_id: str, changes: JobChanges | None = None) -> JobView:
+    """Queue a job once more, with other settings where the body names some; the first one stays as it is."""
+    before = service.catalogue.job(job_id)
+    changed = {} if changes is None else changes.model_dump(by_alias=True, exclude_unset=True)
+    asked = {key: value for key, value in before.request.items() if key != "automatic"}
+    try:
+        wanted = JobRequest.model_validate({**asked, **changed, "kind": before.kind})
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from error
+    return start_job(service, before.flight_id, wanted)
+
+
+@router.delete("/api/jobs/{job_id}", status_code=204, responses={**_MISSING, 409: {"model": Problem}})
+def delete(service: Serving, job_id: str) -> None:
+    """Forget a job that is over, with its result and its model."""
+    service.jobs.delete(job_id)
 
 
 @router.get("/api/flights/{flight_id}/identification", responses=_MISSING)

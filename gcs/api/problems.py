@@ -12,13 +12,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from gcs.api.schemas import JobRequest
+from gcs.api.schemas import JobChanges
 from gcs.errors import (
     CatalogueError,
     CatalogueFileError,
     GcsError,
     ImportFileError,
     JobError,
+    QueueFullError,
     RecordingDeletedError,
     RecordingError,
     ServiceError,
@@ -33,6 +34,7 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (ServiceError, 503),
     (RecordingDeletedError, 410),
     (SignalMapError, 404),
+    (QueueFullError, 503),
     (JobError, 409),
     (ImportFileError, 422),
     (RecordingError, 422),
@@ -81,7 +83,7 @@ def _in_words(errors: Sequence[Mapping[str, Any]]) -> str:
         return f"the body is missing or no JSON object; {_A_JOB}"
     unknown = [str(one["loc"][-1]) for one in errors if one["type"] == "extra_forbidden"]
     if unknown:
-        known = [field.alias or name for name, field in JobRequest.model_fields.items()]
+        known = ["kind", *(field.alias or name for name, field in JobChanges.model_fields.items())]
         near = difflib.get_close_matches(unknown[0], known, 1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
         return f"{', '.join(unknown)}: no such key in a job; {hint}"

@@ -178,13 +178,16 @@ class JobView(BaseModel):
     flight_id: str
     kind: Literal["identify", "discrepancy"]
     request: dict[str, Any]
-    state: Literal["queued", "running", "done", "failed", "skipped"]
+    state: Literal["queued", "running", "done", "failed", "skipped", "cancelled"]
     progress: float
     error: str | None
     attempts: int
     created_ns: int
     started_ns: int | None
     ended_ns: int | None
+    priority: int = Field(description="0: queued by the station itself; a person's jobs (1) come first")
+    cpu_s: float | None = Field(description="Processor time that it took; null before it has ended")
+    peak_bytes: int | None = Field(description="The most memory that it took")
     log: list[str]
     report: str | None = Field(None, description="Once it is done: the address of the flight's newest result as a page")
 
@@ -223,12 +226,11 @@ class SignalsView(BaseModel):
     signals: dict[str, Series]
 
 
-class JobRequest(BaseModel):
-    """An estimation to run. A model is the id of one (GET /api/models) or the model itself as JSON."""
+class JobChanges(BaseModel):
+    """Settings of an estimation. A model is the id of one (GET /api/models) or the model itself as JSON."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
-    kind: Literal["identify", "discrepancy"]
     model: str | dict[str, Any] | None = Field(None, description="The model to be judged; discrepancy needs it")
     structure: str | dict[str, Any] | None = None
     prior: str | dict[str, Any] | None = None
@@ -251,6 +253,12 @@ class JobRequest(BaseModel):
         if problem := part_problem(self.from_, self.to):
             raise ValueError(problem)
         return self
+
+
+class JobRequest(JobChanges):
+    """An estimation to run."""
+
+    kind: Literal["identify", "discrepancy"]
 
 
 class ModelItem(BaseModel):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gcs.catalogue.decimate import decimate
-from gcs.catalogue.store import Flight
+from gcs.catalogue.flight_table import Flight
 from gcs.errors import CatalogueError, GcsError, SignalMapError
 from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.span import vehicle_seconds
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.errors import RecordingError, in_words
 from gcs.flights.sender import GCS
 from gcs.recording.joined import by_recording

@@ -1,7 +1,8 @@
-"""Which recordings are deleted to make room: the oldest of those that have been worked on.
+"""What becomes of the data folder with time: recordings deleted to make room, deleted flights erased, backups made.
 
-A flight's entry, results and models stay. Never deleted: a flight that is being recorded, one with no identification
-that is done or was skipped (unless no vehicle speaks in it), one that a waiting or running job needs, an upload.
+To make room the oldest recordings go of those that have been worked on; a flight's entry, results and models stay.
+Never deleted so: a flight that is being recorded, one with no identification that is done or was skipped (unless no
+vehicle speaks in it), one that a waiting or running job needs, an upload.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.backup import Backups
+from gcs.catalogue.flight_table import Flight
+from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, RecordingError, in_words
 from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE
 from gcs.recording.reader import Recording
@@ -38,26 +41,32 @@ class RetentionRule:
 
 
 class Retention:
-    """Deletes recordings by a rule, once a minute in a thread of its own. `clock` gives UTC in ns.
+    """Looks after the data folder once a minute, in a thread of its own. `clock` gives UTC in ns.
 
-    problem: why none can be deleted, in words for /api/health, empty when all is well.
+    backups: folder for those of the catalogue, None for none. problem: what cannot be done, in words for /api/health,
+    empty when all is well.
     """
 
     def __init__(
-        self, folder: Path, catalogue: Catalogue, rule: RetentionRule, clock: Callable[[], int] = time.time_ns
+        self,
+        folder: Path,
+        catalogue: Catalogue,
+        rule: RetentionRule,
+        clock: Callable[[], int] = time.time_ns,
+        backups: Path | None = None,
     ) -> None:
         self._folder = folder
         self._catalogue = catalogue
         self._rule = rule
         self._clock = clock
+        self._backups = None if backups is None else Backups(backups, catalogue, clock)
         self.problem = ""
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="retention", daemon=True)
 
     def start(self) -> None:
-        """Begin, if there is a rule."""
-        if self._rule:
-            self._thread.start()
+        """Begin."""
+        self._thread.start()
 
     def close(self) -> None:
         """End the thread."""
@@ -74,17 +83,22 @@ class Retention:
         while not self._stopping.is_set():
             try:
                 self.apply()
+                self.erase()
+                if self._backups is not None:
+                    self._backups.make_if_due()
                 self.problem = ""
             except Exception as error:  # the thread goes on whatever happens
                 self._report(error)
             self._stopping.wait(_PERIOD_S)
 
     def _report(self, error: Exception) -> None:
-        self.problem = f"recordings cannot be deleted: {in_words(error)}"
+        self.problem = f"the data folder cannot be looked after: {in_words(error)}"
         _log.error("%s", self.problem)
 
     def apply(self) -> list[str]:
         """Delete what the rule says now; the ids of the flights. Raises CatalogueFileError, OSError."""
+        if not self._rule:
+            return []
         kept = self._catalogue.kept_flights()
         identified = self._catalogue.identified_flights()
         total = sum(flight.bytes for flight in kept)
@@ -104,6 +118,13 @@ class Retention:
             why = "its age" if old else "the size of all"
             _log.info("recording of flight %s deleted for %s (%s)", flight.id, why, size_text(flight.bytes))
         return deleted
+
+    def erase(self) -> None:
+        """Erase flights that somebody deleted, once that cannot be taken back. Raises CatalogueFileError, OSError."""
+        for flight in self._catalogue.flights_to_erase():
+            self._unlink(flight)
+            self._catalogue.erase_flight(flight.id)
+            _log.info("flight %s erased a day after it was deleted", flight.id)
 
     def _age_ns(self, flight: Flight) -> int:
         return self._clock() - flight.end_ns

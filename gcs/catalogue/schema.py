@@ -30,6 +30,10 @@ _LATER_COLUMNS = (
     ("flights", "parts", "INTEGER NOT NULL DEFAULT 1"),
     ("flights", "deleted_ns", "INTEGER"),
     ("flights", "vehicle_s", "REAL"),
+    ("flights", "discarded_ns", "INTEGER"),
+    ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
+    ("jobs", "cpu_s", "REAL"),
+    ("jobs", "peak_bytes", "INTEGER"),
     ("models", "verdict", "TEXT"),
     ("models", "found", "TEXT"),
 )

@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.analysis.flight_part import part_problem
-from gcs.catalogue.store import Catalogue, Job
-from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, in_words
+from gcs.catalogue.job_table import BY_PERSON, BY_STATION, Job
+from gcs.catalogue.store import Catalogue
+from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, QueueFullError, in_words
 from gcs.jobs.limits import memory_limit
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
@@ -38,6 +39,12 @@ _STOP_TIMEOUT_S = 5.0
 # The longest flights take minutes; what takes longer never ends.
 _LONGEST_S = 7200.0
 _RETRY_S = 5.0
+# Beyond so many no more are queued: a person hears of it, a flight can be identified from its page later.
+_MOST_QUEUED = {BY_PERSON: 100, BY_STATION: 50}
+
+
+class CancelledError(JobError):
+    """Somebody has cancelled the job; no fault of anyone."""
 
 
 class NothingToDoError(JobError):
@@ -67,6 +74,7 @@ class JobRunner:
         self._wake = threading.Event()
         self._stopping = threading.Event()
         self._process: subprocess.Popen[str] | None = None
+        self._running, self._cancelled = "", set[str]()
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
 
@@ -92,7 +100,7 @@ class JobRunner:
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
         "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects), "as_recorded" (signals);
         "automatic" where no person asked for it: a recording of nothing but the ground is then skipped, not failed.
-        Raises JobError, CatalogueError.
+        Raises JobError, QueueFullError, CatalogueError.
         """
         if self._settings.vehicle is None:
             raise JobError("no vehicle file is configured; start the service with --vehicle FILE")
@@ -110,13 +118,37 @@ class JobRunner:
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
                 self._model(request[name], name)
+        priority = BY_STATION if request.get("automatic") else BY_PERSON
+        if self._catalogue.queued_jobs(priority) >= _MOST_QUEUED[priority]:
+            raise QueueFullError(
+                f"{_MOST_QUEUED[priority]} jobs wait already; cancel some, or ask again when they are done"
+            )
         note = self._puts_aside(flight_id, kind, request)
-        job = self._catalogue.add_job(flight_id, kind, request)
+        job = self._catalogue.add_job(flight_id, kind, request, priority)
         if note:
             self._catalogue.report_progress(job.id, 0.0, note)
             job = self._catalogue.job(job.id)
         self._wake.set()
         return job
+
+    def cancel(self, job_id: str) -> Job:
+        """End a job that waits or runs; as it is then. JobError if it is over, CatalogueError if there is none."""
+        job = self._catalogue.job(job_id)
+        with self._lock:
+            if not self._catalogue.cancel_job(job_id):
+                raise JobError(
+                    f"job {job_id} is over ({self._catalogue.job(job_id).state}); there is nothing to cancel"
+                )
+            self._cancelled.add(job_id)
+            if self._running == job_id and self._process is not None:
+                self._process.kill()
+        return self._catalogue.job(job.id)
+
+    def delete(self, job_id: str) -> None:
+        """Forget a job with its result and model. JobError while it waits or runs, CatalogueError if there is none."""
+        self._catalogue.job(job_id)
+        if not self._catalogue.delete_job(job_id):
+            raise JobError(f"job {job_id} is not over; POST /api/jobs/{job_id}/cancel ends it")
 
     def _check_flight(self, flight_id: str) -> None:
         """Raises JobError for a flight that no job can use."""
@@ -186,6 +218,8 @@ class JobRunner:
                 result = self._execute(job, Path(folder))
                 if result is not None:
                     self._catalogue.finish_job(job, result)
+        except CancelledError:
+            _log.info("job %s was cancelled", job.id)
         except NothingToDoError as reason:
             self._catalogue.skip_job(job.id, str(reason))
         except CatalogueFileError:
@@ -210,9 +244,9 @@ class JobRunner:
                 env={**os.environ, "PYTHONPATH": python_path()},
             )
         with self._lock:
-            self._process = process
-            if self._stopping.is_set():
-                process.terminate()
+            self._process, self._running = process, job.id
+            if self._stopping.is_set() or job.id in self._cancelled:
+                process.kill()
         assert process.stdin is not None
         assert process.stdout is not None
         late = threading.Event()
@@ -235,7 +269,9 @@ class JobRunner:
                 process.stdin.close()
             process.stdout.close()
             with self._lock:
-                self._process = None
+                self._process, self._running = None, ""
+        if job.id in self._cancelled:
+            raise CancelledError("cancelled")
         if self._stopping.is_set():
             return None
         if late.is_set():
@@ -258,8 +294,11 @@ class JobRunner:
                 report = {"log": line.rstrip()}  # a library that prints
             if not isinstance(report, dict):
                 continue
+            if isinstance(cost := report.get("cost"), dict):
+                self._catalogue.note_cost(job.id, _number(cost.get("cpu_s")), int(_number(cost.get("peak_bytes"))))
+                continue
             last |= {key: str(report[key]) for key in ("error", "nothing") if key in report}
-            self._catalogue.report_progress(job.id, _share(report.get("progress")), str(report.get("log", "")))
+            self._catalogue.report_progress(job.id, _number(report.get("progress")), str(report.get("log", "")))
         return last
 
     def _order(self, job: Job, folder: Path) -> dict[str, Any]:
@@ -307,8 +346,8 @@ def _check_effects(kind: str, names: Sequence[str]) -> None:
         raise JobError(str(error)) from error
 
 
-def _share(given: object) -> float:
-    """Progress as a worker reports it; 0, which changes nothing, for anything else."""
+def _number(given: object) -> float:
+    """A number as a worker reports it; 0, which as progress changes nothing, for anything else."""
     return float(given) if isinstance(given, int | float) and math.isfinite(given) else 0.0
 
 

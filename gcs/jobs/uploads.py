@@ -13,8 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import flight_stamp, numbered_ids
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.errors import ImportFileError, ServiceError
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.runner import last_words, python_path

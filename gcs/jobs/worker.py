@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
+import resource
 import sys
 import threading
 from pathlib import Path
@@ -72,11 +74,18 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
     return dict(result)
 
 
+def _report_cost() -> None:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    per_unit = 1 if sys.platform == "darwin" else 1024
+    report(cost={"cpu_s": used.ru_utime + used.ru_stime, "peak_bytes": used.ru_maxrss * per_unit})
+
+
 def main() -> int:
     """Read one order, run it, leave the result where the order says. Exit code 1 for a named error."""
     order = json.loads(sys.stdin.readline())
     threading.Thread(target=end_with_service, daemon=True).start()
     stand_back(order["memory_bytes"])
+    atexit.register(_report_cost)
     try:
         result = run(order)
     except (GcsError, SysidError, SimVehicleError) as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.catalogue.store import Flight
+from gcs.catalogue.flight_table import Flight
 from gcs.recording.parts import Metadata, RecordingParts
 from gcs.station.segmentation import FlightSegmenter
 

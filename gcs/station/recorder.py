@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import flight_stamp, unused_id
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.clock.track import clock_metadata
 from gcs.errors import CatalogueFileError, DiskFullError, GcsError
 from gcs.links.datagrams import Batch

@@ -18,7 +18,8 @@ from playwright.sync_api import Browser
 from processes import free_port, run, start
 from traffic import wait_until
 
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.flight_table import Flight
+from gcs.catalogue.store import Catalogue
 
 FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
 DEMO_S = 900.0
@@ -146,6 +147,17 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
         pytest.approx(entry["std"], rel=0.05),
     ]
     visitor.check()
+    visitor.open(f"#/flights/{newest['flight_id']}")
+    visitor.page.get_by_role("button", name="Run again").click()
+    visitor.page.get_by_role("button", name="Cancel").click()
+    visitor.wait_for_text("main", "Identification, cancelled")
+    visitor.page.once("dialog", lambda dialog: dialog.accept())
+    visitor.page.click("button:text-is('Delete this flight')")
+    visitor.page.click("summary:text('Deleted in the last day')")
+    visitor.check()
+    visitor.page.get_by_role("button", name="Take back").first.click()
+    visitor.wait_for_text("main", "is in the list again")
+    assert ground.get(f"/api/flights/{newest['flight_id']}")["id"] == newest["flight_id"]
 
 
 def test_zooming_asks_for_what_is_seen(visitor: Visitor, ground: Ground) -> None:

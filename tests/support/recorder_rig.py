@@ -4,7 +4,8 @@ from pathlib import Path
 
 from traffic import SECOND, batch
 
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.flight_table import Flight
+from gcs.catalogue.store import Catalogue
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
 from gcs.station.recorder import FlightRecorder

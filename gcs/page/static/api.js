@@ -50,7 +50,10 @@ export const post = async (path, body) => (await request(path, {
   method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body),
 })).json()
 
-/** The same, but null where there is nothing at the address yet. */
+/** Delete what is at the address. */
+export const remove = path => request(path, { method: 'DELETE' })
+
+/** The same as get, but null where there is nothing at the address yet. */
 export async function getIfThere(path, signal) {
   try {
     return await get(path, signal)

@@ -1,6 +1,6 @@
 // A flight's page: its summary, its signals and jobs, its model, its discrepancy.
 
-import { get, getIfThere } from './api.js'
+import { get, getIfThere, remove } from './api.js'
 import { h, listing, remark } from './dom.js'
 import { discrepancy } from './discrepancy.js'
 import { duration, size, utc } from './format.js'
@@ -32,7 +32,26 @@ export async function flight(page, [id, tab = ''], query, signal) {
     page.append(...facts(summary, path))
     await signals(page, summary, query, signal)
     await jobs(page, summary, signal)
+    if (summary.state !== 'recording') page.append(deletion(path, name))
   }
+}
+
+/** Deleting the flight, which asks first, and then leads to the list, where it can be taken back. */
+function deletion(path, name) {
+  const words = remark('bad')
+  const button = h('button', { click: async event => {
+    if (!confirm(`Delete flight ${name} with its recording, models and results? For a day it can be taken back.`)) return
+    event.target.disabled = true
+    try {
+      await remove(path)
+      location.hash = '#/flights'
+    } catch (error) {
+      words.replaceChildren(error.message)
+      button.after(words)
+      event.target.disabled = false
+    }
+  } }, 'Delete this flight')
+  return h('p', { class: 'row' }, button)
 }
 
 // A recording played, or simulated, faster than it was flown: both times are shown.

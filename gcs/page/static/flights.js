@@ -1,6 +1,6 @@
 // The list of flights, and taking in logs.
 
-import { upload } from './api.js'
+import { get, post, upload } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
@@ -31,6 +31,28 @@ export async function flights(page, parts, query, signal) {
   const many = (await show()).next || after || search
   page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
     ...(many ? [flightSearch(take, signal, search)] : []), list)
+  const deleted = await get('/api/flights?deleted=true&limit=20', signal)
+  if (deleted.flights.length) page.append(bin(deleted.flights, show))
+}
+
+/** What was deleted in the last day, and can be taken back. */
+function bin(found, show) {
+  const words = h('p', { role: 'status' })
+  const row = one => {
+    const item = h('li', {}, `${flightTitle(one)} `, h('button', { 'aria-label': `Take back ${flightTitle(one)}`, click: async () => {
+      try {
+        await post(`/api/flights/${encodeURIComponent(one.id)}/restore`, {})
+        item.remove()
+        words.textContent = `${flightTitle(one)} is in the list again.`
+        await show()
+      } catch (error) {
+        words.textContent = error.message
+      }
+    } }, 'Take back'))
+    return item
+  }
+  return h('details', {}, h('summary', {}, `Deleted in the last day (${found.length})`),
+    h('ul', {}, found.map(row)), words)
 }
 
 function content(found, words) {

@@ -1,6 +1,6 @@
 // Jobs of a flight: starting them, following them, their errors in words.
 
-import { get, post } from './api.js'
+import { get, post, remove } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, select } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
@@ -9,7 +9,8 @@ import { modelTitle } from './modeltitle.js'
 
 const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy' }
 const TABS = { identify: 'model', discrepancy: 'discrepancy' }
-const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', failed: 'failed', skipped: 'skipped' }
+const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', failed: 'failed', skipped: 'skipped',
+  cancelled: 'cancelled' }
 const EVERY_MS = 1000
 
 /** The section of jobs of a flight. */
@@ -21,7 +22,7 @@ export async function jobs(page, summary, signal) {
   const none = h('p', {}, 'No job was started for this flight.')
   const add = job => {
     none.remove()
-    list.prepend(item(job, signal))
+    list.prepend(item(job, signal, add))
   }
   ;[...summary.jobs].sort((a, b) => a.created_ns - b.created_ns).forEach(add)
   page.append(h('h2', {}, 'Model and discrepancy'))
@@ -134,14 +135,35 @@ async function readModel(file) {
   }
 }
 
-/** One job in the list; it follows the job until that is over. */
-function item(job, signal) {
+/** One job in the list; it follows the job until that is over. add: puts a further job into the list. */
+function item(job, signal, add) {
   const element = h('li', {})
-  const show = () => element.replaceChildren(...contents(job))
+  const problem = remark('bad')
+  // A button that acts on the job: what it does, and what is to be done with the answer.
+  const action = (text, act) => h('button', { 'aria-label': `${text}: ${KINDS[job.kind].toLowerCase()} of ${started(job)}`,
+    click: async event => {
+      event.target.disabled = true
+      try {
+        await act()
+      } catch (error) {
+        problem.replaceChildren(error.message)
+        element.append(problem)
+        event.target.disabled = false
+      }
+    } }, text)
+  const path = `/api/jobs/${job.id}`
+  const actions = () => h('p', { class: 'row' }, running(job)
+    ? action('Cancel', async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
+    : [action('Run again', async () => { add(await post(`${path}/rerun`, {})); show() }),
+      action('Delete', async () => { await remove(path); element.remove(); announce(`${KINDS[job.kind]} deleted`) })])
+  const show = () => element.replaceChildren(...contents(job), actions())
   show()
   const follow = async () => {
     try {
-      job = await get(`/api/jobs/${job.id}`, signal)
+      if (!running(job)) return
+      const newest = await get(path, signal)
+      if (!running(job)) return  // cancelled meanwhile
+      job = newest
     } catch (error) {
       if (signal.aborted) return
       element.append(remark('bad', error.message))
@@ -156,12 +178,13 @@ function item(job, signal) {
   return element
 }
 
+const started = job => utc(new Date(job.created_ns / 1e6).toISOString())
 const running = job => job.state === 'queued' || job.state === 'running'
 
 function contents(job) {
   const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
   return [
-    h('p', {}, h('strong', {}, title), ` (${utc(new Date(job.created_ns / 1e6).toISOString())})`),
+    h('p', {}, h('strong', {}, title), ` (${started(job)})`),
     running(job) && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
     running(job) && h('p', {}, `${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`),
     job.error && remark('bad', h('p', {}, job.error)),

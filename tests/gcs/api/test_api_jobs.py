@@ -127,3 +127,38 @@ def test_without_a_vehicle_file_jobs_and_signals_say_so(make_bench: Callable[...
         assert "--vehicle" in problem(client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}), 409)
         assert "--vehicle" in problem(client.get(f"/api/flights/{flight}/signals", params={"names": "p"}), 404)
         assert client.get(f"/api/flights/{flight}").json()["messages"] == 52
+
+
+def test_jobs_are_cancelled_run_again_with_other_settings_and_deleted(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    first = client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify", "method": "ee"}).json()
+    wait_until(lambda: client.get(f"/api/jobs/{first['id']}").json()["state"] == "done")
+    assert "is over (done)" in problem(client.post(f"/api/jobs/{first['id']}/cancel"), 409)
+    again = client.post(f"/api/jobs/{first['id']}/rerun", json={"method": "oe", "from": 0.25}).json()
+    assert again["request"] == {**first["request"], "method": "oe", "from": 0.25}
+    assert again["id"] != first["id"]
+    assert client.post(f"/api/jobs/{first['id']}/rerun").json()["request"] == first["request"]
+    assert "from" in problem(client.post(f"/api/jobs/{first['id']}/rerun", json={"from": 5, "to": 3}), 422)
+    assert "kind: no such key" in problem(client.post(f"/api/jobs/{first['id']}/rerun", json={"kind": "fly"}), 422)
+    wait_until(lambda: client.get(f"/api/jobs/{again['id']}").json()["state"] == "done")
+    assert client.delete(f"/api/jobs/{first['id']}").status_code == 204
+    assert first["id"] in problem(client.get(f"/api/jobs/{first['id']}"), 404)
+    for address in ("cancel", "rerun"):
+        assert "there is no job" in problem(client.post(f"/api/jobs/nothing/{address}"), 404)
+
+
+def test_a_deleted_flight_is_gone_until_it_is_restored(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    assert client.delete(f"/api/flights/{flight}").status_code == 204
+    assert client.get("/api/flights").json()["flights"] == []
+    assert [one["id"] for one in client.get("/api/flights?deleted=true").json()["flights"]] == [flight]
+    for answer in (
+        client.get(f"/api/flights/{flight}"),
+        client.get(f"/api/flights/{flight}/recording"),
+        client.delete(f"/api/flights/{flight}"),
+        client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}),
+    ):
+        assert f"POST /api/flights/{flight}/restore takes that back until" in problem(answer, 404)
+    assert client.post(f"/api/flights/{flight}/restore").json()["id"] == flight
+    assert client.get(f"/api/flights/{flight}").json()["messages"] > 0
+    assert client.get(f"/api/flights/{flight}/recording").status_code == 200

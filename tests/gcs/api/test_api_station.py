@@ -91,7 +91,7 @@ def test_health_tells_of_recordings_that_cannot_be_deleted_or_recovered(make_ben
         recovery.start()
         wait_until(lambda: "flight gone is not recovered yet" in client.get("/api/health").json()["problem"])
         retention.start()
-        wait_until(lambda: "recordings cannot be deleted" in client.get("/api/health").json()["problem"])
+        wait_until(lambda: "the data folder cannot be looked after" in client.get("/api/health").json()["problem"])
         assert client.get("/api/health").json()["status"] == "degraded"
 
 

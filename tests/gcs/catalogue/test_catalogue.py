@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.flight_table import UNDO_NS, Flight
+from gcs.catalogue.retention import Retention, RetentionRule
+from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, CatalogueFileError
 
 
@@ -199,3 +201,48 @@ def test_flights_without_any_identification_are_found(catalogue: Catalogue) -> N
     catalogue.fail_job(catalogue.add_job("f1", "identify", {"kind": "identify"}).id, "no")
     catalogue.add_job("f4", "discrepancy", {"kind": "discrepancy"})
     assert [entry.id for entry in catalogue.unidentified_flights()] == ["f4"]
+
+
+def test_a_deleted_flight_is_hidden_and_can_be_taken_back(catalogue: Catalogue) -> None:
+    catalogue.put_flight(flight(1))
+    catalogue.put_flight(flight(2))
+    job = catalogue.add_job("f1", "identify", {})
+    assert not catalogue.discard_flight("f1")  # a job needs it
+    catalogue.take_job()
+    catalogue.finish_job(job, {"model": {"name": "m"}})
+    assert catalogue.discard_flight("f1")
+    assert [entry.id for entry in catalogue.flights()] == ["f2"]
+    assert [entry.id for entry in catalogue.flights(discarded=True)] == ["f1"]
+    assert catalogue.models() == []
+    assert catalogue.has_flight("f1")  # so that no other takes its id, nor a restart its recording for an unknown one
+    with pytest.raises(CatalogueError, match=r"flight f1 was deleted; POST /api/flights/f1/restore takes that back"):
+        catalogue.flight("f1")
+    assert catalogue.restore_flight("f1").id == "f1"
+    assert [model["id"] for model in catalogue.models()] == [job.id]
+
+
+def test_a_deleted_flight_is_erased_after_a_day_with_all_that_came_of_it(tmp_path: Path) -> None:
+    now = [1_000]
+    catalogue = Catalogue(tmp_path / "c.sqlite", clock=lambda: now[0])
+    catalogue.put_flight(flight(1))
+    catalogue.put_flight(flight(2))
+    jobs = [catalogue.add_job(name, "identify", {}) for name in ("f1", "f2")]
+    for job in jobs:
+        catalogue.report_progress(job.id, 0.5, "line")
+        catalogue.finish_job(job, {"model": {"name": "m"}})
+    for name in ("f1.mcap", "f2.mcap"):
+        (tmp_path / name).write_bytes(b"x")
+    assert catalogue.discard_flight("f1")
+    upkeep = Retention(tmp_path, catalogue, RetentionRule())
+    now[0] += UNDO_NS - 1
+    upkeep.erase()
+    assert (tmp_path / "f1.mcap").exists()
+    now[0] += 1
+    upkeep.erase()
+    assert not (tmp_path / "f1.mcap").exists()
+    assert not catalogue.has_flight("f1")
+    assert [model["id"] for model in catalogue.models()] == [jobs[1].id]
+    with pytest.raises(CatalogueError):
+        catalogue.job(jobs[0].id)
+    assert catalogue.job(jobs[1].id).log == ["line"]
+    assert (tmp_path / "f2.mcap").exists()

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from recorded_stream import DIALECT, Stream
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.flightview import FlightViewer
-from gcs.catalogue.store import Flight
 from gcs.recording.container import Container
 from gcs.recording.records import ChunkInfo
 from gcs.recording.writer import McapWriter

@@ -10,8 +10,9 @@ from patience import PATIENCE_S
 from processes import service
 from traffic import Vehicle, batch, ground_station_heartbeat, wait_until
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.retention import Retention, RetentionRule
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.cli import main
 from gcs.errors import JobError, RecordingDeletedError
 from gcs.jobs.runner import JobRunner

@@ -9,7 +9,8 @@ from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import SECOND, Vehicle
 
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.flight_table import Flight
+from gcs.catalogue.store import Catalogue
 from gcs.links.datagrams import Batch
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording

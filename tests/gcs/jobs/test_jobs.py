@@ -10,8 +10,9 @@ import pytest
 from processes import service
 from traffic import SECOND, Vehicle, batch, wait_until
 
-from gcs.catalogue.store import Catalogue, Job
-from gcs.errors import CatalogueError, JobError
+from gcs.catalogue.job_table import Job
+from gcs.catalogue.store import Catalogue
+from gcs.errors import CatalogueError, JobError, QueueFullError
 from gcs.jobs.runner import JobRunner
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
@@ -227,3 +228,74 @@ def test_a_flight_that_ended_just_before_the_service_did_is_identified_after_its
     with service("--data", bench.settings.data, "--vehicle", "iitb-mav"):
         (job,) = wait_until(lambda: bench.catalogue.jobs_of(bench.flight))
     assert (job.kind, job.request["automatic"], job.request["system"]) == ("identify", True, 1)
+
+
+def test_a_cancelled_job_ends_at_once_and_the_next_one_runs(bench: Bench) -> None:
+    runner = bench.runner(ENDLESS)
+    running = runner.submit(bench.flight, {"kind": "identify"})
+    waiting = runner.submit(bench.flight, {"kind": "identify"})
+    wait_until(lambda: bench.catalogue.job(running.id).log == ["running"])
+    assert runner.cancel(waiting.id).state == "cancelled"
+    assert runner.cancel(running.id).state == "cancelled"
+    following = runner.submit(bench.flight, {"kind": "identify"})
+    wait_until(lambda: bench.catalogue.job(following.id).log == ["running"])
+    assert [bench.catalogue.job(job.id).state for job in (running, waiting)] == ["cancelled", "cancelled"]
+    with pytest.raises(JobError, match=r"is over .cancelled.; there is nothing to cancel"):
+        runner.cancel(running.id)
+
+
+def test_a_result_that_comes_after_its_job_was_cancelled_is_not_kept(bench: Bench) -> None:
+    job = bench.catalogue.add_job(bench.flight, "identify", {"kind": "identify"})
+    assert bench.catalogue.cancel_job(job.id)
+    bench.catalogue.finish_job(job, {"model": {"name": "late"}})
+    bench.catalogue.fail_job(job.id, "late")
+    assert (bench.catalogue.job(job.id).state, bench.catalogue.models()) == ("cancelled", [])
+
+
+def test_what_a_person_asks_for_comes_before_what_the_station_queued_itself(bench: Bench) -> None:
+    runner = JobRunner(bench.settings, bench.catalogue)
+    automatic = [runner.submit(bench.flight, {"kind": "identify", "automatic": True}) for _ in range(3)]
+    asked = runner.submit(bench.flight, {"kind": "identify"})
+    taken = [bench.catalogue.take_job() for _ in range(2)]
+    assert [job.id for job in taken if job is not None] == [asked.id, automatic[0].id]
+
+
+def test_the_queue_has_an_end_and_what_the_station_queues_leaves_room_for_a_person(bench: Bench) -> None:
+    runner = JobRunner(bench.settings, bench.catalogue)
+    for _ in range(50):
+        runner.submit(bench.flight, {"kind": "identify", "automatic": True})
+    with pytest.raises(QueueFullError, match="50 jobs wait already"):
+        runner.submit(bench.flight, {"kind": "identify", "automatic": True})
+    for _ in range(100):
+        runner.submit(bench.flight, {"kind": "identify"})
+    with pytest.raises(QueueFullError, match="100 jobs wait already; cancel some"):
+        runner.submit(bench.flight, {"kind": "identify"})
+
+
+def test_a_job_that_is_over_is_forgotten_with_its_result_and_model(bench: Bench) -> None:
+    job = bench.run(GOOD, {"kind": "identify"})
+    bench.runners[0].delete(job.id)
+    assert bench.catalogue.models() == []
+    for missing in (
+        lambda: bench.catalogue.job(job.id),
+        lambda: bench.catalogue.result(bench.flight, "identify"),
+        lambda: bench.runners[0].delete(job.id),
+    ):
+        with pytest.raises(CatalogueError):
+            missing()
+    bench.runners[0].stop()
+    waiting = bench.runners[0].submit(bench.flight, {"kind": "identify"})
+    with pytest.raises(JobError, match=r"is not over; POST .*cancel ends it"):
+        bench.runners[0].delete(waiting.id)
+
+
+def test_what_a_job_took_of_the_machine_is_kept(bench: Bench) -> None:
+    runner = JobRunner(bench.settings, bench.catalogue)
+    bench.runners.append(runner)
+    runner.start()
+    job = runner.submit(bench.flight, {"kind": "identify"})
+    over = wait_until(lambda: bench.ended(job.id))
+    assert over.cpu_s is not None
+    assert 0.1 < over.cpu_s < 120.0
+    assert over.peak_bytes is not None
+    assert 20e6 < over.peak_bytes < 4e9

@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 from traffic import Vehicle, wait_until
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import recover
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.errors import ImportFileError, ServiceError
 from gcs.jobs.uploads import Uploads
 from gcs.recording.reader import Recording

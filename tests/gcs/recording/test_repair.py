@@ -8,8 +8,9 @@ import pytest
 from mcap.reader import make_reader
 from recorded_stream import DIALECT, NAMES, Stream, stream_of
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import recover
-from gcs.catalogue.store import Catalogue, Flight
+from gcs.catalogue.store import Catalogue
 from gcs.cli import main
 from gcs.errors import RecordingError
 from gcs.recording import records

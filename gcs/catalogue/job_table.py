@@ -1,0 +1,188 @@
+"""Jobs in the catalogue."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from gcs.catalogue.database import Database
+from gcs.errors import CatalogueError
+from gcs.text.jsontext import dumps
+
+_MAX_ATTEMPTS = 2
+_MAX_LOG_LINES = 1000
+BY_STATION, BY_PERSON = 0, 1
+
+
+@dataclass(frozen=True)
+class Job:
+    """One estimation.
+
+    state: queued, running, done, failed, skipped or cancelled. progress: 0..1. error: in words if it failed.
+    priority: that of a person's is above that of one which the station queued by itself. cpu_s, peak_bytes: what its
+    last worker took, None where none has ended.
+    """
+
+    id: str
+    flight_id: str
+    kind: str
+    request: dict[str, Any]
+    state: str
+    progress: float
+    error: str | None
+    attempts: int
+    created_ns: int
+    started_ns: int | None
+    ended_ns: int | None
+    priority: int = BY_PERSON
+    cpu_s: float | None = None
+    peak_bytes: int | None = None
+    log: list[str] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """The job as the REST interface gives it."""
+        return asdict(self)
+
+
+class JobTable(Database):
+    """Jobs, from queued to over."""
+
+    def add_job(self, flight_id: str, kind: str, request: dict[str, Any], priority: int = BY_PERSON) -> Job:
+        """Queue a job."""
+        job_id = secrets.token_hex(6)
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO jobs (id, flight_id, kind, request, state, progress, attempts, created_ns, priority)"
+                " VALUES (?, ?, ?, ?, 'queued', 0, 0, ?, ?)",
+                (job_id, flight_id, kind, dumps(request), self._clock(), priority),
+            )
+        return self.job(job_id)
+
+    def job(self, job_id: str) -> Job:
+        """The job of that id with its log; CatalogueError if there is none."""
+        rows = self._rows("SELECT * FROM jobs WHERE id = ?", job_id)
+        if not rows:
+            raise CatalogueError(f"there is no job {job_id!r}")
+        lines = self._rows("SELECT line FROM job_log WHERE job_id = ? ORDER BY number", job_id)
+        return _job(rows[0], [row["line"] for row in lines])
+
+    def jobs_of(self, flight_id: str) -> list[Job]:
+        """Jobs of a flight, newest first, without their logs."""
+        rows = self._rows("SELECT * FROM jobs WHERE flight_id = ? ORDER BY number DESC", flight_id)
+        return [_job(row, []) for row in rows]
+
+    def take_job(self) -> Job | None:
+        """Turn the oldest queued job into a running one, a person's before those that the station queued itself."""
+        with self._transaction() as db:
+            row = db.execute(
+                "SELECT id FROM jobs WHERE state = 'queued' ORDER BY priority DESC, number LIMIT 1"
+            ).fetchone()
+            if row is None:
+                return None
+            db.execute(
+                "UPDATE jobs SET state = 'running', progress = 0, started_ns = ?, attempts = attempts + 1 WHERE id = ?",
+                (self._clock(), row["id"]),
+            )
+        return self.job(row["id"])
+
+    def report_progress(self, job_id: str, progress: float, line: str = "") -> None:
+        """Progress (0..1, never backwards) and a line for the log, of which the last 1000 are kept."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE jobs SET progress = max(progress, ?) WHERE id = ?",
+                (min(max(progress, 0.0), 1.0), job_id),
+            )
+            if line:
+                db.execute(
+                    "INSERT INTO job_log (job_id, at_ns, line) VALUES (?, ?, ?)",
+                    (job_id, self._clock(), line),
+                )
+                db.execute(
+                    "DELETE FROM job_log WHERE job_id = ? AND number <= (SELECT max(number) FROM job_log) - ?",
+                    (job_id, _MAX_LOG_LINES),
+                )
+
+    def finish_job(self, job: Job, result: dict[str, Any]) -> None:
+        """Store a result and its model, and mark the job done, all or nothing; nothing of a cancelled one."""
+        now = self._clock()
+        model = result.get("model")
+        with self._transaction() as db:
+            done = "UPDATE jobs SET state = 'done', progress = 1, ended_ns = ? WHERE id = ? AND state != 'cancelled'"
+            if db.execute(done, (now, job.id)).rowcount == 0:
+                return
+            db.execute(
+                "INSERT INTO results (flight_id, kind, job_id, created_ns, json) VALUES (?, ?, ?, ?, ?)",
+                (job.flight_id, job.kind, job.id, now, dumps(result)),
+            )
+            if isinstance(model, dict):
+                found = [str(effect["name"]) for effect in result.get("effects", ())]
+                db.execute(
+                    "INSERT OR REPLACE INTO models (id, flight_id, kind, job_id, name, created_ns, json, verdict,"
+                    " found) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    (job.id, job.flight_id, job.kind, job.id, str(model.get("name", "")), now, dumps(model),
+                     result.get("verdict"), dumps(found)),
+                )  # fmt: skip
+
+    def fail_job(self, job_id: str, error: str) -> None:
+        """Mark a job failed, with the reason in words."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE jobs SET state = 'failed', error = ?, ended_ns = ? WHERE id = ? AND state != 'cancelled'",
+                (error, self._clock(), job_id),
+            )
+
+    def skip_job(self, job_id: str, reason: str) -> None:
+        """Mark a job as having nothing to work on; its log says why."""
+        self.report_progress(job_id, 1.0, reason)
+        with self._transaction() as db:
+            db.execute("UPDATE jobs SET state = 'skipped', ended_ns = ? WHERE id = ?", (self._clock(), job_id))
+
+    def queued_jobs(self, priority: int) -> int:
+        """How many of that priority wait."""
+        rows = self._rows("SELECT count(*) AS n FROM jobs WHERE state = 'queued' AND priority = ?", priority)
+        return int(rows[0]["n"])
+
+    def cancel_job(self, job_id: str) -> bool:
+        """Mark a job that waits or runs as cancelled; False, and nothing is changed, if it is over."""
+        with self._transaction() as db:
+            return (
+                db.execute(
+                    "UPDATE jobs SET state = 'cancelled', ended_ns = ? WHERE id = ? AND state IN ('queued', 'running')",
+                    (self._clock(), job_id),
+                ).rowcount
+                > 0
+            )
+
+    def delete_job(self, job_id: str) -> bool:
+        """Forget a job with its log, result and model; False, and nothing is changed, while it waits or runs."""
+        with self._transaction() as db:
+            over = "DELETE FROM jobs WHERE id = ? AND state NOT IN ('queued', 'running')"
+            if db.execute(over, (job_id,)).rowcount == 0:
+                return False
+            for table in ("job_log", "results", "models"):
+                db.execute(f"DELETE FROM {table} WHERE job_id = ?", (job_id,))
+        return True
+
+    def note_cost(self, job_id: str, cpu_s: float, peak_bytes: int) -> None:
+        """Keep what a job's worker took."""
+        with self._transaction() as db:
+            db.execute("UPDATE jobs SET cpu_s = ?, peak_bytes = ? WHERE id = ?", (cpu_s, peak_bytes, job_id))
+
+    def requeue_interrupted_jobs(self) -> None:
+        """What ran when the service stopped is queued again, or failed if that has happened to it before."""
+        for row in self._rows("SELECT id, attempts FROM jobs WHERE state = 'running'"):
+            if row["attempts"] >= _MAX_ATTEMPTS:
+                self.fail_job(row["id"], "the service stopped twice while this job was running; start it anew")
+                continue
+            with self._transaction() as db:
+                db.execute("UPDATE jobs SET state = 'queued', progress = 0 WHERE id = ?", (row["id"],))
+            self.report_progress(row["id"], 0.0, "the service was stopped while this job ran; queued again")
+
+
+def _job(row: sqlite3.Row, log: list[str]) -> Job:
+    columns = {key: row[key] for key in row.keys() if key != "number"}  # noqa: SIM118 - a Row iterates its values
+    columns["request"] = json.loads(columns["request"])
+    return Job(**columns, log=log)

@@ -1,0 +1,48 @@
+"""Results and models in the catalogue."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gcs.catalogue.job_table import JobTable
+from gcs.errors import CatalogueError
+
+
+class ResultTable(JobTable):
+    """What jobs have made."""
+
+    def result(self, flight_id: str, kind: str, job_id: str | None = None) -> dict[str, Any]:
+        """Newest result of a kind ("identify" or "discrepancy"), or one job's; CatalogueError if none."""
+        return self.job_and_result(flight_id, kind, job_id)[1]
+
+    def job_and_result(self, flight_id: str, kind: str, job_id: str | None = None) -> tuple[str, dict[str, Any]]:
+        """The same with the id of the job that made it."""
+        query = "SELECT job_id, json FROM results WHERE flight_id = ? AND kind = ? AND job_id = ifnull(?, job_id)"
+        rows = self._rows(f"{query} ORDER BY number DESC LIMIT 1", flight_id, kind, job_id)
+        if not rows and job_id is not None:
+            raise CatalogueError(f"flight {flight_id} has no {kind} result of job {job_id!r}; the newest needs no job=")
+        if not rows:
+            skipped = [job for job in self.jobs_of(flight_id) if (job.kind, job.state) == (kind, "skipped")]
+            reason = f" ({self.job(skipped[0].id).log[-1]})" if skipped else ""
+            raise CatalogueError(
+                f"flight {flight_id} has no {kind} result yet{reason}; POST /api/flights/{flight_id}/jobs starts one"
+            )
+        return str(rows[0]["job_id"]), dict(json.loads(rows[0]["json"]))
+
+    def models(self) -> list[dict[str, Any]]:
+        """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""
+        rows = self._rows(
+            "SELECT m.id, m.flight_id, CASE f.source WHEN 'upload' THEN f.name ELSE m.flight_id END AS flight_name,"
+            " m.kind, m.job_id, m.name, m.created_ns, m.verdict, ifnull(m.found, '[]') AS effects"
+            " FROM models m LEFT JOIN flights f ON f.id = m.flight_id"
+            " WHERE f.discarded_ns IS NULL ORDER BY m.number DESC"
+        )
+        return [{**dict(row), "effects": json.loads(row["effects"])} for row in rows]
+
+    def model(self, model_id: str) -> dict[str, Any]:
+        """One model; CatalogueError if there is none."""
+        rows = self._rows("SELECT json FROM models WHERE id = ?", model_id)
+        if not rows:
+            raise CatalogueError(f"there is no model {model_id!r}; GET /api/models lists them")
+        return dict(json.loads(rows[0]["json"]))
