@@ -21,6 +21,7 @@ from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.sole_user import sole_user
 from gcs.catalogue.store import Catalogue
 from gcs.errors import GcsError, ServiceError
+from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
 from gcs.live.feed import LiveFeed
@@ -43,7 +44,8 @@ _DESCRIPTORS = 8192
 
 def _tidy(settings: Settings) -> None:
     """Remove the folders of uploads and jobs that a service which was killed left behind."""
-    folders = [*settings.data.glob("upload-*"), *(settings.jobs.iterdir() if settings.jobs.is_dir() else ())]
+    folders = [*settings.data.glob("upload-*"), *settings.views.glob("reading-*")]
+    folders += [*(settings.jobs.iterdir() if settings.jobs.is_dir() else ())]
     for folder in folders:
         if folder.is_dir() and not folder.is_symlink():
             shutil.rmtree(folder, ignore_errors=True)
@@ -123,10 +125,15 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     ):
         _tidy(settings)
         jobs = JobRunner(settings, catalogue)
-        identify = _identify_when_over(settings, jobs)
+        identify, views = _identify_when_over(settings, jobs), FlightViews(settings)
+
+        def when_over(flight: Flight) -> None:
+            identify(flight)
+            views.prepare(flight)
+
         for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
             identify(flight)
-        recovery = Recovery(leftovers(settings, catalogue), catalogue, identify)
+        recovery = Recovery(leftovers(settings, catalogue), catalogue, when_over)
         dialect = Dialect.load(settings.link.dialect)
         warm_up(dialect)
         recorder = FlightRecorder(
@@ -135,7 +142,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             catalogue,
             silence_s=settings.silence_s,
             disarm_s=settings.disarm_s,
-            on_flight_end=identify,
+            on_flight_end=when_over,
             storage=settings.storage,
             provenance=FreshProvenance(
                 lambda: provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect)
@@ -149,7 +156,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             live.on_estimate = EstimateTelemetry(station.send_to_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule, backups=settings.backups)
-            app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live)
+            app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live, views)
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=protocol)
             server = _Server(config, live)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host

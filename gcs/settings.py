@@ -58,6 +58,11 @@ class Settings:
         return self.data / "jobs"
 
     @property
+    def views(self) -> Path:
+        """Folder of what was read of recordings for people and plots; it can be deleted."""
+        return self.data / "views"
+
+    @property
     def backups(self) -> Path:
         """Folder of the catalogue's backups."""
         return self.data / "backups"

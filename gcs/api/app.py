@@ -20,6 +20,7 @@ from gcs.api.security import DESCRIPTION_FILES, Guard
 from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
 from gcs.catalogue.store import Catalogue
+from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.runner import JobRunner
 from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
@@ -34,14 +35,18 @@ def create_app(
     jobs: JobRunner,
     others: Sequence[Watched] = (),
     live: LiveFeed | None = None,
+    views: FlightViews | None = None,
 ) -> FastAPI:
     """The REST application. Starting it starts recorder and jobs, stopping it stops both and closes the catalogue.
 
     others: further parts whose trouble /api/health reports. live: what flies now; None makes one that nobody feeds.
+    views: flights for plots; None makes them.
     """
 
     feed = live or LiveFeed(settings, recorder.live_vehicles)
-    service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others, feed)
+    service = Service(
+        settings, catalogue, recorder, jobs, time.monotonic(), others, feed, views or FlightViews(settings)
+    )
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -55,6 +60,7 @@ def create_app(
         finally:
             watching.cancel()
             service.uploads.close()
+            service.views.close()
             feed.stop()
             recorder.stop()
             jobs.stop()

@@ -88,6 +88,7 @@ async def upload(
     """Upload a .mcap, .tlog, .bin or .ulg: a form with the part `file`, or the file itself with `?name=`."""
     async with receive_upload(request, service.settings, name) as (path, original):
         flight = await run_in_threadpool(service.uploads.take_in, path, original)
+        service.views.prepare(flight)
         same = await run_in_threadpool(service.catalogue.same_flight, flight)
     seems = (
         f"flight {same} has as many messages between the same instants, so it seems to be the same: go on with either"
@@ -96,12 +97,12 @@ async def upload(
     return Uploaded.model_validate({**_fields(flight), "note": note})
 
 
-@router.get("/api/flights/{flight_id}", responses={404: _PROBLEM})
+@router.get("/api/flights/{flight_id}", responses={404: _PROBLEM, 503: _PROBLEM})
 def flight(service: Serving, flight_id: str) -> FlightSummary:
     """What a flight holds, and the state of its jobs."""
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
-    return FlightSummary.model_validate({**_fields(found), **service.viewer.summary(found), "jobs": jobs})
+    return FlightSummary.model_validate({**_fields(found), **service.views.summary(found), "jobs": jobs})
 
 
 @router.delete("/api/flights/{flight_id}", status_code=204, responses={404: _PROBLEM, 409: _PROBLEM})
@@ -146,11 +147,11 @@ def recording(
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
-@router.get("/api/flights/{flight_id}/signals", responses={404: _PROBLEM, 409: _PROBLEM})
+@router.get("/api/flights/{flight_id}/signals", responses={404: _PROBLEM, 409: _PROBLEM, 503: _PROBLEM})
 def signals(
     service: Serving,
     flight_id: str,
-    names: Annotated[str, Query(description="Names from the flight's summary, separated by commas")],
+    names: Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")],
     start: Annotated[float | None, Query(description="s from the start of the flight")] = None,
     end: Annotated[float | None, Query(description="s from the start of the flight")] = None,
     points: Annotated[int, Query(ge=2, le=100_000)] = 2000,
@@ -158,5 +159,5 @@ def signals(
     """Signals for plotting, at most about `points` samples of each; the extremes of every stretch are kept."""
     found = service.catalogue.flight(flight_id)
     wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip()))
-    series = service.viewer.series(found, wanted, start, end, points)
+    series = service.views.series(found, wanted, start, end, points)
     return SignalsView(flight=flight_id, signals={name: Series(**entry) for name, entry in series.items()})

@@ -9,8 +9,8 @@ from typing import Annotated, Protocol, cast
 from fastapi import Depends, Request
 
 from gcs.api.last_minute import LastMinute
-from gcs.catalogue.flightview import FlightViewer
 from gcs.catalogue.store import Catalogue
+from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
 from gcs.jobs.uploads import Uploads
@@ -30,7 +30,7 @@ class Watched(Protocol):
 class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
-    live: the flight as it is now; minute: as it was streamed over the last minute.
+    live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
     """
 
     settings: Settings
@@ -40,13 +40,12 @@ class Service:
     started: float
     others: Sequence[Watched]
     live: LiveFeed
-    viewer: FlightViewer = field(init=False)
+    views: FlightViews
     uploads: Uploads = field(init=False)
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
 
     def __post_init__(self) -> None:
-        self.viewer = FlightViewer(self.settings)
         self.uploads = Uploads(self.settings, self.catalogue)
 
 

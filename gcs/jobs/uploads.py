@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
-import subprocess
 import sys
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +13,10 @@ from typing import Any
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import flight_stamp, numbered_ids
 from gcs.catalogue.store import Catalogue
-from gcs.errors import ImportFileError, ServiceError
+from gcs.errors import ImportFileError
 from gcs.jobs.limits import memory_limit
-from gcs.jobs.runner import last_words, python_path
+from gcs.jobs.once import AskedOnce
 from gcs.settings import Settings
-from gcs.text.jsontext import dumps
 
 _MAX_NAME = 200
 # The largest upload takes minutes; what takes longer never ends.
@@ -45,13 +41,8 @@ class Uploads:
     ) -> None:
         self._settings = settings
         self._catalogue = catalogue
-        self._worker = tuple(worker)
-        self._longest_s = longest_s
         self._memory_bytes = memory_bytes or memory_limit()
-        self._turn = threading.Lock()
-        self._lock = threading.Lock()
-        self._process: subprocess.Popen[str] | None = None
-        self._closed = False
+        self._reader = AskedOnce(worker, longest_s)
 
     def take_in(self, upload: Path, original_name: str) -> Flight:
         """Make an uploaded file a flight of the catalogue. The original name is shown, never used as a path.
@@ -61,22 +52,17 @@ class Uploads:
         """
         shown = original_name.replace("\\", "/").rpartition("/")[2][:_MAX_NAME] or "upload.mcap"
         converted = upload.with_name("converted.mcap")
-        with self._turn:
-            entry = Flight(**self._read(upload, converted, shown))
+        entry = Flight(**self._read(upload, converted, shown))
         if entry.messages == 0:
             raise ImportFileError(f"{shown} holds no MAVLink message; nothing to take in")
         return self._list(entry, converted)
 
     def close(self) -> None:
         """End what is being read; nothing more is taken in."""
-        with self._lock:
-            self._closed = True
-            if self._process is not None:
-                self._process.kill()
+        self._reader.close()
 
     def _read(self, upload: Path, converted: Path, shown: str) -> dict[str, Any]:
         """Write the recording to `converted`; its entry in the catalogue, as JSON."""
-        answer, errors = upload.with_name("answer"), upload.with_name("errors")
         order = {
             "source": upload,
             "target": converted,
@@ -84,52 +70,11 @@ class Uploads:
             "name": shown,
             "memory_bytes": self._memory_bytes,
         }
-        with answer.open("w") as stdout, errors.open("w") as stderr:
-            code = self._run(dumps(order) + "\n", stdout.fileno(), stderr.fileno())
-        answered: dict[str, Any] = {}
-        for line in answer.read_text(encoding="utf-8", errors="replace").splitlines():
-            try:
-                said = json.loads(line)
-            except json.JSONDecodeError:  # a library that prints
-                continue
-            answered |= said if isinstance(said, dict) else {}
-        if "error" in answered:
-            raise ImportFileError(str(answered["error"]).replace(str(upload), shown))
-        if code != 0 or "flight" not in answered:
-            raise ImportFileError(f"{shown} cannot be read: {last_words(code, errors)}")
-        return dict(answered["flight"])
-
-    def _run(self, order: str, stdout: int, stderr: int) -> int:
-        """Run the worker; its exit code."""
-        with self._lock:
-            if self._closed:
-                raise ServiceError("the service is being stopped; send the file again when it is back")
-            process = subprocess.Popen(
-                self._worker,
-                stdin=subprocess.PIPE,
-                stdout=stdout,
-                stderr=stderr,
-                text=True,
-                env={**os.environ, "PYTHONPATH": python_path()},
-            )
-            self._process = process
-        assert process.stdin is not None
         try:
-            process.stdin.write(order)
-            process.stdin.flush()
-            code = process.wait(self._longest_s)
-        except subprocess.TimeoutExpired:
-            raise ImportFileError(f"the file was not read within {self._longest_s:g} s; import it by hand") from None
-        except BrokenPipeError:  # it died at its start; exit code and last words say why
-            code = process.wait()
-        finally:
-            process.kill()
-            process.communicate()
-            with self._lock:
-                self._process = None
-        if self._closed:
-            raise ServiceError("the service is being stopped; send the file again when it is back")
-        return code
+            answered = self._reader.ask(order, upload.parent, shown, ImportFileError)
+        except ImportFileError as error:
+            raise ImportFileError(str(error).replace(str(upload), shown)) from error
+        return dict(answered["flight"])
 
     def _list(self, entry: Flight, converted: Path) -> Flight:
         """Give the flight an id, which is taken in the catalogue first, and the recording its place."""

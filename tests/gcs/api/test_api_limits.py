@@ -139,7 +139,7 @@ def test_health_answers_while_every_thread_is_taken(bench: Bench, client: httpx.
         return {}
 
     flight = bench.record(1, 1, START)
-    service.viewer.series = slow
+    service.views.series = slow
     askers = [
         threading.Thread(target=httpx.get, args=(f"{client.base_url}/api/flights/{flight}/signals?names=phi",),
                          kwargs={"timeout": PATIENCE_S})

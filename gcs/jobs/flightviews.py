@@ -1,0 +1,248 @@
+"""What a flight holds, for people and plots. Recordings are read by a worker; here are only its summaries and arrays.
+
+Of a flight that is over the worker leaves a folder beside the recordings: a summary, and for each signal its samples in
+files of numpy, of which a request reads what it shows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import shutil
+import sys
+import tempfile
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs.catalogue.decimate import decimate
+from gcs.catalogue.flight_table import Flight
+from gcs.errors import CatalogueError, RecordingError, ServiceError, SignalMapError, in_words
+from gcs.jobs.limits import memory_limit
+from gcs.jobs.once import AskedOnce
+from gcs.settings import Settings
+from gcs.version import VERSION
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+_log = logging.getLogger(__name__)
+
+_SUMMARY = "summary.json"
+_KEPT_SUMMARIES = 64
+_LONGEST_S = 300.0
+# All folders together; those not looked at for longest go. An hour's flight takes 100 MB.
+_MOST_BYTES = 2_000_000_000
+# Most samples of one answer, and so many requests for a flight that nobody has read yet wait at a time.
+_MOST_SAMPLES = 500_000
+_MOST_WAITING = 8
+_MOST_PREPARED = 100
+
+
+class FlightViews:
+    """Summaries and signals of recordings in the data folder. Thread-safe.
+
+    worker: the command that reads a recording. longest_s, memory_bytes: what that may take.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.viewworker"),
+        longest_s: float = _LONGEST_S,
+        memory_bytes: int | None = None,
+    ) -> None:
+        self._settings = settings
+        self._reader = AskedOnce(worker, longest_s)
+        self._memory_bytes = memory_bytes or memory_limit()
+        self._lock = threading.Lock()
+        self._places = threading.BoundedSemaphore(_MOST_WAITING)
+        self._kept: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._turns: dict[str, threading.Lock] = {}
+        self._to_prepare: deque[Flight] = deque(maxlen=_MOST_PREPARED)
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._prepare, name="views", daemon=True)
+
+    def prepare(self, flight: Flight) -> None:
+        """Have a flight that is over read before anybody asks for it; returns at once."""
+        with self._changed:
+            if self._thread.ident is None:
+                self._thread.start()
+            self._to_prepare.append(flight)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End what is being read; nothing more is."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._reader.close()
+
+    def summary(self, flight: Flight) -> dict[str, Any]:
+        """Messages per topic, losses, damage, and the names that `series` accepts.
+
+        Of a flight that is being recorded it gives what is on disk already. Raises CatalogueError,
+        RecordingDeletedError, ServiceError.
+        """
+        try:
+            return {key: value for key, value in self._view(flight)[0].items() if key != "series"}
+        except RecordingError as error:
+            return {"topics": {}, "lost": 0, "damage": [str(error)], "signals": [], "warnings": []}
+
+    def series(
+        self, flight: Flight, names: list[str], start_s: float | None, end_s: float | None, points: int
+    ) -> dict[str, dict[str, Any]]:
+        """Decimated signals by name; SignalMapError naming what the flight does not have."""
+        if len(names) * points > _MOST_SAMPLES:
+            raise SignalMapError(
+                f"{len(names)} signals of {points} points are too many for one answer; it has {_MOST_SAMPLES} at most"
+            )
+        found, folder = self._view(flight)
+        entries = {entry["name"]: entry for entry in found["series"]}
+        missing = [name for name in names if name not in entries]
+        if missing or not names:
+            if not entries and found["warnings"]:
+                raise SignalMapError(found["warnings"][0])
+            raise SignalMapError(f"no signal {', '.join(missing) or 'named'}; this flight has {', '.join(entries)}")
+        return {name: _series(folder, entries[name], start_s, end_s, points) for name in names}
+
+    def _prepare(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: bool(self._to_prepare) or self._closed)
+                if self._closed:
+                    return
+                flight = self._to_prepare.popleft()
+            try:
+                self._view(flight)
+            except Exception as error:  # who asks for it hears why
+                _log.info("flight %s is not read for its plots yet: %s", flight.id, in_words(error))
+
+    def _view(self, flight: Flight) -> tuple[dict[str, Any], Path]:
+        """The summary of a flight as its files are now, and the folder of its signals."""
+        paths = flight.kept_files(self._settings.flights)
+        over = flight.state != "recording"
+        key = self._key(flight, paths, over)
+        folder = self._settings.views / f"{flight.id}-{key}"
+        found = self._remembered(key, folder)
+        if found is None:
+            if not self._places.acquire(blocking=False):
+                raise ServiceError("other flights are being read; ask again in a minute")
+            try:
+                with self._turn(flight.id):
+                    found = self._remembered(key, folder) or self._read(flight, paths, folder, over)
+            finally:
+                self._places.release()
+            with self._lock:
+                self._kept[key] = found
+                while len(self._kept) > _KEPT_SUMMARIES:
+                    self._kept.popitem(last=False)
+        return found, folder
+
+    def _turn(self, flight_id: str) -> threading.Lock:
+        """Held while a flight is read, so that those who ask for it meanwhile read it once."""
+        with self._lock:
+            return self._turns.setdefault(flight_id, threading.Lock())
+
+    def _key(self, flight: Flight, paths: Sequence[Path], over: bool) -> str:
+        """A name for what the recording and the vehicle file are now."""
+        seen = [_state(path) for path in paths]
+        if over and self._settings.vehicle is not None:
+            seen += _states_of_vehicle(self._settings.vehicle)
+        return hashlib.sha256(repr((VERSION, flight.system, over, seen)).encode()).hexdigest()[:16]
+
+    def _remembered(self, key: str, folder: Path) -> dict[str, Any] | None:
+        with self._lock:
+            found = self._kept.get(key)
+            if found is not None:
+                self._kept.move_to_end(key)
+        if found is not None and (not found["series"] or folder.is_dir()):
+            return found
+        summary = folder / _SUMMARY
+        if not summary.is_file():
+            return None
+        summary.touch()
+        return dict(json.loads(summary.read_text(encoding="utf-8")))
+
+    def _read(self, flight: Flight, paths: Sequence[Path], folder: Path, over: bool) -> dict[str, Any]:
+        """Have the worker read a recording."""
+        views = self._settings.views
+        views.mkdir(parents=True, exist_ok=True)
+        if over:
+            self._make_room(flight)
+        with tempfile.TemporaryDirectory(prefix="reading-", dir=views) as made:
+            target = Path(made) / "view"
+            target.mkdir()
+            order = {
+                "recordings": list(paths),
+                "vehicle": self._settings.vehicle if over else None,
+                "system": flight.system,
+                "target": target if over else None,
+                "memory_bytes": self._memory_bytes,
+            }
+            found = self._reader.ask(order, Path(made), f"flight {flight.id}", RecordingError)
+            if over:
+                (target / _SUMMARY).write_text(json.dumps(found), encoding="utf-8")
+                target.rename(folder)
+        return found
+
+    def _make_room(self, flight: Flight) -> None:
+        """Remove what is old of this flight, and what was not looked at for longest. ServiceError on a full disk."""
+        views = self._settings.views
+        for old in views.glob(f"{flight.id}-*"):
+            if _flight_of(old) == flight.id:
+                shutil.rmtree(old, ignore_errors=True)
+        there = [folder for folder in views.iterdir() if (folder / _SUMMARY).is_file()]
+        sizes = {folder: sum(path.stat().st_size for path in folder.iterdir()) for folder in there}
+        total = sum(sizes.values())
+        for folder in sorted(there, key=lambda one: (one / _SUMMARY).stat().st_mtime):
+            if total <= _MOST_BYTES:
+                break
+            shutil.rmtree(folder, ignore_errors=True)
+            total -= sizes[folder]
+        reserve = self._settings.storage.reserve_bytes
+        if shutil.disk_usage(views).free < 2 * reserve:
+            raise ServiceError("the disk has too little room to show a flight beside what is recorded; free some space")
+
+
+def _state(path: Path) -> tuple[str, int, int]:
+    status = path.stat()
+    return path.name, status.st_size, status.st_mtime_ns
+
+
+def _states_of_vehicle(name: str) -> list[tuple[str, int, int]]:
+    """Of a vehicle file and its bench tables; of one that cannot be read, why."""
+    try:
+        vehicle = load_vehicle(name)
+        tables = (entry.points for entry in vehicle.calibration.values())
+        return [_state(path) for path in (vehicle.path, *tables) if isinstance(path, Path)]
+    except (SimVehicleError, OSError) as error:  # the worker says it as a warning of the flight
+        return [(str(error), 0, 0)]
+
+
+def _flight_of(folder: Path) -> str:
+    return folder.name.rpartition("-")[0]
+
+
+def _series(
+    folder: Path, entry: dict[str, Any], start_s: float | None, end_s: float | None, points: int
+) -> dict[str, Any]:
+    try:
+        time = np.load(folder / entry["time"], mmap_mode="r", allow_pickle=False)
+        values = np.load(folder / entry["values"], mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise CatalogueError(f"the plots of this flight are being made anew ({error}); ask again") from error
+    first = 0 if start_s is None else int(np.searchsorted(time, start_s, side="left"))
+    last = time.size if end_s is None else int(np.searchsorted(time, end_s, side="right"))
+    shown, samples = decimate(time[first:last], values[first:last], points)
+    return {
+        "unit": entry["unit"],
+        "source": entry["source"],
+        "time": shown.tolist(),
+        "value": [value if np.isfinite(value) else None for value in samples.tolist()],
+    }

@@ -1,0 +1,103 @@
+"""One recording read for people and plots, in a process of its own: what a hostile file does stays there."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs.errors import GcsError, SignalMapError
+from gcs.jobs.limits import stand_back
+from gcs.jobs.worker import end_with_service, report
+from gcs.recording.reader import Recording
+from gcs.recording.repair import COMPLETED
+from gcs.text.sizes import size_text
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sysid.errors import SysidError
+from sysid.signals.flight import FlightSignals
+
+# Of a recording with more topics those with most messages; and so many bytes of samples are kept for plots.
+_MOST_TOPICS = 2000
+_MOST_BYTES = 1_000_000_000
+
+
+def main() -> int:
+    """Read an order (`gcs.jobs.flightviews`), leave the signals' samples where it says, answer with the summary."""
+    order = json.loads(sys.stdin.readline())
+    threading.Thread(target=end_with_service, daemon=True).start()
+    stand_back(order["memory_bytes"])
+    try:
+        report(**summary(order))
+    except GcsError as error:
+        report(error=str(error))
+    except MemoryError:
+        report(error=f"it takes more memory to read than {size_text(order['memory_bytes'])}")
+    return 0
+
+
+def summary(order: dict[str, Any]) -> dict[str, Any]:
+    """What the recording holds. Raises RecordingError, MemoryError."""
+    recording = Recording([Path(path) for path in order["recordings"]])
+    completed = recording.metadata().get(COMPLETED)
+    cut = [] if completed is None else [f"cut off before it was taken in; {completed.get('notes', '')}"]
+    found: dict[str, Any] = {
+        "topics": dict(itertools.islice(_most_first(recording.counts()), _MOST_TOPICS)),
+        "lost": sum(recording.lost().values()),
+        "damage": [*recording.damage.notes, *cut],
+        "signals": [],
+        "warnings": [],
+        "series": [],
+    }
+    if order["target"] is not None:
+        try:
+            signals = _signals(recording, order["vehicle"], order["system"])
+            found["series"] = _save(signals, Path(order["target"]))
+            found |= {"signals": list(signals.signals), "warnings": list(signals.warnings)}
+        except (GcsError, SysidError, SimVehicleError) as error:
+            found["warnings"] = [str(error)]
+    return found
+
+
+def _most_first(counts: dict[str, int]) -> Iterable[tuple[str, int]]:
+    """Topics as they stand; where there are too many to show, those with most messages first."""
+    return counts.items() if len(counts) <= _MOST_TOPICS else sorted(counts.items(), key=lambda one: -one[1])
+
+
+def _signals(recording: Recording, vehicle: str | None, system: int | None) -> FlightSignals:
+    if vehicle is None:
+        raise SignalMapError("signals need a vehicle file; start the service with --vehicle FILE")
+    from gcs.flights.signals import extract
+
+    return extract(recording, load_vehicle(vehicle), system)
+
+
+def _save(signals: FlightSignals, folder: Path) -> list[dict[str, str]]:
+    """Write every signal's samples; stamps that several signals share are written once."""
+    stamps: dict[int, str] = {}
+    written, entries = 0, []
+    for number, (name, signal) in enumerate(signals.signals.items()):
+        time_file = stamps.get(id(signal.time_s))
+        arrays = {f"{number}.npy": signal.values}
+        if time_file is None:
+            time_file = stamps[id(signal.time_s)] = f"{number}-time.npy"
+            arrays[time_file] = signal.time_s
+        written += sum(array.nbytes for array in arrays.values())
+        if written > _MOST_BYTES:
+            raise SignalMapError(f"its signals take more than {size_text(_MOST_BYTES)}; export a part of the flight")
+        for file, array in arrays.items():
+            np.save(folder / file, array, allow_pickle=False)
+        entries.append(
+            {"name": name, "unit": signal.unit, "source": signal.source, "time": time_file, "values": f"{number}.npy"}
+        )
+    return entries
+
+
+if __name__ == "__main__":
+    sys.exit(main())
