@@ -28,6 +28,7 @@ from gcs.live.feed import LiveFeed
 from gcs.live.telemetry import EstimateTelemetry
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
+from gcs.station.forwardrules import parse_forward
 from gcs.station.own_sender import StationVoice
 from gcs.station.provenance import FreshProvenance, provenance
 from gcs.station.recorder import FlightRecorder
@@ -87,7 +88,7 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     """Queue an identification of every flight that has ended, where a vehicle file says of what aircraft."""
 
     def queue(flight: Flight) -> None:
-        if settings.vehicle is None or flight.system is None or not settings.identify:
+        if settings.vehicle is None or flight.system is None or flight.follows is not None or not settings.identify:
             return
         try:
             jobs.submit(flight.id, {"kind": "identify", "system": flight.system, "automatic": True})
@@ -148,11 +149,23 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
                 lambda: provenance(dialect, settings.connect, settings.vehicle, settings.link.dialect)
             ),
             key=settings.link.key,
+            require_signed=settings.link.require_signed,
         )
-        with _links(settings.connect) as links, _links(settings.forward) as forward:
+        forwards = [parse_forward(text, dialect) for text in settings.forward]
+        with _links(settings.connect) as links, _links(tuple(url for url, _ in forwards)) as forward:
+            rules = {link.name: rule for link, (_, rule) in zip(forward, forwards, strict=True)}
             voice = StationVoice(settings.link.own_key)
             live = LiveFeed(settings, recorder.live_vehicles)
-            station = RecordingStation(links, recorder, forward, voice=voice, dialect=dialect, listen=live.offer)
+            station = RecordingStation(
+                links,
+                recorder,
+                forward,
+                voice=voice,
+                dialect=dialect,
+                listen=live.offer,
+                rules=rules,
+                forward_key=settings.link.key if settings.link.require_signed else None,
+            )
             live.on_estimate = EstimateTelemetry(station.send_to_stations, settings.link.own_key).take
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule, backups=settings.backups)

@@ -53,6 +53,7 @@ def _fields(flight: Flight) -> dict[str, Any]:
         "messages": flight.messages,
         "bytes": flight.bytes,
         "end_reason": flight.end_reason,
+        "follows": flight.follows,
         "parts": flight.parts,
         "recording_deleted": None if flight.deleted_ns is None else utc_text(flight.deleted_ns),
     }
@@ -67,9 +68,10 @@ def flights(
         str, Query(max_length=200, description="Words that stand in the id, the name or the start, as 2026-11-23 06:10")
     ] = "",
     deleted: Annotated[bool, Query(description="Those that were deleted, and can be taken back, instead")] = False,
+    ground: Annotated[bool, Query(description="What was recorded on the ground behind flights too")] = False,
 ) -> FlightPage:
     """Flights, newest first."""
-    found = service.catalogue.flights(limit + 1, after, search, discarded=deleted)
+    found = service.catalogue.flights(limit + 1, after, search, discarded=deleted, ground=ground)
     page = found[:limit]
     return FlightPage(flights=[_item(flight) for flight in page], next=page[-1].id if len(found) > limit else None)
 
@@ -102,7 +104,9 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
     """What a flight holds, and the state of its jobs."""
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
-    return FlightSummary.model_validate({**_fields(found), **service.views.summary(found), "jobs": jobs})
+    ground = [_item(one) for one in service.catalogue.ground_after(flight_id)]
+    summary = service.views.summary(found)
+    return FlightSummary.model_validate({**_fields(found), **summary, "jobs": jobs, "ground": ground})
 
 
 @router.delete("/api/flights/{flight_id}", status_code=204, responses={404: _PROBLEM, 409: _PROBLEM})

@@ -24,6 +24,7 @@ class Forwarding(BaseModel):
     frames: int
     copies: int = Field(description="Frames held back, as the same had come by another way")
     dropped_bytes: int = Field(description="Bytes there was no time to pass on; they are recorded all the same")
+    refused: int = Field(description="Frames that may not pass: by the link's options, or for want of a signature")
 
 
 class Health(BaseModel):
@@ -151,6 +152,7 @@ class FlightItem(BaseModel):
     messages: int
     bytes: int
     end_reason: str
+    follows: str | None = Field(description="The flight that this is ground data behind, null for a flight")
     parts: int = Field(description="Files of the recording, more than one if it was split by size")
     recording_deleted: str | None = Field(description="When the recording was deleted to make room, null while kept")
 
@@ -208,6 +210,7 @@ class FlightSummary(FlightItem):
     signals: list[str] = Field(description="Names that GET …/signals accepts")
     warnings: list[str]
     jobs: list[JobView]
+    ground: list[FlightItem] = Field(description="What was recorded on the ground behind it, before the next flight")
 
 
 class Series(BaseModel):

@@ -30,6 +30,7 @@ class Flight:
     deleted_ns: when the recording was deleted to make room (UTC, ns), None while it is there.
     vehicle_s: how long it was by the vehicle's clock, None where that is not known.
     discarded_ns: when somebody deleted the flight (UTC, ns), which can be taken back for a while; None else.
+    follows: the flight behind which this was recorded on the ground, None for a flight.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Flight:
     deleted_ns: int | None = None
     vehicle_s: float | None = None
     discarded_ns: int | None = None
+    follows: str | None = None
 
     def files(self, folder: Path) -> list[Path]:
         """All files of the recording, in order."""
@@ -119,13 +121,22 @@ class FlightTable(Database):
         return bool(self._rows("SELECT 1 FROM flights WHERE id = ?", flight_id))
 
     def flights(
-        self, limit: int = 50, after: str | None = None, search: str = "", *, discarded: bool = False
+        self,
+        limit: int = 50,
+        after: str | None = None,
+        search: str = "",
+        *,
+        discarded: bool = False,
+        ground: bool = False,
     ) -> list[Flight]:
         """Newest first, after the one named. search: words in id, name or start, as `2026-11-23 06:10`, UTC.
 
-        discarded: those that were deleted, which can be taken back, instead of those that are there.
+        discarded: those that were deleted, which can be taken back, instead of those that are there. ground: what was
+        recorded on the ground behind flights too.
         """
         conditions, values = [f"discarded_ns IS {'NOT ' * discarded}NULL"], list[object]()
+        if not ground:
+            conditions.append("follows IS NULL")
         if after is not None:
             last = self._known(after)
             conditions.append("(start_ns, id) < (?, ?)")
@@ -164,7 +175,7 @@ class FlightTable(Database):
         asked = "SELECT flight_id FROM jobs WHERE kind = 'identify'"
         rows = self._rows(
             f"SELECT * FROM flights WHERE source = 'live' AND state != 'recording' AND system IS NOT NULL AND {_KEPT}"
-            f" AND id NOT IN ({asked}) ORDER BY start_ns, id"
+            f" AND follows IS NULL AND id NOT IN ({asked}) ORDER BY start_ns, id"
         )
         return [Flight(**row) for row in rows]
 
@@ -176,19 +187,26 @@ class FlightTable(Database):
             db.execute("UPDATE flights SET deleted_ns = ? WHERE id = ?", (self._clock(), flight_id))
         return True
 
+    def ground_after(self, flight_id: str) -> list[Flight]:
+        """What was recorded on the ground behind a flight, oldest first."""
+        rows = self._rows(f"SELECT * FROM flights WHERE follows = ? AND {_KEPT} ORDER BY start_ns, id", flight_id)
+        return [Flight(**row) for row in rows]
+
     def discard_flight(self, flight_id: str) -> bool:
         """Delete a flight, which can be taken back for a day; False, and nothing is done, while a job needs it."""
         with self._transaction() as db:
             if _is_needed(db, flight_id):
                 return False
-            db.execute("UPDATE flights SET discarded_ns = ? WHERE id = ?", (self._clock(), flight_id))
+            both = "UPDATE flights SET discarded_ns = ? WHERE id = ? OR (follows = ? AND state != 'recording')"
+            db.execute(both, (self._clock(), flight_id, flight_id))
         return True
 
     def restore_flight(self, flight_id: str) -> Flight:
         """Take the deletion of a flight back. CatalogueError if there is none of that id any more."""
         self._known(flight_id)
         with self._transaction() as db:
-            db.execute("UPDATE flights SET discarded_ns = NULL WHERE id = ?", (flight_id,))
+            both = "UPDATE flights SET discarded_ns = NULL WHERE id = ? OR follows = ?"
+            db.execute(both, (flight_id, flight_id))
         return self.flight(flight_id)
 
     def flights_to_erase(self) -> list[Flight]:

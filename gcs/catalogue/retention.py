@@ -108,7 +108,8 @@ class Retention:
                 continue
             old = self._rule.keep_days is not None and self._age_ns(flight) > self._rule.keep_days * _DAY_NS
             crowded = self._rule.keep_bytes is not None and total > self._rule.keep_bytes
-            if not (old or crowded) or (flight.id not in identified and self._may_hold_a_vehicle(flight)):
+            seen_to = flight.id in identified or flight.follows is not None
+            if not (old or crowded) or (not seen_to and self._may_hold_a_vehicle(flight)):
                 continue
             if not self._catalogue.mark_deleted(flight.id):
                 continue
@@ -146,4 +147,6 @@ def _is_processed(flight: Flight, identified: set[str]) -> bool:
     """Whether nothing is to be had from the recording any more; where no vehicle was heard there never was."""
     if flight.state == "recording" or flight.source == "upload":
         return False
+    if flight.follows is not None:
+        return flight.follows in identified
     return flight.id in identified or (flight.system is None and flight.state == "complete")

@@ -31,6 +31,7 @@ _LATER_COLUMNS = (
     ("flights", "deleted_ns", "INTEGER"),
     ("flights", "vehicle_s", "REAL"),
     ("flights", "discarded_ns", "INTEGER"),
+    ("flights", "follows", "TEXT"),
     ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
     ("jobs", "cpu_s", "REAL"),
     ("jobs", "peak_bytes", "INTEGER"),

@@ -10,7 +10,7 @@ HELP = "record flights from links, identify them, and answer over REST"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from gcs.options.links import add_link_arguments
+    from gcs.options.links import add_link_arguments, add_require_signed_argument
     from gcs.options.storage import add_storage_arguments
 
     parser.add_argument(
@@ -18,12 +18,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--forward",
-        metavar="URL",
+        metavar="URL[,OPTION…]",
         action="append",
         default=[],
-        help="link to another ground station, to which frames are passed on, and from it to the vehicles; repeatable",
+        help="link to another ground station: frames go there, and from there to the vehicles where only this machine"
+        " can reach it or an option says so: receive-only, commands, systems=255+254,"
+        " allow=MAV_CMD_NAV_TAKEOFF+PARAM_SET; repeatable",
     )
     add_link_arguments(parser)
+    add_require_signed_argument(parser)
     parser.add_argument("--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle")
     parser.add_argument("--no-identify", action="store_true", help="identify flights only when asked to")
     parser.add_argument(
@@ -46,10 +49,12 @@ def run(args: argparse.Namespace) -> int:
     """Serve until asked to stop."""
     from gcs.errors import SettingsError
     from gcs.links.url import parse_url
+    from gcs.mavlink.dialect import Dialect
     from gcs.options.links import link_options
     from gcs.options.storage import storage_options
     from gcs.serve import serve
     from gcs.settings import Settings, read_token
+    from gcs.station.forwardrules import parse_forward
     from gcs.text.sizes import parse_size
 
     if not 0 <= args.port <= 65535:
@@ -60,14 +65,19 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(f"--keep-days {args.keep_days}: give a number of days above 0")
     if args.vehicle is None and (args.keep_days is not None or args.keep_size is not None):
         raise SettingsError("--keep-days and --keep-size delete what was identified, so they need --vehicle FILE")
-    for url in (*args.connect, *args.forward):
+    for url in args.connect:
         parse_url(url)
+    link = link_options(args)
+    if args.forward:
+        dialect = Dialect.load(link.dialect)
+        for url in args.forward:
+            parse_forward(url, dialect)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = Settings(
         data=args.data,
         connect=tuple(args.connect),
         forward=tuple(args.forward),
-        link=link_options(args),
+        link=link,
         vehicle=args.vehicle,
         identify=not args.no_identify,
         host=args.host,

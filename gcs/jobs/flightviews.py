@@ -22,7 +22,7 @@ import numpy as np
 
 from gcs.catalogue.decimate import decimate
 from gcs.catalogue.flight_table import Flight
-from gcs.errors import CatalogueError, RecordingError, ServiceError, SignalMapError, in_words
+from gcs.errors import CatalogueError, RecordingDeletedError, RecordingError, ServiceError, SignalMapError, in_words
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.once import AskedOnce
 from gcs.settings import Settings
@@ -86,12 +86,12 @@ class FlightViews:
     def summary(self, flight: Flight) -> dict[str, Any]:
         """Messages per topic, losses, damage, and the names that `series` accepts.
 
-        Of a flight that is being recorded it gives what is on disk already. Raises CatalogueError,
-        RecordingDeletedError, ServiceError.
+        Of a flight that is being recorded it gives what is on disk already, of one that cannot be read why, as damage.
+        Raises CatalogueError, ServiceError.
         """
         try:
             return {key: value for key, value in self._view(flight)[0].items() if key != "series"}
-        except RecordingError as error:
+        except (RecordingError, RecordingDeletedError) as error:
             return {"topics": {}, "lost": 0, "damage": [str(error)], "signals": [], "warnings": []}
 
     def series(

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from gcs.links.datagrams import Batch
 from gcs.links.sources import Sources
 from gcs.links.url import LinkUrl
+from gcs.text.oserrors import is_own, reason
 
 _BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -41,7 +42,8 @@ class LinkCounters:
 
 
 class Link(ABC):
-    """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words.
+    """Base of all links. `connected` is whether bytes can flow now, `problem` why not, in words. `broken` is whether
+    this computer refuses the link, whoever is at its other end.
 
     immediate: set where what arrives is passed on at once, so that it is not left to gather. watched: set
     where it is looked at as it arrives, so that it gathers for a short time only.
@@ -55,8 +57,13 @@ class Link(ABC):
         self.connected = False
         self.immediate = self.watched = False
         self.problem = ""
+        self.broken = False
         self._waiting: deque[Batch] = deque()
         self._counting = threading.Lock()
+
+    def _failed(self, error: OSError) -> None:
+        """Remember why bytes cannot flow."""
+        self.problem, self.broken = reason(error), is_own(error)
 
     def receive(self, timeout_s: float) -> Batch | None:
         """Bytes of one source that arrived within `timeout_s`, or None; never raises for what a peer does."""

@@ -86,11 +86,11 @@ class StreamLink(Link):
         try:
             peer, address = self._connect(timeout_s)
         except OSError as error:
-            self.problem = reason(error)
+            self._failed(error)
             return False
         self._source = self.sources.of(peer, address)
         self._outbox = Outbox(self._write, self._sent, self._unsent)
-        self.connected, self.problem = True, ""
+        self.connected, self.problem, self.broken = True, "", False
         self.counters.reconnects += self.counters.connections > 0
         self.counters.connections += 1
         self._retry.reset()

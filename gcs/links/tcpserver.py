@@ -15,7 +15,9 @@ from gcs.links.outbox import Outbox
 from gcs.links.sources import MOST_PEERS
 from gcs.links.streams import CLOSED, GATHER_S, LINGER_S, READ_BYTES, prepare_socket, write_some
 from gcs.links.url import LinkUrl
-from gcs.text.oserrors import reason
+from gcs.text.oserrors import is_own, reason
+
+_REFUSED_S = 0.05
 
 
 class _Client:
@@ -95,11 +97,14 @@ class TcpServerLink(Link):
     def _accept(self) -> None:
         try:
             sock, address = self._listener.accept()
-        except OSError:  # gone again before it was taken in
+        except OSError as error:
+            if is_own(error):  # else it had gone again before it was taken in
+                self._failed(error)
+                time.sleep(_REFUSED_S)  # it still waits to be taken in, and would be found again at once
             return
         client = _Client(sock, address[:2], self._sent, self._unsent)
         self._clients = {**self._clients, sock.fileno(): client}
-        self.connected, self.problem = True, ""
+        self.connected, self.problem, self.broken = True, "", False
         self.counters.connections += 1
 
     def _read(self, client: _Client) -> bytes:

@@ -71,7 +71,7 @@ class UdpLink(Link):
         except OSError as error:
             if url.kind is LinkKind.UDP_IN:
                 raise LinkError(f"{url.text}: cannot listen there ({reason(error)}); choose another port") from error
-            self.problem = reason(error)
+            self._failed(error)
 
     @property
     def port(self) -> int:
@@ -112,7 +112,7 @@ class UdpLink(Link):
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
             undo.pop_all()
         self._socket, self._sender, self._receiver = sock, sender, receiver
-        self.connected, self.problem = True, ""
+        self.connected, self.problem, self.broken = True, "", False
         self.counters.connections += 1
 
     def _fetch(self, timeout_s: float) -> None:
@@ -130,7 +130,7 @@ class UdpLink(Link):
         if not arrived:
             return
         self._adapt_wait(sum(batch.ends.size for _, batch in arrived), self._receiver.slots)
-        self.problem = ""
+        self.problem, self.broken = "", False
         self.counters.dropped = self._receiver.dropped
         for peer, batch in arrived:
             if peer == self._own or not batch.data:
@@ -145,7 +145,7 @@ class UdpLink(Link):
         try:
             return self._receiver.drain()
         except OSError as error:  # a connected socket hears of a port that nobody listens on
-            self.problem = reason(error)
+            self._failed(error)
             return []
 
     def _adapt_wait(self, datagrams: int, slots: int) -> None:
@@ -164,7 +164,7 @@ class UdpLink(Link):
         try:
             self._open()
         except OSError as error:
-            self.problem = reason(error)
+            self._failed(error)
             return False
         self._retry.reset()
         return True

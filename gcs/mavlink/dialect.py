@@ -89,7 +89,7 @@ class Dialect:
     """All messages of a dialect, by id and name, and the same as flat arrays for compiled loops.
 
     index: (largest id + 1,) int16, row of an id in `table`, -1 for an unknown one.
-    table: (messages, TABLE_WIDTH) int64, columns as the constants of this module.
+    table: (messages, TABLE_WIDTH) int64, columns as the constants of this module. commands: numbers of MAV_CMD by name.
     """
 
     name: str
@@ -98,6 +98,7 @@ class Dialect:
     by_name: Mapping[str, MessageType]
     index: NDArray[np.int16]
     table: NDArray[np.int64]
+    commands: Mapping[str, int]
 
     @staticmethod
     def load(name: str = DEFAULT_DIALECT) -> Dialect:
@@ -120,6 +121,7 @@ def _load(name: str) -> Dialect:
         by_name={message.name: message for message in messages},
         index=index,
         table=np.array([_table_row(message) for message in messages], np.int64),
+        commands={entry.name: number for number, entry in module.enums.get("MAV_CMD", {}).items()},
     )
 
 

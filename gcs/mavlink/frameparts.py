@@ -46,6 +46,22 @@ def runs_by_vehicle(frames: Frames, vehicles: Collection[int]) -> list[tuple[int
     return list(zip([0, *cuts.tolist()], [*cuts.tolist(), count], strict=True))
 
 
+def choose_frames(frames: Frames, chosen: NDArray[np.bool_] | None) -> Frames:
+    """Those of the frames that were chosen, without the bytes between them; all where None is given."""
+    if chosen is None or chosen.all():
+        return frames
+    return Frames(
+        frames.buffer,
+        frames.offset[chosen],
+        frames.length[chosen],
+        frames.msgid[chosen],
+        frames.message[chosen],
+        frames.kind[chosen],
+        consumed=frames.consumed,
+        bad_crc=0,
+    )
+
+
 def slice_frames(frames: Frames, start: int, stop: int) -> Frames:
     """Frames start..stop-1 with the bytes up to the next frame; the first range also takes the bytes in front."""
     if start == 0 and stop == len(frames):

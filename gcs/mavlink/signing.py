@@ -133,27 +133,28 @@ class SignatureChecker:
         self._streams: dict[bytes, int] = {}
         self.counts = SignatureCounts()
 
-    def add(self, frames: Frames, received_ns: NDArray[np.int64], signed: int) -> None:
-        """Count frames, of which `signed` have a signature.
+    def add(self, frames: Frames, received_ns: NDArray[np.int64], signed: int) -> NDArray[np.bool_]:
+        """Count frames, of which `signed` have a signature; (len(frames),) which of them have a good one.
 
         received_ns: (len(frames),) UTC time of each, which new streams are judged by.
         """
+        good = np.zeros(len(frames), np.bool_)
         self.counts.unsigned += len(frames) - signed
         if signed == 0:
-            return
-        at = np.flatnonzero(frames.incompat == SIGNED).tolist()
-        for i in at:
-            self.judge(frames.frame(i), int(received_ns[i]))
+            return good
+        for i in np.flatnonzero(frames.incompat == SIGNED).tolist():
+            good[i] = self.judge(frames.frame(i), int(received_ns[i]))
+        return good
 
-    def judge(self, frame: bytes, now_ns: int) -> None:
-        """Count one signed frame that came at `now_ns` UTC."""
+    def judge(self, frame: bytes, now_ns: int) -> bool:
+        """Count one signed frame that came at `now_ns` UTC; whether its signature is good."""
         if self._key is None:
             self.counts.unverified += 1
-            return
+            return False
         digest = hashlib.sha256(self._key + frame[:-_SIGNATURE_BYTES]).digest()
         if not hmac.compare_digest(digest[:_SIGNATURE_BYTES], frame[-_SIGNATURE_BYTES:]):
             self.counts.bad += 1
-            return
+            return False
         stamp = int.from_bytes(frame[-12:-6], "little")
         stream = frame[-13:-12] + frame[5:7]
         ahead = self._memory.take(stream, stamp, signing_time(now_ns))
@@ -166,6 +167,8 @@ class SignatureChecker:
         else:
             self.counts.bad += 1
             self.counts.replayed += 1
+            return False
+        return True
 
 
 class SigningClock:

@@ -40,9 +40,22 @@ def add_link_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_require_signed_argument(parser: argparse.ArgumentParser) -> None:
+    """--require-signed."""
+    parser.add_argument(
+        "--require-signed",
+        action="store_true",
+        help="frames without a good signature are recorded, but name no vehicle, move no clock, cut no flight and are"
+        " not passed on",
+    )
+
+
 def link_options(args: argparse.Namespace) -> LinkOptions:
     """What the arguments say; SettingsError where that cannot be meant or the key cannot be read."""
     if args.sign and args.signing_key is None:
         raise SettingsError("--sign needs the key to sign with: give --signing-key FILE")
     key = None if args.signing_key is None else load_key(args.signing_key)
-    return LinkOptions(args.dialect, key, args.sign)
+    require = getattr(args, "require_signed", False)
+    if require and key is None:
+        raise SettingsError("--require-signed needs the key to check with: give --signing-key FILE")
+    return LinkOptions(args.dialect, key, args.sign, require)

@@ -1,9 +1,9 @@
 """Passing frames on between the vehicles' links and other ground stations.
 
-What a vehicle sends goes to every other ground station, and what one of these says goes to the vehicles; never from
-one ground station to another, and never back to where it came from. Frames are passed on whole and byte for byte as
-they came, those with a foreign signature or of an unknown id too; nothing is decoded, encoded or signed. Bytes that are
-no frame stay here.
+What a vehicle sends goes to every other ground station, and what one of these says goes to the vehicles where it may
+(`gcs.station.forwardrules`); never from one ground station to another, and never back to where it came from. Frames are
+passed on whole and byte for byte as they came, those with a foreign signature or of an unknown id too; nothing is
+decoded, encoded or signed. Bytes that are no frame stay here.
 
 All this happens in a thread of its own behind a queue of bounded size. When it cannot keep up, bytes are
 not passed on, nor after 5 s, and counted; reception and recording never wait for it.
@@ -15,15 +15,18 @@ import logging
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs.errors import in_words
 from gcs.links.datagrams import Batch
 from gcs.links.link import Link
 from gcs.links.outbox import STALE_S
+from gcs.links.sources import FORWARD
 from gcs.mavlink.dialect import Dialect
-from gcs.mavlink.framing import Framer
+from gcs.mavlink.framing import SIGNED, Framer
+from gcs.mavlink.signing import SignatureChecker, SignatureMemory
+from gcs.station.forwardrules import ForwardRule
 
 _log = logging.getLogger(__name__)
 
@@ -39,11 +42,15 @@ _MAVLINK_2 = 0xFD
 
 @dataclass(frozen=True)
 class ForwardingCounts:
-    """What was passed on, what was not as it had come by another way before, and what there was no time for."""
+    """What was passed on, what was not as it had come by another way before, and what there was no time for.
+
+    refused: frames of which the link's rule or a missing signature says that they are not to be passed on.
+    """
 
     frames: int = 0
     copies: int = 0
     dropped_bytes: int = 0
+    refused: int = 0
 
 
 @dataclass(frozen=True)
@@ -84,37 +91,50 @@ class _Memory:
 
 @dataclass
 class _Source:
-    """Where frames come from, and where they go."""
+    """Where frames come from, and where they go. rule: what of them may."""
 
     framer: Framer
     targets: Sequence[Link]
     heard: float
+    rule: ForwardRule
+    signatures: SignatureChecker | None
 
 
 class Forwarder:
     """Carries frames from `vehicles` to `stations` and back. Bytes are handed in by `offer`.
 
+    rules: by the name of a link of `stations`, what may come from there; everything where none stands. key: of the
+    signatures that frames must have to be passed on, None where they need none.
     problem: why the last of them were not passed on, empty when all is well.
     """
 
-    def __init__(self, vehicles: Sequence[Link], stations: Sequence[Link], dialect: Dialect) -> None:
+    def __init__(
+        self,
+        vehicles: Sequence[Link],
+        stations: Sequence[Link],
+        dialect: Dialect,
+        rules: Mapping[str, ForwardRule] | None = None,
+        key: bytes | None = None,
+    ) -> None:
         self._vehicles = tuple(vehicles)
         self._stations = tuple(stations)
         self._dialect = dialect
+        self._rules = dict(rules or {})
+        self._key, self._signatures = key, SignatureMemory()
         self._sources: dict[str, _Source] = {}
         self._memory = _Memory()
         self._queue: deque[tuple[str, bool, bytes, float]] = deque()
         self._queued_bytes = 0
         self._changed = threading.Condition()
         self._stopping = False
-        self._frames = self._copies = self._dropped = 0
+        self._frames = self._copies = self._dropped = self._refused = 0
         self.problem = ""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     @property
     def counts(self) -> ForwardingCounts:
         """What was done so far."""
-        return ForwardingCounts(self._frames, self._copies, self._dropped)
+        return ForwardingCounts(self._frames, self._copies, self._dropped, self._refused)
 
     def start(self) -> None:
         """Begin."""
@@ -175,11 +195,17 @@ class Forwarder:
             return
         source = self._sources.get(name)
         if source is None:
-            targets = self._stations if from_vehicle else self._vehicles
-            source = self._sources[name] = _Source(Framer(self._dialect), targets, now)
+            source = self._sources[name] = self._new_source(name, from_vehicle, now)
         source.heard = now
         _, frames = source.framer.feed(data)
         self._send(name, source, [frames.frame(i) for i in range(len(frames))], now)
+
+    def _new_source(self, name: str, from_vehicle: bool, now: float) -> _Source:
+        targets = self._stations if from_vehicle else self._vehicles
+        link = name.removeprefix(FORWARD).partition("#")[0]
+        rule = ForwardRule() if from_vehicle else self._rules.get(link, ForwardRule())
+        signatures = None if self._key is None else SignatureChecker(self._key, self._signatures)
+        return _Source(Framer(self._dialect), targets, now, rule, signatures)
 
     def _let_go(self, now: float) -> None:
         for name, source in self._sources.items():
@@ -189,11 +215,20 @@ class Forwarder:
 
     def _send(self, name: str, source: _Source, frames: list[bytes], now: float) -> None:
         side = source.targets is self._stations
-        fresh = [frame for frame in frames if not self._memory.is_copy(frame, name, now, from_vehicle=side)]
-        self._copies += len(frames) - len(fresh)
+        allowed = [frame for frame in frames if source.rule.passes(frame) and _is_signed(frame, source.signatures)]
+        self._refused += len(frames) - len(allowed)
+        fresh = [frame for frame in allowed if not self._memory.is_copy(frame, name, now, from_vehicle=side)]
+        self._copies += len(allowed) - len(fresh)
         if not fresh:
             return
         self._frames += len(fresh)
         for link in source.targets:
             link.send_frames(fresh)
         self.problem = ""
+
+
+def _is_signed(frame: bytes, checker: SignatureChecker | None) -> bool:
+    """Whether a frame has the signature that it needs."""
+    if checker is None:
+        return True
+    return frame[0] == _MAVLINK_2 and frame[2] == SIGNED and checker.judge(frame, time.time_ns())

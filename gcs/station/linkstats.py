@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gcs.clock.track import ClockState, ClockTracker
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.frame_counts import SenderAccount
+from gcs.mavlink.frameparts import choose_frames
 from gcs.mavlink.framing import Frames
 from gcs.mavlink.signing import SignatureChecker, SignatureCounts, SignatureMemory
 
@@ -28,31 +29,43 @@ class LinkStatistics:
     """Statistics of one source (a peer of a link), fed with what its framer found. Thread-safe.
 
     key: what signatures are checked with; without one, signed frames are only counted. memory: of the
-    stamps, shared by all sources.
+    stamps, shared by all sources. require_signed: whether other frames are only counted: no clock goes by them.
     """
 
-    def __init__(self, dialect: Dialect, key: bytes | None = None, memory: SignatureMemory | None = None) -> None:
+    def __init__(
+        self,
+        dialect: Dialect,
+        key: bytes | None = None,
+        memory: SignatureMemory | None = None,
+        *,
+        require_signed: bool = False,
+    ) -> None:
         self._lock = threading.Lock()
         self._account = SenderAccount()
         self._signatures = SignatureChecker(key, memory)
+        self._require_signed = require_signed
         self._radio: dict[str, object] | None = None
         self._per_second: deque[tuple[int, int, int]] = deque(maxlen=_RATE_WINDOW_S + 1)
         self._clocks = ClockTracker(dialect)
         self._frames = self._raw = self._bad_crc = self._unknown = self._others = 0
 
-    def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> None:
-        """Count one batch. received_ns: (len(frames),) UTC time of each frame."""
+    def add(self, frames: Frames, received_ns: NDArray[np.int64]) -> NDArray[np.bool_] | None:
+        """Count one batch. received_ns: (len(frames),) UTC time of each frame.
+
+        (len(frames),) which of them may be believed, None for all.
+        """
         with self._lock:
             account = self._account
             account.add(frames)
             self._raw += frames.consumed - account.bytes
             self._bad_crc += frames.bad_crc
             if len(frames) == 0:
-                return
+                return None
             self._frames += len(frames)
             self._unknown += account.unknown
             self._others += account.others
-            self._signatures.add(frames, received_ns, account.signed)
+            good = self._signatures.add(frames, received_ns, account.signed)
+            believed = good if self._require_signed else None
             second = int(received_ns[-1]) // 1_000_000_000
             if self._per_second and self._per_second[-1][0] == second:
                 _, count, total = self._per_second[-1]
@@ -61,7 +74,9 @@ class LinkStatistics:
                 self._per_second.append((second, len(frames), account.bytes))
             if account.radio >= 0:
                 self._radio = radio_report(frames, account.radio, int(received_ns[account.radio]))
-            self._clocks.add(frames, received_ns)
+            times = received_ns if believed is None else received_ns[believed]
+            self._clocks.add(choose_frames(frames, believed), times)
+            return believed
 
     def to_json(self, now_ns: int) -> dict[str, Any]:
         """Rates over the last 5 s, totals, and one entry for each system.

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.catalogue.flight_table import Flight
+from gcs.mavlink.framing import Frames
 from gcs.recording.parts import Metadata, RecordingParts
+from gcs.station.motion import MOVING_M_S, fastest
 from gcs.station.segmentation import FlightSegmenter
+
+# So many seconds in which it moves; a gust or a step of GPS is no flight.
+_MOVING_S = 3
 
 
 @dataclass
 class LiveFlight:
-    """A flight that is being recorded. Times are UTC ns; catalogued_ns: how far the catalogue knows it."""
+    """A flight that is being recorded. Times are UTC ns; catalogued_ns: how far the catalogue knows it.
+
+    follows: the flight that this is ground data behind, as long as the vehicle neither was armed nor moved.
+    """
 
     id: str
     writer: RecordingParts
@@ -19,6 +27,15 @@ class LiveFlight:
     start_ns: int
     end_ns: int
     catalogued_ns: int = 0
+    follows: str | None = None
+    moving_s: set[int] = field(default_factory=set)
+
+    def look_for_motion(self, frames: Frames, newest_ns: int) -> None:
+        """Take what the vehicle has sent: once it moves, this is a flight of its own."""
+        if fastest(frames) > MOVING_M_S:
+            self.moving_s.add(newest_ns // 1_000_000_000)
+        if len(self.moving_s) >= _MOVING_S:
+            self.follows = None
 
     def entry(self, state: str, reason: str) -> Flight:
         """How the catalogue is to list it."""
@@ -35,6 +52,7 @@ class LiveFlight:
             bytes=self.writer.size,
             end_reason=reason,
             parts=len(self.writer.parts),
+            follows=self.follows,
         )
 
     def statistics(self, reason: str) -> Metadata:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import shutil
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,7 @@ from gcs.errors import CatalogueFileError, DiskFullError, GcsError
 from gcs.links.datagrams import Batch
 from gcs.links.sources import FORWARD
 from gcs.mavlink.dialect import Dialect
-from gcs.mavlink.frameparts import frame_times, likely_vehicle, runs_by_vehicle, slice_frames
+from gcs.mavlink.frameparts import choose_frames, frame_times, likely_vehicle, runs_by_vehicle, slice_frames
 from gcs.mavlink.framing import Framer, Frames
 from gcs.mavlink.signing import SignatureMemory
 from gcs.recording.parts import Metadata, Provenance, RecordingParts
@@ -45,6 +46,8 @@ _IDLE_NS = 1_000_000_000
 _RETRY_NS = 1_000_000_000
 # A clock that steps back by more was set; less may be one datagram that overtook another.
 _SET_BACK_NS = 1_000_000_000
+# A vehicle does not restart more often in a minute; a clock that does is somebody's who speaks in its name.
+_MOST_REBOOTS, _REBOOTS_NS = 2, 60_000_000_000
 # Each has a file, a thread and buffers. What further systems say goes with the last flight.
 _MOST_FLIGHTS = 32
 
@@ -66,12 +69,35 @@ class _Source:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
+@dataclass(frozen=True)
+class _Batch:
+    """Frames that a source brought at once.
+
+    received: (N,) UTC ns of each. believed: (N,) which of them may name vehicles, move clocks and cut flights, None for
+    all. beats: the HEARTBEATs among these.
+    """
+
+    link: str
+    source: _Source
+    frames: Frames
+    received: NDArray[np.int64]
+    believed: NDArray[np.bool_] | None
+    beats: Sequence[Heartbeat]
+    now_ns: int
+
+    def part(self, run: tuple[int, int]) -> tuple[Frames, Frames, NDArray[np.int64]]:
+        """A range of frames with the bytes around them, those of it that may be believed, and when all came."""
+        part = slice_frames(self.frames, *run)
+        chosen = None if self.believed is None else self.believed[run[0] : run[1]]
+        return part, choose_frames(part, chosen), self.received[run[0] : run[1]]
+
+
 class FlightRecorder:
     """Cuts bytes into flights and writes them. Knows no sockets; time comes with the bytes and with `tick`.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
     storage, provenance: how recordings are kept, and what stands in each, asked for when it begins. key: what
-    signatures are checked with.
+    signatures are checked with. require_signed: whether other frames are recorded only.
     """
 
     def __init__(
@@ -86,6 +112,7 @@ class FlightRecorder:
         storage: StorageOptions | None = None,
         provenance: Callable[[], Provenance] = Provenance,
         key: bytes | None = None,
+        require_signed: bool = False,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
@@ -95,7 +122,7 @@ class FlightRecorder:
         self._disarm_ns = round(disarm_s * 1e9)
         self._storage = storage or StorageOptions()
         self._provenance = provenance
-        self._key = key
+        self._key, self._require_signed = key, require_signed
         self._signatures = SignatureMemory()
         self._blocked_until_ns = 0
         self.state = RecorderState()
@@ -105,11 +132,16 @@ class FlightRecorder:
         self._lock = threading.RLock()
         self._sources: dict[str, _Source] = {}
         self._live: list[LiveFlight] = []
+        self._reboots: dict[int | None, deque[int]] = {}
+        # By vehicle the last flight that ended, None of those of no vehicle.
+        self._before: dict[int | None, str] = {}
 
     def _source(self, name: str) -> _Source:
         with self._lock:
             if name not in self._sources:
-                statistics = LinkStatistics(self._dialect, self._key, self._signatures)
+                statistics = LinkStatistics(
+                    self._dialect, self._key, self._signatures, require_signed=self._require_signed
+                )
                 overheard = name.startswith(FORWARD)
                 self._sources[name] = _Source(Framer(self._dialect), statistics, overheard)
             return self._sources[name]
@@ -144,7 +176,7 @@ class FlightRecorder:
         received: NDArray[np.int64],
         now_ns: int,
     ) -> None:
-        source.statistics.add(frames, received)
+        believed = source.statistics.add(frames, received)
         if buffer.size == 0:
             return
         with self._lock:
@@ -155,10 +187,11 @@ class FlightRecorder:
             if source.overheard:
                 self._overhear(link, frames, received, now_ns)
                 return
-            beats = heartbeats(frames)
-            self.state.learn(frames, beats)
-            for start, stop in runs_by_vehicle(frames, self.state.vehicles):
-                self._write_run(link, source, frames, received, (start, stop), beats, now_ns)
+            beats = [beat for beat in heartbeats(frames) if believed is None or believed[beat.index]]
+            self.state.learn(choose_frames(frames, believed), beats)
+            batch = _Batch(link, source, frames, received, believed, beats, now_ns)
+            for run in runs_by_vehicle(frames, self.state.vehicles):
+                self._write_run(batch, run)
 
     def _overhear(self, link: str, frames: Frames, received: NDArray[np.int64], now_ns: int) -> None:
         """What another ground station says goes into every flight that is going on; it begins and ends none."""
@@ -169,61 +202,66 @@ class FlightRecorder:
             except (GcsError, OSError) as error:
                 self._stop(live, error, now_ns)
 
-    def _write_run(
-        self,
-        link: str,
-        source: _Source,
-        frames: Frames,
-        received: NDArray[np.int64],
-        run: tuple[int, int],
-        beats: Sequence[Heartbeat],
-        now_ns: int,
-    ) -> None:
+    def _write_run(self, batch: _Batch, run: tuple[int, int]) -> None:
         """Write one range of frames, and the bytes around them, to the flight they belong to."""
-        part = slice_frames(frames, *run)
-        times = received[run[0] : run[1]]
-        live = self._flight_for(source, part, int(times[0]) if times.size else now_ns)
+        part, believed, times = batch.part(run)
+        live = self._flight_for(batch.source, believed, int(times[0]) if times.size else batch.now_ns)
         if live is None:
             self.state.add_unrecorded(part.consumed)
             return
-        own = [beat for beat in beats if run[0] <= beat.index < run[1] and not beat.ground_station]
-        before_reset = live.segmenter.clock_reset(link, part, times)
-        if before_reset is not None:
-            cut = run[0] + before_reset
-            if before_reset > 0:
-                self._write(link, live, slice_frames(frames, run[0], cut), received[run[0] : cut], own, now_ns)
+        cut = self._reboot(live, batch, run)
+        if cut is not None:
+            if cut > run[0]:
+                self._write(batch, live, (run[0], cut))
             if live in self._live:
                 self._end(live, "clock reset")
-            self._write_run(link, source, frames, received, (cut, run[1]), beats, now_ns)
+            self._write_run(batch, (cut, run[1]))
             return
-        self._write(link, live, part, times, own, now_ns)
+        self._write(batch, live, run)
 
-    def _write(
-        self,
-        link: str,
-        live: LiveFlight,
-        part: Frames,
-        times: NDArray[np.int64],
-        beats: Sequence[Heartbeat],
-        now_ns: int,
-    ) -> None:
-        newest = int(times[-1]) if times.size else now_ns
+    def _reboot(self, live: LiveFlight, batch: _Batch, run: tuple[int, int]) -> int | None:
+        """Index of the first frame behind a reboot of the autopilot, None where there is none to cut at."""
+        at = np.arange(*run) if batch.believed is None else run[0] + np.flatnonzero(batch.believed[run[0] : run[1]])
+        if at.size == 0:
+            return None
+        index = live.segmenter.clock_reset(batch.link, batch.part(run)[1], batch.received[at])
+        if index is None or not self._may_cut(live.segmenter.system, batch.now_ns):
+            return None
+        return int(at[index])
+
+    def _may_cut(self, system: int | None, now_ns: int) -> bool:
+        """Whether a clock that starts again is the vehicle's; said where it starts again too often for that."""
+        times = self._reboots.setdefault(system, deque(maxlen=_MOST_REBOOTS + 1))
+        times.append(now_ns)
+        if len(times) <= _MOST_REBOOTS or abs(now_ns - times[0]) > _REBOOTS_NS:
+            return True
+        self.state.suspect(system)
+        return False
+
+    def _write(self, batch: _Batch, live: LiveFlight, run: tuple[int, int]) -> None:
+        part, believed, times = batch.part(run)
+        newest = int(times[-1]) if times.size else batch.now_ns
         try:
-            live.writer.write(link, part.buffer, part, times if times.size else now_ns)
+            live.writer.write(batch.link, part.buffer, part, times if times.size else batch.now_ns)
         except (GcsError, OSError) as error:
             self.state.add_unrecorded(part.consumed)
-            self._stop(live, error, now_ns)
+            self._stop(live, error, batch.now_ns)
             return
         live.end_ns = max(live.end_ns, newest)
-        for beat in beats:
-            live.segmenter.heartbeat(beat, newest)
+        if live.follows is not None and live.segmenter.system is not None:
+            live.look_for_motion(believed, newest)
+        for beat in batch.beats:
+            if run[0] <= beat.index < run[1] and not beat.ground_station:
+                live.segmenter.heartbeat(beat, newest)
+        if live.segmenter.armed:
+            live.follows = None
         # Once the vehicle is known, only it keeps its flight going: a radio or ground station may talk for hours.
-        if live.segmenter.system is None or live.segmenter.system in part.systems:
+        if live.segmenter.system is None or live.segmenter.system in believed.systems:
             live.segmenter.heard(newest)
 
-    def _flight_for(self, source: _Source, part: Frames, now_ns: int) -> LiveFlight | None:
+    def _flight_for(self, source: _Source, believed: Frames, now_ns: int) -> LiveFlight | None:
         """The flight that these frames belong to; a new one if there is none, None where the disk takes none."""
-        vehicle = next((system for system in part.systems if system in self.state.vehicles), None)
+        vehicle = next((system for system in believed.systems if system in self.state.vehicles), None)
         if vehicle is None:
             live = source.flight if source.flight in self._live else (self._live[-1] if self._live else None)
             if live is not None:
@@ -240,7 +278,7 @@ class FlightRecorder:
         if now_ns < self._blocked_until_ns:
             return None
         try:
-            live = self._begin(vehicle, part, now_ns)
+            live = self._begin(vehicle, believed, now_ns)
         except (GcsError, OSError) as error:
             self._fail(error, now_ns)
             return None
@@ -263,12 +301,16 @@ class FlightRecorder:
         segmenter.system = vehicle
         segmenter.heard(now_ns)
         writer = RecordingParts(path, self._dialect, self._storage, self._provenance(), now_ns)
-        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns)
+        follows = self._before.get(vehicle) or (self._last_flight() if vehicle is None else None)
+        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=follows)
         self._live.append(live)
         self._list(live)
         _log.info("flight %s begins", flight_id)
         self.state.recovered()
         return live
+
+    def _last_flight(self) -> str | None:
+        return next(reversed(self._before.values()), None)
 
     def _check_room(self) -> None:
         """DiskFullError while a new file would soon meet the reserve."""
@@ -294,6 +336,9 @@ class FlightRecorder:
 
     def _end(self, live: LiveFlight, reason: str) -> None:
         self._live.remove(live)
+        if live.follows is None:
+            self._before.pop(live.segmenter.system, None)
+            self._before[live.segmenter.system] = live.id  # the newest is the last one
         sources = list(self._sources.items())
         for _, source in sources:
             if source.flight is live:

@@ -17,11 +17,11 @@ _log = logging.getLogger(__name__)
 class RecorderState:
     """`problem`: what goes wrong, in words for /api/health, empty when all is well. `unrecorded_bytes`: in no file.
 
-    ground_stations, vehicles: the systems heard.
+    ground_stations, vehicles: the systems heard. suspicion: that somebody speaks in a vehicle's name, empty for none.
     """
 
     def __init__(self) -> None:
-        self.problem = ""
+        self.problem = self.suspicion = ""
         self.unrecorded_bytes = 0
         self.ground_stations: set[int] = set()
         self.vehicles: set[int] = set()
@@ -41,6 +41,17 @@ class RecorderState:
             if self.problem:
                 _log.warning("recording again; %d bytes were not recorded so far", self.unrecorded_bytes)
                 self.problem = ""
+
+    def suspect(self, system: int | None) -> None:
+        """Say, once, that the clock of a vehicle starts again more often than the vehicle can."""
+        with self._lock:
+            said = (
+                f"the clock of system {system} starts again and again: does somebody else send in its name? It cuts no"
+                " flight any more; --require-signed believes the vehicle alone"
+            )
+            if self.suspicion != said:
+                self.suspicion = said
+                _log.warning("%s", said)
 
     def add_unrecorded(self, count: int) -> None:
         """Count bytes that no file took."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
 from gcs.clock import timesync
@@ -15,6 +15,7 @@ from gcs.links.opening import Link
 from gcs.links.sources import FORWARD
 from gcs.mavlink.dialect import Dialect
 from gcs.station.forwarding import Forwarder
+from gcs.station.forwardrules import ForwardRule
 from gcs.station.linkstats import merged
 from gcs.station.own_sender import StationVoice
 from gcs.station.recorder import FlightRecorder
@@ -51,7 +52,7 @@ class Station:
     take: called with (source name, batch) from the thread of that link; the sources of forward links have names that
     begin with `forward:`. tick: called a few times a second with UTC ns. voice: what the station says itself. report:
     called with an error that nobody thought of; the threads go on behind it. listen: called like `take`, behind it,
-    with what the vehicles' links brought; must return at once.
+    with what the vehicles' links brought; must return at once. rules, forward_key: of the `Forwarder`.
     """
 
     def __init__(
@@ -66,6 +67,8 @@ class Station:
         dialect: Dialect | None = None,
         report: Callable[[Exception], None] | None = None,
         listen: Callable[[str, Batch], None] | None = None,
+        rules: Mapping[str, ForwardRule] | None = None,
+        forward_key: bytes | None = None,
     ) -> None:
         self.links = tuple(links)
         self.forward = tuple(forward)
@@ -76,7 +79,9 @@ class Station:
             link.immediate = several
             link.watched = listen is not None
         self.voice = voice or StationVoice()
-        self._forwarder = Forwarder(self.links, self.forward, dialect or Dialect.load()) if forward else None
+        self._forwarder = (
+            Forwarder(self.links, self.forward, dialect or Dialect.load(), rules, forward_key) if forward else None
+        )
         self._take = take
         self._listen = listen
         self._tick = tick
@@ -178,6 +183,8 @@ class RecordingStation(Station):
         voice: StationVoice | None = None,
         dialect: Dialect | None = None,
         listen: Callable[[str, Batch], None] | None = None,
+        rules: Mapping[str, ForwardRule] | None = None,
+        forward_key: bytes | None = None,
     ) -> None:
         super().__init__(
             links,
@@ -189,6 +196,8 @@ class RecordingStation(Station):
             dialect=dialect,
             report=recorder.state.report,
             listen=listen,
+            rules=rules,
+            forward_key=forward_key,
         )
         self._recorder = recorder
 
@@ -205,7 +214,13 @@ class RecordingStation(Station):
     @property
     def problem(self) -> str:
         """What goes wrong now, in words; empty when all is well."""
-        return self.state.problem or (self._forwarder.problem if self._forwarder is not None else "")
+        passing = self._forwarder.problem if self._forwarder is not None else ""
+        return self.state.problem or passing or self.state.suspicion or self._silent_link()
+
+    def _silent_link(self) -> str:
+        """Of a link that cannot be used, why; where a peer is only waited for there is nothing to say."""
+        broken = (link for link in (*self.links, *self.forward) if link.broken)
+        return next((f"link {link.name}: {link.problem}" for link in broken), "")
 
     def live_flights(self) -> list[str]:
         """Ids of the flights being recorded now."""

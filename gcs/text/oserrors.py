@@ -9,6 +9,16 @@ import os
 _DEVICES = ("/dev/ttyUSB*", "/dev/ttyACM*", "/dev/serial[0-9]*")
 
 
+# What this computer refuses, whoever is at the other end: descriptors, memory, rights.
+_OWN = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS, errno.EACCES, errno.EPERM, errno.EBADF})
+
+
+def is_own(error: OSError) -> bool:
+    """Whether an error is this computer's own, not one of a peer that is not there yet or any more."""
+    cause = error.__cause__
+    return error.errno in _OWN or (isinstance(cause, OSError) and cause.errno in _OWN)
+
+
 def reason(error: OSError) -> str:
     """The system's own words: libraries put addresses as Python prints them, or the error's number, among theirs."""
     if error.errno is not None and error.errno > 0:

@@ -17,12 +17,19 @@ LINK = "udpin:0.0.0.0:14550"
 class Rig:
     """A recorder with a clock of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, key: bytes | None = None, *, require_signed: bool = False) -> None:
         self.folder = folder
         self.catalogue = Catalogue(folder / "catalogue.sqlite")
         self.ended: list[Flight] = []
         self.recorder = FlightRecorder(
-            folder, Dialect.load(), self.catalogue, silence_s=10.0, disarm_s=2.0, on_flight_end=self.ended.append
+            folder,
+            Dialect.load(),
+            self.catalogue,
+            silence_s=10.0,
+            disarm_s=2.0,
+            on_flight_end=self.ended.append,
+            key=key,
+            require_signed=require_signed,
         )
         self.now = START
         self.sent: dict[str, bytes] = {}
@@ -47,9 +54,9 @@ class Rig:
         self.recorder.settle()
 
     def finish(self) -> list[Flight]:
-        """All flights in the order of their start."""
+        """All flights, and what was recorded on the ground behind them, in the order of their start."""
         self.recorder.close(self.now)
-        return list(reversed(self.catalogue.flights()))
+        return list(reversed(self.catalogue.flights(ground=True)))
 
     def recording(self, flight: Flight) -> Recording:
         return Recording(self.folder / flight.file)
@@ -58,7 +65,7 @@ class Rig:
         """The link's bytes from all recordings, one after the other."""
         return b"".join(
             data
-            for flight in reversed(self.catalogue.flights())
+            for flight in reversed(self.catalogue.flights(ground=True))
             for name, pieces in self.recording(flight).wire_streams().items()
             if name == link
             for _, data in pieces

@@ -17,7 +17,8 @@ from traffic import Vehicle, decode, wait_until
 from gcs.links.datagrams import Batch
 from gcs.links.opening import TcpServerLink, UdpLink, open_link
 from gcs.mavlink.dialect import Dialect
-from gcs.station.forwarding import Forwarder
+from gcs.station.forwarding import Forwarder, ForwardingCounts
+from gcs.station.forwardrules import ForwardRule
 from gcs.station.own_sender import StationVoice
 from gcs.station.station import Station
 from gcs.station.warmup import warm_up
@@ -338,3 +339,31 @@ def test_what_waited_too_long_is_not_passed_on(monkeypatch: pytest.MonkeyPatch) 
         forwarder.stop(30)
         assert other.got == [new]
         assert forwarder.counts.dropped_bytes == len(old)
+
+
+def test_only_what_may_reaches_the_vehicles_and_the_rest_is_counted() -> None:
+    taken = Taken()
+    with ExitStack() as stack:
+        port, other = free_port(), free_port()
+        vehicle = Peer(stack, port)
+        links, forward = [open_link(f"udpin:127.0.0.1:{port}")], [open_link(f"udpin:127.0.0.1:{other}")]
+        rules = {forward[0].name: ForwardRule(systems=frozenset({254}))}
+        station = Station(links, taken, lambda now: None, forward, rules=rules, forward_key=KEY)
+        station.start()
+        stack.callback(station.stop)
+        ours, stranger, unsigned = Sender(254, 190), Sender(253, 190), Sender(254, 190, seed=5)
+        now = (time.time_ns() - 1_420_070_400_000_000_000) // 10_000
+        for one in (ours, stranger):
+            one.sign_from_now(KEY)
+            one.mavlink.signing.timestamp = now
+        ground = Peer(stack, other)
+        vehicle.socket.send(Sender(1).send("HEARTBEAT").frame)
+        wait_until(station.links[0].sources.recent)
+        good = ours.send("COMMAND_LONG").frame
+        for frame in (stranger.send("COMMAND_LONG").frame, unsigned.send("COMMAND_LONG").frame, good):
+            ground.socket.send(frame)
+        wait_until(vehicle.look)
+        assert vehicle.got == [good]
+        assert station._forwarder is not None
+        assert station._forwarder.counts == ForwardingCounts(frames=1, refused=3)  # with the vehicle's own heartbeat
+        assert sum(map(len, taken.streams.values())) > len(good)  # all is recorded
