@@ -35,6 +35,7 @@ from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
+from gcs.text.sparing_log import log_sparingly
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
@@ -171,6 +172,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             retention = Retention(settings.flights, catalogue, rule, backups=settings.backups)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live, views)
             config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=protocol)
+            log_sparingly()  # behind the configuration, which makes handlers of its own
             server = _Server(config, live)
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):

@@ -62,6 +62,11 @@ class Flight:
                 " its results and models are kept"
             )
         paths = [path for path in self.files(folder) if path.is_file()]
+        linked = [path.name for path in paths if path.is_symlink()]
+        if linked:
+            raise CatalogueError(
+                f"{linked[0]} in the data folder is a symbolic link, which is not followed: put the file itself there"
+            )
         if not paths:
             raise CatalogueError(f"the recording of flight {self.id} is gone from the data folder")
         return paths

@@ -95,7 +95,7 @@ def leftovers(settings: Settings, catalogue: Catalogue) -> list[Leftover]:
         unfinished.unlink()
     known = {flight.id: flight for flight in catalogue.unfinished_flights()}
     left = []
-    for paths in by_recording(sorted(settings.flights.glob("*.mcap"))):
+    for paths in by_recording(sorted(path for path in settings.flights.glob("*.mcap") if not path.is_symlink())):
         flight_id, _ = part_of(paths[0])
         if flight_id in known or not catalogue.has_flight(flight_id):
             left.append(Leftover(flight_id, tuple(paths), known.pop(flight_id, None)))

@@ -115,7 +115,7 @@ class RecordingSink:
         self._thread: threading.Thread | None = None
         try:
             # What another recording left is never written over; a name that was only reserved is taken.
-            reserved = path.is_file() and path.stat().st_size == 0
+            reserved = path.is_file() and not path.is_symlink() and path.stat().st_size == 0
             self._file = open(path, "wb" if reserved else "xb", buffering=0)  # noqa: SIM115 (closed by the thread)
         except FileExistsError:
             raise RecordingError(f"{path} exists already; choose another name, or remove it first") from None

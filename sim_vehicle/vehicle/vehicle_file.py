@@ -27,6 +27,8 @@ _USUAL_INERTIA = {"Ixx": 0.019, "Iyy": 0.020, "Izz": 0.035}
 _USUAL_INERTIA_STD = 0.7
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
+# Of a bench table, bytes.
+_LARGEST_TABLE = 1_000_000
 VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
 
 
@@ -364,6 +366,11 @@ def _read_calibration(table: Table, path: Path) -> dict[str, CalibrationSource]:
             points = path.parent / entry.text("points")
             if not points.is_file():
                 raise entry.error("points", f"names {points}, which is no file")
+            # It travels in every recording: nothing else of this computer may.
+            if not points.resolve().is_relative_to(path.parent.resolve()):
+                raise entry.error("points", f"names {points}, which is not in the vehicle file's folder; copy it there")
+            if points.stat().st_size > _LARGEST_TABLE:
+                raise entry.error("points", f"names {points}, which is larger than any bench table (1 MB)")
         else:
             rows = entry.rows("points")
             if any(len(row) != 2 for row in rows):

@@ -79,6 +79,9 @@ function facts(summary, path) {
       h('div', {}, h('dt', {}, term), h('dd', {}, text)))),
     summary.damage.length ? remark('bad', h('h2', {}, 'Damage'), listing(summary.damage)) : null,
     summary.warnings.length ? remark('note', h('h2', {}, 'Warnings'), listing(summary.warnings)) : null,
+    summary.ground.length ? h('p', {}, 'Recorded on the ground behind it: ', summary.ground.map((one, index) => [index ? ', ' : '',
+      h('a', { href: `#/flights/${encodeURIComponent(one.id)}` }, `${duration(one.duration_s)} from ${utc(one.start)}`)])) : null,
+    summary.follows ? h('p', {}, 'Recorded on the ground behind ', h('a', { href: `#/flights/${encodeURIComponent(summary.follows)}` }, summary.follows), '.') : null,
     summary.recording_deleted ? remark('note', h('p', {}, `The recording was deleted on ${utc(summary.recording_deleted)} to make room; its results are kept.`))
       : h('p', { class: 'row' }, parts),
   ].filter(Boolean)

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from gcs.catalogue.flight_table import UNDO_NS, Flight
+from gcs.catalogue.intake import leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, CatalogueFileError
+from gcs.settings import Settings
 
 
 def flight(number: int, state: str = "complete") -> Flight:
@@ -246,3 +248,13 @@ def test_a_deleted_flight_is_erased_after_a_day_with_all_that_came_of_it(tmp_pat
         catalogue.job(jobs[0].id)
     assert catalogue.job(jobs[1].id).log == ["line"]
     assert (tmp_path / "f2.mcap").exists()
+
+
+def test_a_symbolic_link_among_the_recordings_is_not_followed(tmp_path: Path, catalogue: Catalogue) -> None:
+    secret, flights = tmp_path / "secret", tmp_path / "data" / "flights"
+    secret.write_bytes(b"not for everybody")
+    flights.mkdir(parents=True)
+    (flights / "f1.mcap").symlink_to(secret)
+    with pytest.raises(CatalogueError, match=r"f1\.mcap in the data folder is a symbolic link, which is not followed"):
+        flight(1).kept_files(flights)
+    assert leftovers(Settings(data=tmp_path / "data"), catalogue) == []

@@ -248,3 +248,17 @@ def test_every_packaged_vehicle_can_be_copied_and_read_elsewhere(tmp_path: Path)
         shutil.copy(path, tmp_path)
     for path in tmp_path.glob("*.toml"):
         assert load_vehicle(path).warnings == ()
+
+
+@pytest.mark.parametrize("way", ["up", "absolute", "link", "large"])
+def test_bench_points_are_a_table_of_the_vehicle_files_own_folder_and_no_other_file(tmp_path: Path, way: str) -> None:
+    folder = tmp_path / "aircraft"
+    folder.mkdir()
+    secret = tmp_path / "secret.csv"
+    secret.write_text("reference,reading\n")
+    (folder / "link.csv").symlink_to(secret)
+    (folder / "large.csv").write_bytes(b"0,0\n" * 300_000)
+    name = {"up": "../secret.csv", "absolute": str(secret)}.get(way, f"{way}.csv")
+    text = BASE + f"[calibration.alpha]\nsource = 'adc0'\nform = 'linear'\nunit = 'deg'\npoints = '{name}'\n"
+    with pytest.raises(VehicleFileError, match="larger than any bench" if way == "large" else "copy it there"):
+        load(folder, text)
