@@ -28,11 +28,11 @@ export async function flights(page, parts, query, signal) {
     take(found, search)
     return found
   }
-  const many = (await show()).next || after || search
+  const [first, deleted] = await Promise.all([show(), get('/api/flights?deleted=true&limit=20', signal)])
+  const many = first.next || after || search
   page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
-    ...(many ? [flightSearch(take, signal, search)] : []), list)
-  const deleted = await get('/api/flights?deleted=true&limit=20', signal)
-  if (deleted.flights.length) page.append(bin(deleted.flights, show))
+    ...(many ? [flightSearch(take, signal, search)] : []), list,
+    ...(deleted.flights.length ? [bin(deleted.flights, show)] : []))
 }
 
 /** What was deleted in the last day, and can be taken back. */
