@@ -11,9 +11,11 @@ from typing import Any
 
 from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
 
-from gcs.api.schemas import Live, Minute
+from gcs.api.schemas import Live, Minute, Problem
 from gcs.api.service import Service, Serving
+from gcs.errors import ServiceError
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -22,6 +24,8 @@ router = APIRouter(tags=["live"])
 
 _LOOK_S = 0.05
 _HEARTBEAT_S = 10.0
+# Each has a connection for as long as it likes, of which others need some.
+_MOST_FOLLOWING = 64
 _FRESH_NS = 2_000_000_000
 _NO_VEHICLE = "no vehicle file: start the service with --vehicle FILE to identify while flying"
 _STARTING = "the first estimates come a few seconds after the first messages"
@@ -42,12 +46,32 @@ def minute(service: Serving) -> Minute:
 @router.get(
     "/api/live/stream",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `estimate` and `state`"}},
+    responses={
+        200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `estimate` and `state`"},
+        503: {"model": Problem},
+    },
 )
 async def stream(service: Serving) -> StreamingResponse:
     """Server-sent events: `signals` ten times a second, `estimate` twice, `state` when it, flight or vehicle change."""
+    if service.following >= _MOST_FOLLOWING:
+        raise ServiceError(f"{_MOST_FOLLOWING} clients follow the flight already; close one of them")
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_events(service), media_type="text/event-stream", headers=headers)
+    service.following += 1
+    return _Followed(_events(service), media_type="text/event-stream", headers=headers, service=service)
+
+
+class _Followed(StreamingResponse):
+    """A stream that is counted until it ends, however it does."""
+
+    def __init__(self, *given: Any, service: Service, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._service = service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._service.following -= 1
 
 
 def snapshot(service: Service) -> dict[str, Any]:

@@ -31,6 +31,7 @@ class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
     live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
+    following: how many follow the stream of events.
     """
 
     settings: Settings
@@ -44,6 +45,7 @@ class Service:
     uploads: Uploads = field(init=False)
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
+    following: int = 0
 
     def __post_init__(self) -> None:
         self.uploads = Uploads(self.settings, self.catalogue)

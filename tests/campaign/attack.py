@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import http.client
 import json
 import socket
 import subprocess
@@ -20,7 +21,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -28,17 +29,20 @@ from typing import Any
 
 import httpx
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from processes import free_port, start  # noqa: E402
-from traffic import Vehicle, ground_station_heartbeat  # noqa: E402
+from traffic import SECOND, Vehicle, ground_station_heartbeat  # noqa: E402
 
 from gcs.jobs.limits import memory_limit  # noqa: E402
+from gcs.links.datagrams import Batch  # noqa: E402
 from gcs.mavlink.dialect import Dialect  # noqa: E402
+from gcs.recording.parts import Provenance  # noqa: E402
 from gcs.recording.reader import Recording  # noqa: E402
+from gcs.recording.storage import StorageOptions  # noqa: E402
+from gcs.station.capture import Capture  # noqa: E402
 
 RATE = 500
 ALLOWED = {"lost": 0, "health_s": 1.0, "service_mb": 600.0, "log_mb_min": 10.0, "end_s": 10.0}
@@ -144,7 +148,7 @@ def slow_headers(target: Target) -> None:
         for _ in range(200):
             with contextlib.suppress(OSError):
                 socks.append(held.enter_context(socket.create_connection(target.address, timeout=5.0)))
-        request = b"GET /api/flights HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 1000
+        request = b"GET /api/flights HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"y" * 1000
         for passed in target.until_over(1.0):
             for sock in socks:
                 with contextlib.suppress(OSError):
@@ -157,7 +161,22 @@ def streams_of_events(target: Target) -> None:
         for _ in range(300):
             with contextlib.suppress(OSError):
                 sock = held.enter_context(socket.create_connection(target.address, timeout=5.0))
-                sock.sendall(b"GET /api/live/stream HTTP/1.1\r\nHost: x\r\n\r\n")
+                sock.sendall(b"GET /api/live/stream HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        for _ in target.until_over(0.5):
+            pass
+
+
+def unread_answers(target: Target) -> None:
+    """300 clients that ask for a recording of 14 MB and do not read it."""
+    path = target.folder / "large.mcap"
+    dense_recording(path, 800_000)
+    answer = httpx.post(f"{target.url}/api/flights?name=large.mcap", content=path.read_bytes(), timeout=120.0)
+    flight = answer.raise_for_status().json()["id"]
+    with ExitStack() as held:
+        for _ in range(300):
+            with contextlib.suppress(OSError):
+                sock = held.enter_context(socket.create_connection(target.address, timeout=5.0))
+                sock.sendall(f"GET /api/flights/{flight}/recording HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
         for _ in target.until_over(0.5):
             pass
 
@@ -253,26 +272,26 @@ def _drain(sock: socket.socket) -> list[bytes]:
     return found
 
 
+def dense_recording(path: Path, messages: int) -> None:
+    """A recording of so many messages that hold little, which take far more memory than room on the disk."""
+    vehicle, begin = Vehicle(1), 1_800_000_000 * SECOND
+    frames = b"".join(vehicle.heartbeat() + b"".join(vehicle.attitude() for _ in range(99)) for _ in range(200))
+    capture = Capture(path, Dialect.load(), StorageOptions(), Provenance(), begin)
+    for number in range(messages // 20_000):
+        capture.take("dense", Batch.of([(frames, begin + number * SECOND // 100)]))
+    capture.close(begin + 5 * SECOND)
+
+
 def bomb(target: Target) -> None:
-    """An MCAP of some MB that holds 6 GB, uploaded, looked at and identified."""
+    """A recording of eight million messages, uploaded, looked at and identified."""
     path = target.folder / "bomb.mcap"
-    attitude = Vehicle(1)
-    message = Dialect.load().by_name["ATTITUDE"]
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, chunk_size=32 << 20)
-        writer.start()
-        schema = writer.register_schema(message.schema_name, "ros2msg", b"uint32 time_boot_ms\nfloat32 roll\n")
-        channel = writer.register_channel("/mavlink/1/1/ATTITUDE", "cdr", schema)
-        data = b"\0\1\0\0" + bytes(60_000)
-        for number in range(100_000):
-            writer.add_message(channel, log_time=number * 1000, publish_time=number * 1000, data=data)
-        writer.finish()
-    del attitude
-    target.note = f"{path.stat().st_size / 1e6:.1f} MB"
+    dense_recording(path, 8_000_000)
+    target.note = f"{path.stat().st_size / 1e6:.0f} MB"
     target.upload(path)
     for flight in httpx.get(f"{target.url}/api/flights", timeout=60.0).json()["flights"]:
         target.ask("GET", f"/api/flights/{flight['id']}")
         target.ask("GET", f"/api/flights/{flight['id']}/signals?names=phi")
+        target.ask("POST", f"/api/flights/{flight['id']}/jobs", json={"kind": "identify"})
     for _ in target.until_over(0.5):
         pass
 
@@ -288,8 +307,32 @@ def crowd(target: Target) -> None:
     often = ",".join(["phi"] * 1000)
     of_flight = ["/report"] * 60 + [f"/signals?names={often}"] * 45 + [""] * 60
     paths = [f"/api/flights/{flight}{ending}" for ending in of_flight]
-    with ThreadPoolExecutor(165) as pool:
-        list(pool.map(lambda path: target.ask("GET", path), paths))
+    # In processes of their own, so that who asks for health waits for none of them.
+    with ProcessPoolExecutor(3) as processes:
+        for statuses in processes.map(_ask_at_once, [target.url] * 3, [paths[start::3] for start in range(3)]):
+            target.answers.update(statuses)
+
+
+def _ask_at_once(url: str, paths: list[str]) -> list[str]:
+    """The statuses of requests that all go out at once."""
+
+    with ThreadPoolExecutor(len(paths)) as pool:
+        return list(pool.map(lambda path: str(_status(url, path, 120.0)), paths))
+
+
+def _status(url: str, path: str, timeout_s: float) -> int:
+    """The status of a request over a connection of its own, 0 where that breaks; costs the machine next to nothing."""
+    address = httpx.URL(url)
+    connection = http.client.HTTPConnection(address.host, address.port, timeout=timeout_s)
+    try:
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    except (OSError, http.client.HTTPException):
+        return 0
+    finally:
+        connection.close()
 
 
 def large_bodies(target: Target) -> None:
@@ -304,7 +347,10 @@ def large_bodies(target: Target) -> None:
 
     for _ in range(3):
         target.ask("POST", f"/api/flights/{flight}/jobs", content=body(), headers=_JSON)
-    target.ask("POST", "/api/flights?name=a.bin", content=b"x", headers={"Content-Length": str(10**11)})
+    with socket.create_connection(target.address, timeout=30.0) as sock:
+        head = b"POST /api/flights?name=a.bin HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100000000000\r\n\r\n"
+        sock.sendall(head + b"x")
+        target.answers[sock.recv(100).split()[1].decode()] += 1
 
 
 def many_jobs(target: Target) -> None:
@@ -342,6 +388,7 @@ ATTACKS: dict[str, Callable[[Target], None]] = {
     "idle-connections": idle_connections,
     "slow-headers": slow_headers,
     "event-streams": streams_of_events,
+    "unread-answers": unread_answers,
     "clock-ahead": clock_ahead,
     "foreign-clock-1Hz": foreign_clock(1.0),
     "foreign-clock-50Hz": foreign_clock(50.0),
@@ -416,10 +463,7 @@ def _watch(target: Target, outcome: Outcome) -> None:
     """Ask for health and look at memory until the attack is over."""
     while not target.stopping.wait(0.25):
         asked = time.monotonic()
-        try:
-            status = httpx.get(f"{target.url}/api/health", timeout=30.0).status_code
-        except httpx.HTTPError:
-            status = 0
+        status = _status(target.url, "/api/health", 30.0)
         if status != 200:
             outcome.health_s = max(outcome.health_s, 30.0)
         outcome.health_s = max(outcome.health_s, time.monotonic() - asked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -18,6 +19,7 @@ from patience import PATIENCE_S
 from serving import serving
 from traffic import wait_until
 
+from gcs.api import live
 from gcs.api.connections import limited
 from gcs.recording.storage import StorageOptions
 
@@ -155,3 +157,58 @@ def test_health_answers_while_every_thread_is_taken(bench: Bench, client: httpx.
         free.set()
         for asker in askers:
             asker.join()
+
+
+def test_an_answer_that_nobody_reads_is_not_kept_for_ever() -> None:
+    app = FastAPI()
+
+    @app.get("/large")
+    def large() -> StreamingResponse:
+        return StreamingResponse(bytes(1 << 20) for _ in range(100))
+
+    with serving(app, limited(unread_s=0.3)) as client, connect(client) as connection:
+        connection.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        time.sleep(1.0)
+        received = 0
+        with contextlib.suppress(ConnectionError):
+            while data := connection.recv(1 << 20):
+                received += len(data)
+        assert 0 < received < 100 << 20
+
+
+def test_beyond_the_limit_those_end_too_that_do_not_read(bench: Bench) -> None:
+    app = FastAPI()
+
+    @app.get("/large")
+    def large() -> StreamingResponse:
+        return StreamingResponse(bytes(1 << 20) for _ in range(100))
+
+    @app.get("/small")
+    def small() -> str:
+        return "small"
+
+    with serving(app, limited(most=5)) as client, ExitStack() as held:
+        for _ in range(5):
+            connection = held.enter_context(connect(client))
+            connection.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        time.sleep(1.0)
+        with httpx.Client(base_url=client.base_url, timeout=PATIENCE_S) as other:
+            assert other.get("/small").json() == "small"
+
+
+def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "_MOST_FOLLOWING", 2)
+    with ExitStack() as held:
+        followers = [held.enter_context(connect(client)) for _ in range(2)]
+        for one in followers:
+            assert ask(one, "/api/live/stream").startswith(b"HTTP/1.1 200")
+        assert "2 clients follow the flight already" in problem(client.get("/api/live/stream"), 503)
+        followers[0].close()
+
+        def follows() -> bool:
+            with connect(client) as another:
+                return ask(another, "/api/live/stream").startswith(b"HTTP/1.1 200")
+
+        wait_until(follows)
