@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
+.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -120,6 +120,10 @@ campaign-load: setup
 
 campaign-crash: setup
 	$(BIN)/python tests/campaign/crash.py
+
+# 10,000 calls of the REST interface take half an hour; FUZZ_SECONDS=60 a minute.
+campaign-api: $(VENV)/.interop
+	FUZZ_SECONDS=$(or $(FUZZ_SECONDS),1800) $(BIN)/python -m pytest -s --timeout=3600 tests/interop/test_api_fuzz.py
 
 campaign-attack: setup
 	$(BIN)/python tests/campaign/attack.py

@@ -12,6 +12,7 @@ from fastapi_offline import FastAPIOffline
 
 from gcs.api import problems
 from gcs.api.bodies import BodyLimit
+from gcs.api.description import describe
 from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
 from gcs.api.live import router as live_router
@@ -78,6 +79,7 @@ def create_app(
     app.add_middleware(BodyLimit)
     app.add_middleware(Guard, token=settings.token)  # the last one added is asked first
     problems.install(app)
+    describe(app)
     for router in (status_router, live_router, flights_router, jobs_router, page_router):
         app.include_router(router)
     return app

@@ -1,0 +1,39 @@
+"""The description of the interface (OpenAPI), where every error is a problem as RFC 9457 has it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+
+_PROBLEM = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+_METHODS = ("get", "post", "put", "delete")
+_NO_JSON = "The body is no JSON"
+
+
+def describe(app: FastAPI) -> None:
+    """Have the description of `app` say of each error what is sent, and with which content type."""
+    usual = app.openapi
+
+    def described() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _with_problems(usual())
+        return app.openapi_schema
+
+    app.openapi = described  # type: ignore[method-assign]
+
+
+def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
+    for path in schema["paths"].values():
+        for method in _METHODS:
+            if method not in path:
+                continue
+            responses = path[method]["responses"]
+            if "requestBody" in path[method]:
+                responses.setdefault("400", {"description": _NO_JSON})
+            for status, response in responses.items():
+                if status.startswith(("4", "5")):
+                    response["content"] = _PROBLEM
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schema["components"]["schemas"].pop(unused, None)
+    return schema
