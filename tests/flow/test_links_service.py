@@ -152,7 +152,7 @@ def test_the_service_tells_of_every_link_and_records_what_other_stations_say(tmp
             assert ours["sources"][0]["address"] == f"127.0.0.1:{vehicle.getsockname()[1]}"
             assert theirs["systems"][0]["system"] == 240
             forwarding = client.get("/api/health").json()["forwarding"]
-            assert forwarding == {"frames": 4, "copies": 0, "dropped_bytes": 0}
+            assert forwarding == {"frames": 4, "copies": 0, "dropped_bytes": 0, "refused": 0}
     (path,) = (tmp_path / "data" / "flights").glob("*.mcap")
     recording = Recording(path)
     assert set(recording.links()) == {link, f"forward:{forward}"}

@@ -1,6 +1,6 @@
 """A vehicle in a process of its own: numbered PING messages over UDP, each with its time of sending, without end.
 
-Run: python numbered_sender.py PORT RATE
+Run: python numbered_sender.py PORT RATE [HOST]
 """
 
 import socket
@@ -15,11 +15,12 @@ HEARTBEAT_S = 0.5
 
 def main() -> None:
     port, rate = int(sys.argv[1]), float(sys.argv[2])
+    host = sys.argv[3] if len(sys.argv) > 3 else "127.0.0.1"
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, 0, 0, 0, 4, 3)
     number = 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.connect(("127.0.0.1", port))
+        sock.connect((host, port))
         print("sending", flush=True)
         start = time.monotonic()
         next_beat = 0.0
@@ -40,7 +41,7 @@ def main() -> None:
                 mav.seq = (mav.seq + 1) % 256
                 try:
                     sock.send(frame)
-                except ConnectionRefusedError:  # the station is not there any more, or not yet
+                except OSError:  # the station is not there any more, or not yet, or no way leads to it
                     continue
             time.sleep(PERIOD_S)
 
