@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
+.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -130,6 +130,10 @@ campaign-attack: setup
 
 campaign-faults: setup
 	$(BIN)/python tests/campaign/faults.py
+
+# Two hours; --minutes for less.
+campaign-soak: setup
+	$(BIN)/python tests/campaign/soak.py
 
 campaign-design: setup
 	$(BIN)/python tests/campaign/design.py

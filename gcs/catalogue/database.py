@@ -19,7 +19,7 @@ class Database:
     """Thread-safe access to the file. `clock` gives UTC in ns."""
 
     def __init__(self, path: Path, clock: Callable[[], int] = time.time_ns) -> None:
-        self._clock = clock
+        self._path, self._clock = path, clock
         self._lock = threading.RLock()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,8 +51,12 @@ class Database:
         """Write a copy as it stands now; whoever uses the catalogue does not wait. Raises CatalogueFileError."""
         unfinished = target.with_name(f"{target.name}.unfinished")
         with _named_failures():
-            with contextlib.closing(sqlite3.connect(unfinished)) as copy:
-                self._db.backup(copy, pages=256)
+            # By a connection of its own, which sees no half of a change.
+            with (
+                contextlib.closing(sqlite3.connect(self._path)) as source,
+                contextlib.closing(sqlite3.connect(unfinished)) as copy,
+            ):
+                source.backup(copy, pages=256)
             os.replace(unfinished, target)
 
     @contextmanager

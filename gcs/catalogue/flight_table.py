@@ -226,6 +226,7 @@ class FlightTable(Database):
             for table in ("jobs", "results", "models"):
                 db.execute(f"DELETE FROM {table} WHERE flight_id = ?", (flight_id,))
             db.execute("DELETE FROM flights WHERE id = ?", (flight_id,))
+            db.execute("UPDATE flights SET follows = NULL WHERE follows = ?", (flight_id,))
 
     def unfinished_flights(self) -> list[Flight]:
         """Flights that were being recorded when the service stopped without ending them."""

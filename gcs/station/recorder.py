@@ -46,6 +46,8 @@ _IDLE_NS = 1_000_000_000
 _RETRY_NS = 1_000_000_000
 # A clock that steps back by more was set; less may be one datagram that overtook another.
 _SET_BACK_NS = 1_000_000_000
+# What begins so long after a flight is not recorded behind it.
+_BEHIND_NS = 600_000_000_000
 # A vehicle does not restart more often in a minute; a clock that does is somebody's who speaks in its name.
 _MOST_REBOOTS, _REBOOTS_NS = 2, 60_000_000_000
 # Each has a file, a thread and buffers. What further systems say goes with the last flight.
@@ -133,8 +135,8 @@ class FlightRecorder:
         self._sources: dict[str, _Source] = {}
         self._live: list[LiveFlight] = []
         self._reboots: dict[int | None, deque[int]] = {}
-        # By vehicle the last flight that ended, None of those of no vehicle.
-        self._before: dict[int | None, str] = {}
+        # By vehicle the last flight that ended, and when, UTC ns; None of those of no vehicle.
+        self._before: dict[int | None, tuple[str, int]] = {}
 
     def _source(self, name: str) -> _Source:
         with self._lock:
@@ -225,7 +227,10 @@ class FlightRecorder:
         if at.size == 0:
             return None
         index = live.segmenter.clock_reset(batch.link, batch.part(run)[1], batch.received[at])
-        if index is None or not self._may_cut(live.segmenter.system, batch.now_ns):
+        if index is None:
+            return None
+        if not self._may_cut(live.segmenter.system, batch.now_ns):
+            live.segmenter.forget_clock(batch.link)
             return None
         return int(at[index])
 
@@ -235,7 +240,7 @@ class FlightRecorder:
         times.append(now_ns)
         if len(times) <= _MOST_REBOOTS or abs(now_ns - times[0]) > _REBOOTS_NS:
             return True
-        self.state.suspect(system)
+        self.state.suspect(system, now_ns)
         return False
 
     def _write(self, batch: _Batch, live: LiveFlight, run: tuple[int, int]) -> None:
@@ -301,16 +306,20 @@ class FlightRecorder:
         segmenter.system = vehicle
         segmenter.heard(now_ns)
         writer = RecordingParts(path, self._dialect, self._storage, self._provenance(), now_ns)
-        follows = self._before.get(vehicle) or (self._last_flight() if vehicle is None else None)
-        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=follows)
+        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=self._flight_before(vehicle, now_ns))
         self._live.append(live)
         self._list(live)
         _log.info("flight %s begins", flight_id)
         self.state.recovered()
         return live
 
-    def _last_flight(self) -> str | None:
-        return next(reversed(self._before.values()), None)
+    def _flight_before(self, vehicle: int | None, now_ns: int) -> str | None:
+        """The flight of the vehicle that ended a short time ago; of anybody, where it is not known who sends."""
+        known = [self._before[vehicle]] if vehicle in self._before else []
+        if vehicle is None:
+            known = list(self._before.values())
+        flight, ended_ns = known[-1] if known else ("", 0)
+        return flight if flight and now_ns - ended_ns < _BEHIND_NS else None
 
     def _check_room(self) -> None:
         """DiskFullError while a new file would soon meet the reserve."""
@@ -338,7 +347,7 @@ class FlightRecorder:
         self._live.remove(live)
         if live.follows is None:
             self._before.pop(live.segmenter.system, None)
-            self._before[live.segmenter.system] = live.id  # the newest is the last one
+            self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
         sources = list(self._sources.items())
         for _, source in sources:
             if source.flight is live:
@@ -373,6 +382,7 @@ class FlightRecorder:
         if now_ns < self._ticked_ns - _SET_BACK_NS:
             self._clock_set_back(now_ns)
         self._ticked_ns = now_ns
+        self.state.calm(now_ns)
         for name, source in self._known_sources():
             with source.lock:
                 if source.framer.pending and abs(now_ns - source.last_ns) > _IDLE_NS:

@@ -13,6 +13,8 @@ from gcs.station.segmentation import Heartbeat
 
 _log = logging.getLogger(__name__)
 
+_SUSPECT_NS = 120_000_000_000
+
 
 class RecorderState:
     """`problem`: what goes wrong, in words for /api/health, empty when all is well. `unrecorded_bytes`: in no file.
@@ -22,7 +24,7 @@ class RecorderState:
 
     def __init__(self) -> None:
         self.problem = self.suspicion = ""
-        self.unrecorded_bytes = 0
+        self.unrecorded_bytes = self._suspected_ns = 0
         self.ground_stations: set[int] = set()
         self.vehicles: set[int] = set()
         self._heard: set[int] = set()
@@ -42,9 +44,10 @@ class RecorderState:
                 _log.warning("recording again; %d bytes were not recorded so far", self.unrecorded_bytes)
                 self.problem = ""
 
-    def suspect(self, system: int | None) -> None:
-        """Say, once, that the clock of a vehicle starts again more often than the vehicle can."""
+    def suspect(self, system: int | None, now_ns: int) -> None:
+        """Say, once until it is over, that the clock of a vehicle starts again more often than the vehicle can."""
         with self._lock:
+            self._suspected_ns = now_ns
             said = (
                 f"the clock of system {system} starts again and again: does somebody else send in its name? It cuts no"
                 " flight any more; --require-signed believes the vehicle alone"
@@ -52,6 +55,12 @@ class RecorderState:
             if self.suspicion != said:
                 self.suspicion = said
                 _log.warning("%s", said)
+
+    def calm(self, now_ns: int) -> None:
+        """Take the suspicion back where nothing has given cause for a while."""
+        with self._lock:
+            if self.suspicion and abs(now_ns - self._suspected_ns) > _SUSPECT_NS:
+                self.suspicion = ""
 
     def add_unrecorded(self, count: int) -> None:
         """Count bytes that no file took."""

@@ -172,6 +172,10 @@ class FlightSegmenter:
         )
         return None if index < 0 else int(index)
 
+    def forget_clock(self, link: str) -> None:
+        """Take the next stamps over a link as they come, whatever came before."""
+        self._clocks.pop(link, None)
+
     def _quiet_ms(self, link: str, received: NDArray[np.int64]) -> int:
         """For how long the links that this one follows have been silent; -1 where it follows none."""
         now_ns, newest_ns = int(received[0]), int(received[-1])

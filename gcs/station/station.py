@@ -215,10 +215,10 @@ class RecordingStation(Station):
     def problem(self) -> str:
         """What goes wrong now, in words; empty when all is well."""
         passing = self._forwarder.problem if self._forwarder is not None else ""
-        return self.state.problem or passing or self.state.suspicion or self._silent_link()
+        return self.state.problem or passing or self.state.suspicion or self._refused_link()
 
-    def _silent_link(self) -> str:
-        """Of a link that cannot be used, why; where a peer is only waited for there is nothing to say."""
+    def _refused_link(self) -> str:
+        """Of a link that this computer refuses, why; where a peer is only waited for there is nothing to say."""
         broken = (link for link in (*self.links, *self.forward) if link.broken)
         return next((f"link {link.name}: {link.problem}" for link in broken), "")
 

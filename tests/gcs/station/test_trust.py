@@ -44,6 +44,10 @@ def test_a_clock_that_somebody_forges_once_a_second_cuts_a_flight_twice_at_most_
         stranger.boot_ms = forged_ms
         rig.feed([*seconds[:25], stranger.attitude(), *seconds[25:]])
     assert "the clock of system 1 starts again and again" in rig.recorder.state.suspicion
+    for _ in range(125):
+        rig.feed(vehicle.second()[:5])
+        vehicle.boot_ms += 900
+    assert rig.recorder.state.suspicion == ""  # nobody has given cause since
     flights = rig.finish()
     assert len(flights) <= 3
     assert rig.stream() == rig.sent[LINK]
@@ -104,6 +108,14 @@ def test_a_late_answer_is_no_flight_of_its_own(rig: Rig) -> None:
     rig.finish()
     (flight,) = rig.catalogue.flights()
     assert [one.messages for one in rig.catalogue.ground_after(flight.id)] == [1]
+
+
+def test_what_begins_on_the_ground_long_after_a_flight_is_not_hidden_behind_it(rig: Rig) -> None:
+    vehicle = Vehicle()
+    rig.feed(vehicle.second())
+    rig.wait(700.0)
+    rig.feed(vehicle.second(False))
+    assert [flight.follows for flight in rig.finish()] == [None, None]
 
 
 @pytest.mark.parametrize("takes_off", ["armed", "moves"])
