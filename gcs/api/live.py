@@ -91,6 +91,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "flight": feed.flight,
         "time_s": state.time_s,
         "vehicle": feed.vehicle or vehicle_name(vehicle),
+        "landed": service.recorder.landed(),
         "state": feed.link_state,
         "signals": signals,
         "links": service.recorder.link_status(),
@@ -135,7 +136,7 @@ async def _events(service: Service) -> AsyncIterator[str]:
         state, link = feed.current, feed.link_state
         text = ""
         name = feed.vehicle or vehicle_name(service.settings.vehicle)
-        now = {"state": link, "flight": feed.flight, "vehicle": name}
+        now = {"state": link, "flight": feed.flight, "vehicle": name, "landed": service.recorder.landed()}
         if now != sent:
             sent = now
             text += _event("state", {**now, "time_s": state.time_s})

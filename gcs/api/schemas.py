@@ -304,6 +304,7 @@ class Live(BaseModel):
     flight: str | None = Field(description="Id of the recording being made")
     time_s: float | None = Field(description="Newest time of the flight, s since its first message")
     vehicle: str | None
+    landed: str | None = Field(description="The flight whose vehicle was disarmed last, while nobody flies")
     state: Literal["waiting", "live", "lost"] = Field(description="lost: no message for 2 s")
     signals: dict[str, LiveSignal]
     links: list[LinkStatus]

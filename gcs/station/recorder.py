@@ -34,7 +34,7 @@ from gcs.station.flightledger import FlightLedger
 from gcs.station.linkstats import LinkStatistics
 from gcs.station.liveflight import LiveFlight
 from gcs.station.recorderstate import RecorderState
-from gcs.station.segmentation import FlightSegmenter, Heartbeat, heartbeats
+from gcs.station.segmentation import DISARMED, FlightSegmenter, Heartbeat, heartbeats
 from gcs.text.sizes import size_text
 
 _log = logging.getLogger(__name__)
@@ -136,6 +136,7 @@ class FlightRecorder:
         self._live: list[LiveFlight] = []
         self._reboots: dict[int | None, deque[int]] = {}
         # By vehicle the last flight that ended, and when, UTC ns; None of those of no vehicle.
+        self._landed: str | None = None
         self._before: dict[int | None, tuple[str, int]] = {}
 
     def _source(self, name: str) -> _Source:
@@ -346,6 +347,7 @@ class FlightRecorder:
     def _end(self, live: LiveFlight, reason: str) -> None:
         self._live.remove(live)
         if live.follows is None:
+            self._landed = live.id if reason == DISARMED else None
             self._before.pop(live.segmenter.system, None)
             self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
         sources = list(self._sources.items())
@@ -435,10 +437,18 @@ class FlightRecorder:
         with self._lock:
             return [live.id for live in self._live]
 
-    def live_vehicles(self) -> dict[str, int | None]:
-        """The flights being recorded now, oldest first, and the system that flies each, None while it is not known."""
+    def landed(self) -> str | None:
+        """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         with self._lock:
-            return {live.id: live.segmenter.system for live in self._live}
+            return None if any(live.follows is None for live in self._live) else self._landed
+
+    def live_vehicles(self) -> dict[str, int | None]:
+        """The flights being recorded now, oldest first, and the system that flies each, None while it is not known.
+
+        What is recorded on the ground behind a flight is none.
+        """
+        with self._lock:
+            return {live.id: live.segmenter.system for live in self._live if live.follows is None}
 
     def statistics(self, link: str, now_ns: int) -> dict[str, object]:
         """Statistics of a link as JSON."""

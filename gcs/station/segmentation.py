@@ -16,6 +16,8 @@ from gcs.mavlink.framing import Frames
 from sim_vehicle.jit import jit
 
 HEARTBEAT = 0
+#: Why a flight has ended, where its vehicle was disarmed.
+DISARMED = "disarmed"
 _HEARTBEAT_LENGTH = 9
 _TYPE_GROUND_STATION = 6  # MAV_TYPE_GCS
 _AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a camera, a gimbal, a companion
@@ -189,7 +191,7 @@ class FlightSegmenter:
     def end_reason(self, now_ns: int) -> str | None:
         """Why the flight has ended by now, None while it goes on."""
         if self._ends_at is not None and now_ns >= self._ends_at:
-            return "disarmed"
+            return DISARMED
         if self._last_ns is not None and now_ns - self._last_ns >= self._silence_ns:
             return "silence"
         return None

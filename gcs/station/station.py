@@ -226,8 +226,12 @@ class RecordingStation(Station):
         """Ids of the flights being recorded now."""
         return self._recorder.live_flights()
 
+    def landed(self) -> str | None:
+        """The flight whose vehicle was disarmed last, while nobody flies; None else."""
+        return self._recorder.landed()
+
     def live_vehicles(self) -> dict[str, int | None]:
-        """The flights being recorded now, oldest first, and the system that flies each, None while it is not known."""
+        """As of the recorder: the flights being recorded now, and the system that flies each."""
         return self._recorder.live_vehicles()
 
     def link_status(self) -> list[dict[str, object]]:

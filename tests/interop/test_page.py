@@ -102,6 +102,20 @@ def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground,
     visitor.check()
 
 
+def test_after_a_landing_the_page_says_so_and_leads_to_what_came_of_it(visitor: Visitor, ground: Ground) -> None:
+    ground.wait_until_landed()
+    flight = ["fly", "--vehicle", "iitb-mav", "--taxi", "--manoeuvre", "elevator-3211", "--speed", 5]
+    done = run("sim-vehicle", *flight, "--out", f"udpout:127.0.0.1:{ground.udp}")
+    assert done.returncode == 0, done.stderr
+    visitor.open("#/live")
+    visitor.wait_for_text(".banner", "Flight over: the vehicle is disarmed")
+    visitor.check()
+    visitor.page.click("text=See what came of it")
+    visitor.wait_for_text("h1", f"Flight {ground.get('/api/flights')['flights'][0]['id']}")
+    ground.stop()  # for the next one, who knows of no landing
+    ground.start()
+
+
 def test_a_silent_vehicle_is_told(visitor: Visitor, ground: Ground) -> None:
     visitor.open("#/live")
     wait_until(lambda: ground.get("/api/live")["state"] != "live")

@@ -23,6 +23,7 @@ const STATES = {
   late: ['bad', () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The figures are old.'],
   lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
     + 'Check its power, the radio, and the links below.'],
+  landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
   waiting: ['note', () => 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
 }
 
@@ -49,7 +50,8 @@ class LiveView {
     // Only a change of state is announced; the running time beside it is not.
     this.words = h('p', { role: 'status' }, 'Asking the ground station …')
     this.clock = h('p', { class: 'clock' })
-    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock)
+    this.result = h('a', { class: 'button', hidden: true }, 'See what came of it')
+    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.result)
     this.warnings = new Warnings()
     this.instruments = new Instruments()
     this.plots = new LivePlots(query, signal)
@@ -63,7 +65,7 @@ class LiveView {
   /** Take an object of GET /api/live. */
   take(newest) {
     this.data.time_s = newest.time_s
-    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle })
+    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed })
     this.plots.units(newest.signals)
     const entries = Object.entries(newest.signals)
     // Of a vehicle that is silent all is old: how old then counts from what came last.
@@ -78,6 +80,7 @@ class LiveView {
   state(change) {
     if (change.flight && change.flight !== this.flight) {
       this.flight = change.flight
+      this.learnt = false
       for (const part of [this.plots, this.identification, this.instruments, this.warnings]) part.clear()
     }
     Object.assign(this.data, change)
@@ -88,7 +91,9 @@ class LiveView {
   look() {
     if (this.broken) return
     const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
-    const [kind, words] = STATES[late ? 'late' : this.data.state]
+    const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : this.data.state]
+    this.result.hidden = !this.data.landed || late
+    if (this.data.landed) this.result.href = `#/flights/${encodeURIComponent(this.data.landed)}`
     this.instruments.stale(late || this.data.state !== 'live')
     this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
   }
@@ -127,6 +132,9 @@ class LiveView {
   }
 
   estimate(found, why) {
+    // What the vehicle sends on the ground after it has landed leaves standing what was learnt of its flight.
+    if (this.data.landed && this.learnt) return
+    this.learnt = Boolean(found)
     this.identification.show(found, why, this.data.time_s)
     this.warnings.show((found?.events ?? []).map(one => one.text), found?.warnings ?? [])
   }
@@ -158,7 +166,7 @@ class LiveView {
     try {
       const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
       // An event that came while this answer was under way is newer than the answer.
-      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight })
+      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight, landed: this.data.landed })
       this.broken = false
       this.heard = Date.now()
       this.take(newest)

@@ -93,6 +93,7 @@ def test_what_a_vehicle_sends_on_the_ground_after_landing_belongs_to_its_flight(
     vehicle = Vehicle()
     for armed in (True, True, True, False, False, False, False, False):
         rig.feed(vehicle.second(armed))
+    assert rig.recorder.landed() == rig.ended[0].id
     flight, ground = rig.finish()
     assert (flight.follows, ground.follows) == (None, flight.id)
     assert [one.id for one in rig.catalogue.flights()] == [flight.id]
@@ -104,6 +105,7 @@ def test_a_late_answer_is_no_flight_of_its_own(rig: Rig) -> None:
     vehicle = Vehicle()
     rig.feed(vehicle.second())
     rig.wait(11.0)
+    assert rig.recorder.landed() is None  # it fell silent, and nobody knows where
     rig.feed([vehicle.frame(mavlink.MAVLink_timesync_message(1, 2))])
     rig.finish()
     (flight,) = rig.catalogue.flights()
@@ -123,9 +125,11 @@ def test_what_began_on_the_ground_and_takes_off_is_a_flight(rig: Rig, takes_off:
     vehicle = Vehicle()
     for armed in (True, True, False, False, False, False):
         rig.feed(vehicle.second(armed))
+    assert rig.recorder.landed() is not None
     for _ in range(4):
         frames = vehicle.second(takes_off == "armed")
         rig.feed([*frames, moving(vehicle, 15.0)] if takes_off == "moves" else frames)
+    assert rig.recorder.landed() is None
     assert [flight.follows for flight in rig.finish()] == [None, None]
 
 
