@@ -57,7 +57,8 @@ def rerun(service: Serving, job_id: str, changes: JobChanges | None = None) -> J
     try:
         wanted = JobRequest.model_validate({**asked, **changed, "kind": before.kind})
     except ValidationError as error:
-        raise RequestValidationError(error.errors()) from error
+        found = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        raise RequestValidationError(found) from error
     return start_job(service, before.flight_id, wanted)
 
 

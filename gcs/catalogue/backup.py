@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -29,12 +30,15 @@ class Backups:
     def make_if_due(self) -> None:
         """Make one if the newest is a day old and the disk has room. Raises CatalogueFileError, OSError."""
         now = datetime.fromtimestamp(self._clock() / 1e9, UTC)
-        there = backups_in(self._folder)
-        if there and 0.0 <= now.timestamp() - there[0].stat().st_mtime < _PERIOD_S:
+        # One of the future was made while this computer's clock was wrong.
+        ages = {path: now.timestamp() - path.stat().st_mtime for path in backups_in(self._folder)}
+        if any(0.0 <= age < _PERIOD_S for age in ages.values()) or not self._catalogue.flights(1):
             return
         self._folder.mkdir(parents=True, exist_ok=True)
+        for left in self._folder.glob("*.unfinished"):
+            left.unlink(missing_ok=True)
         if shutil.disk_usage(self._folder).free < _ROOM * self._catalogue.size_bytes:
             return
         self._catalogue.back_up(self._folder / f"catalogue-{now:%Y%m%dT%H%M%SZ}.sqlite")
-        for old in backups_in(self._folder)[_KEPT:]:
+        for old in sorted(ages, key=lambda path: ages[path] if ages[path] >= 0.0 else math.inf)[_KEPT - 1 :]:
             old.unlink(missing_ok=True)

@@ -52,12 +52,15 @@ class Database:
         unfinished = target.with_name(f"{target.name}.unfinished")
         with _named_failures():
             # By a connection of its own, which sees no half of a change.
-            with (
-                contextlib.closing(sqlite3.connect(self._path)) as source,
-                contextlib.closing(sqlite3.connect(unfinished)) as copy,
-            ):
-                source.backup(copy, pages=256)
-            os.replace(unfinished, target)
+            try:
+                with (
+                    contextlib.closing(sqlite3.connect(self._path)) as source,
+                    contextlib.closing(sqlite3.connect(unfinished)) as copy,
+                ):
+                    source.backup(copy)  # at once: step by step it begins again with every change
+                os.replace(unfinished, target)
+            finally:
+                unfinished.unlink(missing_ok=True)
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:

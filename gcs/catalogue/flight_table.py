@@ -30,7 +30,8 @@ class Flight:
     deleted_ns: when the recording was deleted to make room (UTC, ns), None while it is there.
     vehicle_s: how long it was by the vehicle's clock, None where that is not known.
     discarded_ns: when somebody deleted the flight (UTC, ns), which can be taken back for a while; None else.
-    follows: the flight behind which this was recorded on the ground, None for a flight.
+    follows: the flight behind which this was recorded on the ground, None for a flight, "" where nobody who is believed
+    was heard. settled: 1 where somebody has deleted an identification of it, and the station makes none by itself.
     """
 
     id: str
@@ -49,6 +50,7 @@ class Flight:
     vehicle_s: float | None = None
     discarded_ns: int | None = None
     follows: str | None = None
+    settled: int = 0
 
     def files(self, folder: Path) -> list[Path]:
         """All files of the recording, in order."""
@@ -140,7 +142,9 @@ class FlightTable(Database):
         recorded on the ground behind flights too.
         """
         conditions, values = [f"discarded_ns IS {'NOT ' * discarded}NULL"], list[object]()
-        if not ground:
+        if discarded:  # ground data that was deleted by itself too
+            conditions.append("ifnull(follows, '') NOT IN (SELECT id FROM flights WHERE discarded_ns IS NOT NULL)")
+        elif not ground:
             conditions.append("follows IS NULL")
         if after is not None:
             last = self._known(after)
@@ -171,7 +175,8 @@ class FlightTable(Database):
     def identified_flights(self) -> set[str]:
         """Ids of the flights with an identification that is done, or was skipped for want of anything airborne."""
         rows = self._rows(
-            "SELECT DISTINCT flight_id FROM jobs WHERE kind = 'identify' AND state IN ('done', 'skipped')"
+            "SELECT flight_id FROM jobs WHERE kind = 'identify' AND state IN ('done', 'skipped')"
+            " UNION SELECT id FROM flights WHERE settled"
         )
         return {row["flight_id"] for row in rows}
 
@@ -180,7 +185,7 @@ class FlightTable(Database):
         asked = "SELECT flight_id FROM jobs WHERE kind = 'identify'"
         rows = self._rows(
             f"SELECT * FROM flights WHERE source = 'live' AND state != 'recording' AND system IS NOT NULL AND {_KEPT}"
-            f" AND follows IS NULL AND id NOT IN ({asked}) ORDER BY start_ns, id"
+            f" AND follows IS NULL AND NOT settled AND id NOT IN ({asked}) ORDER BY start_ns, id"
         )
         return [Flight(**row) for row in rows]
 
@@ -200,18 +205,20 @@ class FlightTable(Database):
     def discard_flight(self, flight_id: str) -> bool:
         """Delete a flight, which can be taken back for a day; False, and nothing is done, while a job needs it."""
         with self._transaction() as db:
-            if _is_needed(db, flight_id):
+            behind = db.execute("SELECT id FROM flights WHERE follows = ?", (flight_id,)).fetchall()
+            if any(_is_needed(db, one) for one in (flight_id, *(row["id"] for row in behind))):
                 return False
-            both = "UPDATE flights SET discarded_ns = ? WHERE id = ? OR (follows = ? AND state != 'recording')"
+            behind_it = "follows = ? AND state != 'recording' AND discarded_ns IS NULL"
+            both = f"UPDATE flights SET discarded_ns = ? WHERE id = ? OR ({behind_it})"
             db.execute(both, (self._clock(), flight_id, flight_id))
         return True
 
     def restore_flight(self, flight_id: str) -> Flight:
         """Take the deletion of a flight back. CatalogueError if there is none of that id any more."""
-        self._known(flight_id)
+        known = self._known(flight_id)
         with self._transaction() as db:
-            both = "UPDATE flights SET discarded_ns = NULL WHERE id = ? OR follows = ?"
-            db.execute(both, (flight_id, flight_id))
+            both = "UPDATE flights SET discarded_ns = NULL WHERE discarded_ns = ? AND (id = ? OR follows = ?)"
+            db.execute(both, (known.discarded_ns, flight_id, flight_id))
         return self.flight(flight_id)
 
     def flights_to_erase(self) -> list[Flight]:
@@ -219,14 +226,24 @@ class FlightTable(Database):
         before = self._clock() - UNDO_NS
         return [Flight(**row) for row in self._rows("SELECT * FROM flights WHERE discarded_ns <= ?", before)]
 
-    def erase_flight(self, flight_id: str) -> None:
-        """Forget a flight for good, with its jobs, results and models."""
+    def keep_discarded(self) -> None:
+        """Have every deletion count from now on."""
         with self._transaction() as db:
+            db.execute("UPDATE flights SET discarded_ns = ? WHERE discarded_ns IS NOT NULL", (self._clock(),))
+
+    def erase_flight(self, flight_id: str) -> bool:
+        """Forget a flight for good, with its jobs, results and models; False where it was restored meanwhile."""
+        before = self._clock() - UNDO_NS
+        with self._transaction() as db:
+            due = db.execute("SELECT 1 FROM flights WHERE id = ? AND discarded_ns <= ?", (flight_id, before))
+            if due.fetchone() is None:
+                return False
             db.execute("DELETE FROM job_log WHERE job_id IN (SELECT id FROM jobs WHERE flight_id = ?)", (flight_id,))
             for table in ("jobs", "results", "models"):
                 db.execute(f"DELETE FROM {table} WHERE flight_id = ?", (flight_id,))
             db.execute("DELETE FROM flights WHERE id = ?", (flight_id,))
             db.execute("UPDATE flights SET follows = NULL WHERE follows = ?", (flight_id,))
+        return True
 
     def unfinished_flights(self) -> list[Flight]:
         """Flights that were being recorded when the service stopped without ending them."""

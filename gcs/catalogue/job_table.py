@@ -138,7 +138,8 @@ class JobTable(Database):
         """Mark a job as having nothing to work on; its log says why."""
         self.report_progress(job_id, 1.0, reason)
         with self._transaction() as db:
-            db.execute("UPDATE jobs SET state = 'skipped', ended_ns = ? WHERE id = ?", (self._clock(), job_id))
+            skipped = "UPDATE jobs SET state = 'skipped', ended_ns = ? WHERE id = ? AND state != 'cancelled'"
+            db.execute(skipped, (self._clock(), job_id))
 
     def queued_jobs(self, priority: int) -> int:
         """How many of that priority wait."""
@@ -159,6 +160,9 @@ class JobTable(Database):
     def delete_job(self, job_id: str) -> bool:
         """Forget a job with its log, result and model; False, and nothing is changed, while it waits or runs."""
         with self._transaction() as db:
+            # What a person has deleted the station does not make again by itself.
+            of_it = "SELECT flight_id FROM jobs WHERE id = ? AND kind = 'identify'"
+            db.execute(f"UPDATE flights SET settled = 1 WHERE id IN ({of_it})", (job_id,))
             over = "DELETE FROM jobs WHERE id = ? AND state NOT IN ('queued', 'running')"
             if db.execute(over, (job_id,)).rowcount == 0:
                 return False
@@ -171,15 +175,16 @@ class JobTable(Database):
         with self._transaction() as db:
             db.execute("UPDATE jobs SET cpu_s = ?, peak_bytes = ? WHERE id = ?", (cpu_s, peak_bytes, job_id))
 
-    def requeue_interrupted_jobs(self) -> None:
-        """What ran when the service stopped is queued again, or failed if that has happened to it before."""
+    def requeue_interrupted_jobs(self, why: str = "the service stopped") -> None:
+        """What was interrupted is queued again, or failed if that has happened to it before; why: in words."""
         for row in self._rows("SELECT id, attempts FROM jobs WHERE state = 'running'"):
             if row["attempts"] >= _MAX_ATTEMPTS:
-                self.fail_job(row["id"], "the service stopped twice while this job was running; start it anew")
+                self.fail_job(row["id"], f"{why} while this job ran, for the second time; start it anew")
                 continue
             with self._transaction() as db:
-                db.execute("UPDATE jobs SET state = 'queued', progress = 0 WHERE id = ?", (row["id"],))
-            self.report_progress(row["id"], 0.0, "the service was stopped while this job ran; queued again")
+                again = "UPDATE jobs SET state = 'queued', progress = 0 WHERE id = ? AND state = 'running'"
+                db.execute(again, (row["id"],))
+            self.report_progress(row["id"], 0.0, f"{why} while this job ran; queued again")
 
 
 def _job(row: sqlite3.Row, log: list[str]) -> Job:

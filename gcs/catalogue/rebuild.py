@@ -7,6 +7,7 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,23 +26,29 @@ def rebuild(settings: Settings) -> Iterator[str]:
     Nobody else may use the folder meanwhile. What is damaged is put aside, never deleted. Raises CatalogueError,
     CatalogueFileError, OSError.
     """
-    aside = None
-    if settings.database.exists() and (fault := _fault(settings.database)):
-        aside = _put_aside(settings)
-        yield f"the catalogue is damaged ({fault}); it is kept in {aside}"
+    aside, fault = None, _fault(settings.database) if settings.database.exists() else "it is gone"
+    if not fault:
+        yield "the catalogue is whole"
+    else:
+        if settings.database.exists():
+            aside = _put_aside(settings)
+            yield f"the catalogue is damaged ({fault}); it is kept in {aside}"
+        else:
+            yield "there is no catalogue; it is made anew"
         whole = next((backup for backup in backups_in(settings.backups) if not _fault(backup)), None)
         if whole is not None:
             shutil.copyfile(whole, settings.database)
             yield f"the backup {whole.name} takes its place"
-    elif not settings.database.exists():
-        yield "there is no catalogue; it is made anew"
-    else:
-        yield "the catalogue is whole"
     with contextlib.closing(Catalogue(settings.database)) as catalogue:
         if aside is not None:
             taken = _salvage(aside / settings.database.name, settings.database)
             yield f"still readable in the damaged one, and taken over: {taken} rows"
-        listed = recover(settings, catalogue)
+        if fault:
+            catalogue.keep_discarded()  # a deletion that was taken back since the backup must not be carried out
+        # As uploads, which no rule deletes: what they were, nobody knows any more.
+        listed = [replace(flight, source="upload") for flight in recover(settings, catalogue)]
+        for flight in listed:
+            catalogue.put_flight(flight)
         yield f"recordings that it did not know: {len(listed)}"
         for flight in listed:
             yield f"  {flight.id}: {flight.messages} messages; {flight.end_reason}"
@@ -52,7 +59,10 @@ def _fault(path: Path) -> str:
     try:
         with contextlib.closing(sqlite3.connect(path)) as db:
             (found,) = db.execute("PRAGMA quick_check(1)").fetchone()
-            return "" if found == "ok" else str(found).splitlines()[-1]
+            if found != "ok":
+                return str(found).splitlines()[-1]
+            tables = db.execute("SELECT count(*) FROM sqlite_master WHERE name = 'flights'").fetchone()
+            return "" if tables[0] else "it is empty"
     except sqlite3.Error as error:
         return str(error)
 
@@ -69,7 +79,7 @@ def _put_aside(settings: Settings) -> Path:
 
 
 def _salvage(damaged: Path, target: Path) -> int:
-    """Copy what can be read of a damaged file and is not in the other one; how many rows."""
+    """Copy what can be read of a damaged file: rows that the other one has not, and how flights and jobs stood last."""
     taken = 0
     with contextlib.closing(sqlite3.connect(damaged)) as source, contextlib.closing(sqlite3.connect(target)) as into:
         for table in _TABLES:
@@ -80,7 +90,8 @@ def _salvage(damaged: Path, target: Path) -> int:
                     columns = [column[0] for column in rows.description]
                     at = [i for i, name in enumerate(columns) if name in known]
                     names, marks = ", ".join(columns[i] for i in at), ", ".join("?" for _ in at)
-                    add = f"INSERT OR IGNORE INTO {table} ({names}) VALUES ({marks})"
+                    newer = "REPLACE" if table in ("flights", "jobs") else "IGNORE"
+                    add = f"INSERT OR {newer} INTO {table} ({names}) VALUES ({marks})"
                     for row in rows:
                         with contextlib.suppress(sqlite3.IntegrityError):
                             taken += into.execute(add, tuple(row[i] for i in at)).rowcount

@@ -8,6 +8,7 @@ vehicle speaks in it), one that a waiting or running job needs, an upload.
 from __future__ import annotations
 
 import logging
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -123,8 +124,12 @@ class Retention:
     def erase(self) -> None:
         """Erase flights that somebody deleted, once that cannot be taken back. Raises CatalogueFileError, OSError."""
         for flight in self._catalogue.flights_to_erase():
+            if not self._catalogue.erase_flight(flight.id):
+                continue
             self._unlink(flight)
-            self._catalogue.erase_flight(flight.id)
+            for view in self._folder.with_name("views").glob(f"{flight.id}-*"):
+                if view.name.rpartition("-")[0] == flight.id:
+                    shutil.rmtree(view, ignore_errors=True)
             _log.info("flight %s erased a day after it was deleted", flight.id)
 
     def _age_ns(self, flight: Flight) -> int:

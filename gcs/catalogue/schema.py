@@ -32,6 +32,7 @@ _LATER_COLUMNS = (
     ("flights", "vehicle_s", "REAL"),
     ("flights", "discarded_ns", "INTEGER"),
     ("flights", "follows", "TEXT"),
+    ("flights", "settled", "INTEGER NOT NULL DEFAULT 0"),
     ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
     ("jobs", "cpu_s", "REAL"),
     ("jobs", "peak_bytes", "INTEGER"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import shutil
 import sys
 import tempfile
@@ -60,6 +61,8 @@ class FlightViews:
         self._reader = AskedOnce(worker, longest_s)
         self._memory_bytes = memory_bytes or memory_limit()
         self._lock = threading.Lock()
+        self._room = threading.Lock()
+        self._unreadable: OrderedDict[str, str] = OrderedDict()
         self._places = threading.BoundedSemaphore(_MOST_WAITING)
         self._kept: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._turns: dict[str, threading.Lock] = {}
@@ -86,13 +89,15 @@ class FlightViews:
     def summary(self, flight: Flight) -> dict[str, Any]:
         """Messages per topic, losses, damage, and the names that `series` accepts.
 
-        Of a flight that is being recorded it gives what is on disk already, of one that cannot be read why, as damage.
-        Raises CatalogueError, ServiceError.
+        Of a flight that is being recorded it gives what is on disk already, of one that cannot be read why, as damage,
+        of one that cannot be read now why, as a warning. Raises CatalogueError.
         """
         try:
             return {key: value for key, value in self._view(flight)[0].items() if key != "series"}
         except (RecordingError, RecordingDeletedError) as error:
             return {"topics": {}, "lost": 0, "damage": [str(error)], "signals": [], "warnings": []}
+        except ServiceError as error:  # its jobs and results can be seen all the same
+            return {"topics": {}, "lost": 0, "damage": [], "signals": [], "warnings": [str(error)]}
 
     def series(
         self, flight: Flight, names: list[str], start_s: float | None, end_s: float | None, points: int
@@ -109,7 +114,11 @@ class FlightViews:
             if not entries and found["warnings"]:
                 raise SignalMapError(found["warnings"][0])
             raise SignalMapError(f"no signal {', '.join(missing) or 'named'}; this flight has {', '.join(entries)}")
-        return {name: _series(folder, entries[name], start_s, end_s, points) for name in names}
+        try:
+            return {name: _series(folder, entries[name], start_s, end_s, points) for name in names}
+        except (OSError, ValueError, EOFError) as error:
+            self._forget(folder)
+            raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
 
     def _prepare(self) -> None:
         while True:
@@ -135,7 +144,7 @@ class FlightViews:
                 raise ServiceError("other flights are being read; ask again in a minute")
             try:
                 with self._turn(flight.id):
-                    found = self._remembered(key, folder) or self._read(flight, paths, folder, over)
+                    found = self._remembered(key, folder) or self._read_once(key, flight, paths, folder, over)
             finally:
                 self._places.release()
             with self._lock:
@@ -166,8 +175,32 @@ class FlightViews:
         summary = folder / _SUMMARY
         if not summary.is_file():
             return None
-        summary.touch()
-        return dict(json.loads(summary.read_text(encoding="utf-8")))
+        try:
+            found = json.loads(summary.read_text(encoding="utf-8"))
+            os.utime(summary)  # somebody looks at it
+            return {**found, "series": list(found["series"])}
+        except (OSError, ValueError, KeyError, TypeError):  # cut off by a power failure, or just removed
+            shutil.rmtree(folder, ignore_errors=True)
+            return None
+
+    def _forget(self, folder: Path) -> None:
+        """Have a flight read anew when it is asked for next."""
+        with self._lock:
+            self._kept.pop(folder.name.rpartition("-")[2], None)
+        shutil.rmtree(folder, ignore_errors=True)
+
+    def _read_once(self, key: str, flight: Flight, paths: Sequence[Path], folder: Path, over: bool) -> dict[str, Any]:
+        """As `_read`; a recording that cannot be read is not tried again while it stays as it is."""
+        if key in self._unreadable:
+            raise RecordingError(self._unreadable[key])
+        try:
+            return self._read(flight, paths, folder, over)
+        except RecordingError as error:
+            with self._lock:
+                self._unreadable[key] = str(error)
+                while len(self._unreadable) > _KEPT_SUMMARIES:
+                    self._unreadable.popitem(last=False)
+            raise
 
     def _read(self, flight: Flight, paths: Sequence[Path], folder: Path, over: bool) -> dict[str, Any]:
         """Have the worker read a recording."""
@@ -187,7 +220,10 @@ class FlightViews:
             }
             found = self._reader.ask(order, Path(made), f"flight {flight.id}", RecordingError)
             if over:
-                (target / _SUMMARY).write_text(json.dumps(found), encoding="utf-8")
+                with (target / _SUMMARY).open("w", encoding="utf-8") as file:
+                    json.dump(found, file)
+                    file.flush()
+                    os.fsync(file.fileno())
                 target.rename(folder)
         return found
 
@@ -197,14 +233,15 @@ class FlightViews:
         for old in views.glob(f"{flight.id}-*"):
             if _flight_of(old) == flight.id:
                 shutil.rmtree(old, ignore_errors=True)
-        there = [folder for folder in views.iterdir() if (folder / _SUMMARY).is_file()]
-        sizes = {folder: sum(path.stat().st_size for path in folder.iterdir()) for folder in there}
-        total = sum(sizes.values())
-        for folder in sorted(there, key=lambda one: (one / _SUMMARY).stat().st_mtime):
-            if total <= _MOST_BYTES:
-                break
-            shutil.rmtree(folder, ignore_errors=True)
-            total -= sizes[folder]
+        with self._room:
+            there = [folder for folder in views.iterdir() if (folder / _SUMMARY).is_file()]
+            sizes = {folder: sum(path.stat().st_size for path in folder.iterdir()) for folder in there}
+            total = sum(sizes.values())
+            for folder in sorted(there, key=lambda one: (one / _SUMMARY).stat().st_mtime):
+                if total <= _MOST_BYTES:
+                    break
+                shutil.rmtree(folder, ignore_errors=True)
+                total -= sizes[folder]
         reserve = self._settings.storage.reserve_bytes
         if shutil.disk_usage(views).free < 2 * reserve:
             raise ServiceError("the disk has too little room to show a flight beside what is recorded; free some space")
@@ -232,11 +269,8 @@ def _flight_of(folder: Path) -> str:
 def _series(
     folder: Path, entry: dict[str, Any], start_s: float | None, end_s: float | None, points: int
 ) -> dict[str, Any]:
-    try:
-        time = np.load(folder / entry["time"], mmap_mode="r", allow_pickle=False)
-        values = np.load(folder / entry["values"], mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise CatalogueError(f"the plots of this flight are being made anew ({error}); ask again") from error
+    time = np.load(folder / entry["time"], mmap_mode="r", allow_pickle=False)
+    values = np.load(folder / entry["values"], mmap_mode="r", allow_pickle=False)
     first = 0 if start_s is None else int(np.searchsorted(time, start_s, side="left"))
     last = time.size if end_s is None else int(np.searchsorted(time, end_s, side="right"))
     shown, samples = decimate(time[first:last], values[first:last], points)

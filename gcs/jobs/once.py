@@ -18,6 +18,9 @@ from gcs.errors import GcsError, ServiceError
 from gcs.jobs.runner import last_words, python_path
 from gcs.text.jsontext import dumps
 
+# What a file says of itself comes in the answer; the service keeps that in memory.
+_LONGEST_ANSWER = 4_000_000
+
 
 class AskedOnce:
     """Asks a program, one question at a time.
@@ -40,6 +43,8 @@ class AskedOnce:
         answer, errors = folder / "answer", folder / "errors"
         with self._turn, answer.open("w") as stdout, errors.open("w") as stderr:
             code = self._run(dumps(order) + "\n", stdout.fileno(), stderr.fileno(), what, failed)
+        if answer.stat().st_size > _LONGEST_ANSWER:
+            raise failed(f"{what} says more of itself than anybody can read; it is not what it seems")
         answered: dict[str, Any] = {}
         for line in answer.read_text(encoding="utf-8", errors="replace").splitlines():
             try:

@@ -75,6 +75,7 @@ class JobRunner:
         self._stopping = threading.Event()
         self._process: subprocess.Popen[str] | None = None
         self._running, self._cancelled = "", set[str]()
+        self._interrupted = False
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
 
@@ -201,12 +202,14 @@ class JobRunner:
             except Exception as error:  # the thread goes on whatever happens
                 self.problem = f"jobs wait: {in_words(error)}"
                 _log.error("%s", self.problem)
+                self._interrupted = True  # whichever ran has no result now
                 self._stopping.wait(_RETRY_S)
-                with contextlib.suppress(CatalogueFileError):
-                    self._catalogue.requeue_interrupted_jobs()  # whichever ran has no result now
 
     def _run_next(self) -> None:
         """Run the oldest queued job, or wait for one."""
+        if self._interrupted:
+            self._catalogue.requeue_interrupted_jobs("the catalogue could not be written")
+            self._interrupted = False
         job = self._catalogue.take_job()
         self.problem = ""
         if job is None:

@@ -26,6 +26,7 @@ from sysid.signals.flight import FlightSignals
 # Of a recording with more topics those with most messages; and so many bytes of samples are kept for plots.
 _MOST_TOPICS = 2000
 _MOST_BYTES = 1_000_000_000
+_MOST_NOTES, _LONGEST_NOTE = 200, 500
 
 
 def main() -> int:
@@ -50,7 +51,7 @@ def summary(order: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {
         "topics": dict(itertools.islice(_most_first(recording.counts()), _MOST_TOPICS)),
         "lost": sum(recording.lost().values()),
-        "damage": [*recording.damage.notes, *cut],
+        "damage": [note[:_LONGEST_NOTE] for note in [*cut, *recording.damage.notes][:_MOST_NOTES]],
         "signals": [],
         "warnings": [],
         "series": [],

@@ -12,6 +12,7 @@ not passed on, nor after 5 s, and counted; reception and recording never wait fo
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections import OrderedDict, deque
@@ -37,6 +38,7 @@ _IDLE_S = 1.0
 _MEMORY_S = 30.0
 _MEMORY_FRAMES = 32768
 _OWN = "own"
+_NUMBER = re.compile(r"#\d+$")  # of a further source of a link
 _MAVLINK_2 = 0xFD
 
 
@@ -202,8 +204,10 @@ class Forwarder:
 
     def _new_source(self, name: str, from_vehicle: bool, now: float) -> _Source:
         targets = self._stations if from_vehicle else self._vehicles
-        link = name.removeprefix(FORWARD).partition("#")[0]
-        rule = ForwardRule() if from_vehicle else self._rules.get(link, ForwardRule())
+        link = _NUMBER.sub("", name.removeprefix(FORWARD))
+        # Where there are rules, a link without one passes nothing.
+        usual = ForwardRule(speaks=not self._rules)
+        rule = ForwardRule() if from_vehicle else self._rules.get(link, usual)
         signatures = None if self._key is None else SignatureChecker(self._key, self._signatures)
         return _Source(Framer(self._dialect), targets, now, rule, signatures)
 

@@ -12,6 +12,8 @@ from gcs.station.segmentation import FlightSegmenter
 
 # So many seconds in which it moves; a gust or a step of GPS is no flight.
 _MOVING_S = 3
+#: What a recording follows in which nobody was heard who is believed.
+NOBODY = ""
 
 
 @dataclass

@@ -32,7 +32,7 @@ from gcs.recording.parts import Metadata, Provenance, RecordingParts
 from gcs.recording.storage import StorageOptions
 from gcs.station.flightledger import FlightLedger
 from gcs.station.linkstats import LinkStatistics
-from gcs.station.liveflight import LiveFlight
+from gcs.station.liveflight import NOBODY, LiveFlight
 from gcs.station.recorderstate import RecorderState
 from gcs.station.segmentation import DISARMED, FlightSegmenter, Heartbeat, heartbeats
 from gcs.text.sizes import size_text
@@ -259,7 +259,8 @@ class FlightRecorder:
         for beat in batch.beats:
             if run[0] <= beat.index < run[1] and not beat.ground_station:
                 live.segmenter.heartbeat(beat, newest)
-        if live.segmenter.armed:
+        known = live.follows == NOBODY and live.segmenter.system is not None
+        if live.segmenter.armed or known:
             live.follows = None
         # Once the vehicle is known, only it keeps its flight going: a radio or ground station may talk for hours.
         if live.segmenter.system is None or live.segmenter.system in believed.systems:
@@ -307,7 +308,10 @@ class FlightRecorder:
         segmenter.system = vehicle
         segmenter.heard(now_ns)
         writer = RecordingParts(path, self._dialect, self._storage, self._provenance(), now_ns)
-        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=self._flight_before(vehicle, now_ns))
+        follows = self._flight_before(vehicle, now_ns)
+        if follows is None and vehicle is None and self._require_signed:
+            follows = NOBODY
+        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=follows)
         self._live.append(live)
         self._list(live)
         _log.info("flight %s begins", flight_id)

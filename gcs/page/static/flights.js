@@ -28,7 +28,7 @@ export async function flights(page, parts, query, signal) {
     take(found, search)
     return found
   }
-  const [first, deleted] = await Promise.all([show(), get('/api/flights?deleted=true&limit=20', signal)])
+  const [first, deleted] = await Promise.all([show(), get('/api/flights?deleted=true&limit=200', signal)])
   const many = first.next || after || search
   page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
     ...(many ? [flightSearch(take, signal, search)] : []), list,

@@ -139,6 +139,7 @@ def test_jobs_are_cancelled_run_again_with_other_settings_and_deleted(bench: Ben
     assert again["id"] != first["id"]
     assert client.post(f"/api/jobs/{first['id']}/rerun").json()["request"] == first["request"]
     assert "from" in problem(client.post(f"/api/jobs/{first['id']}/rerun", json={"from": 5, "to": 3}), 422)
+    assert "to" in problem(client.post(f"/api/jobs/{again['id']}/rerun", json={"to": 0.1}), 422)
     assert "kind: no such key" in problem(client.post(f"/api/jobs/{first['id']}/rerun", json={"kind": "fly"}), 422)
     wait_until(lambda: client.get(f"/api/jobs/{again['id']}").json()["state"] == "done")
     assert client.delete(f"/api/jobs/{first['id']}").status_code == 204

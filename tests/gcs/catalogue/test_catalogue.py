@@ -150,7 +150,7 @@ def test_a_job_that_stops_the_service_twice_is_not_tried_a_third_time(tmp_path: 
     third = Catalogue(path)
     third.requeue_interrupted_jobs()
     assert third.job(job.id).state == "failed"
-    assert "twice" in (third.job(job.id).error or "")
+    assert "for the second time; start it anew" in (third.job(job.id).error or "")
 
 
 def test_a_catalogue_that_cannot_be_opened_is_one_line(tmp_path: Path) -> None:
@@ -258,3 +258,33 @@ def test_a_symbolic_link_among_the_recordings_is_not_followed(tmp_path: Path, ca
     with pytest.raises(CatalogueError, match=r"f1\.mcap in the data folder is a symbolic link, which is not followed"):
         flight(1).kept_files(flights)
     assert leftovers(Settings(data=tmp_path / "data"), catalogue) == []
+
+
+def test_ground_data_goes_and_comes_with_its_flight_but_not_what_was_deleted_by_itself(tmp_path: Path) -> None:
+    now = [0]
+    catalogue = Catalogue(tmp_path / "c.sqlite", clock=lambda: now[0])
+    catalogue.put_flight(flight(1))
+    for number in (2, 3):
+        catalogue.put_flight(replace(flight(number), follows="f1"))
+    assert catalogue.discard_flight("f2")
+    assert [one.id for one in catalogue.flights(discarded=True)] == ["f2"]
+    now[0] = 5
+    waiting = catalogue.add_job("f3", "identify", {})
+    assert not catalogue.discard_flight("f1")  # a job needs what would go with it
+    assert catalogue.cancel_job(waiting.id)
+    assert catalogue.discard_flight("f1")
+    assert [one.id for one in catalogue.flights(discarded=True)] == ["f1"]
+    catalogue.restore_flight("f1")
+    assert [one.id for one in catalogue.ground_after("f1")] == ["f3"]
+
+
+def test_a_flight_that_is_restored_at_the_last_moment_is_not_erased(tmp_path: Path) -> None:
+    now = [0]
+    catalogue = Catalogue(tmp_path / "c.sqlite", clock=lambda: now[0])
+    catalogue.put_flight(flight(1))
+    assert catalogue.discard_flight("f1")
+    now[0] = UNDO_NS
+    assert [one.id for one in catalogue.flights_to_erase()] == ["f1"]
+    catalogue.restore_flight("f1")
+    assert not catalogue.erase_flight("f1")
+    assert catalogue.flight("f1").id == "f1"

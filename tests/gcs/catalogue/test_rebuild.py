@@ -1,6 +1,8 @@
 """A damaged catalogue is made anew from its backup, what can still be read, and the recordings."""
 
+import os
 import sqlite3
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 from traffic import SECOND, Vehicle, batch
 
 from gcs.catalogue.backup import Backups, backups_in
+from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.store import Catalogue
 from gcs.cli import main
 from gcs.errors import CatalogueError
@@ -113,3 +116,78 @@ def test_backups_are_made_once_a_day_and_the_last_three_are_kept(settings: Setti
     with closing(sqlite3.connect(backups_in(settings.backups)[0])) as db:
         assert db.execute("SELECT id FROM flights").fetchall() == [(flight,)]
     assert not list(settings.backups.glob("*.unfinished"))
+
+
+def test_a_deletion_that_was_taken_back_since_the_backup_is_not_carried_out(settings: Settings) -> None:
+    now = [time.time_ns()]
+    with closing(Catalogue(settings.database, clock=lambda: now[0] - 3 * DAY)) as catalogue:
+        flight = record(settings, catalogue, 1, 1_800_000_000 * SECOND)
+        assert catalogue.discard_flight(flight)
+        settings.backups.mkdir()
+        catalogue.back_up(settings.backups / "catalogue-20270115T080000Z.sqlite")
+        catalogue.restore_flight(flight)
+    settings.database.write_bytes(b"damaged" * 1000)
+    assert main(["repair", str(settings.data)]) == 0
+    with closing(Catalogue(settings.database)) as catalogue:
+        Retention(settings.flights, catalogue, RetentionRule()).erase()
+        assert (settings.flights / f"{flight}.mcap").exists()
+        assert catalogue.restore_flight(flight).id == flight
+
+
+@pytest.mark.parametrize("left", [None, b""])
+def test_a_catalogue_that_is_gone_or_empty_comes_from_its_backup(settings: Settings, left: bytes | None) -> None:
+    with closing(Catalogue(settings.database)) as catalogue:
+        flight = record(settings, catalogue, 1, 1_800_000_000 * SECOND)
+        job = result_of(catalogue, flight)
+        Backups(settings.backups, catalogue, time.time_ns).make_if_due()
+    settings.database.unlink()
+    if left is not None:
+        settings.database.write_bytes(left)
+    assert main(["repair", str(settings.data)]) == 0
+    with closing(Catalogue(settings.database)) as catalogue:
+        assert catalogue.job_and_result(flight, "identify")[0] == job
+
+
+def test_recordings_that_nobody_knows_any_more_are_never_deleted_by_a_rule(settings: Settings) -> None:
+    with closing(Catalogue(settings.database)) as catalogue:
+        flight = record(settings, catalogue, 1, 1_800_000_000 * SECOND)
+    settings.database.unlink()
+    assert main(["repair", str(settings.data)]) == 0
+    with closing(Catalogue(settings.database)) as catalogue:
+        assert catalogue.flight(flight).source == "upload"
+        assert Retention(settings.flights, catalogue, RetentionRule(keep_bytes=0)).apply() == []
+
+
+def test_a_backup_of_the_future_is_no_reason_for_one_each_minute(settings: Settings) -> None:
+    with closing(Catalogue(settings.database)) as catalogue:
+        record(settings, catalogue, 1, 1_800_000_000 * SECOND)
+        backups = Backups(settings.backups, catalogue, time.time_ns)
+        settings.backups.mkdir()
+        future = settings.backups / "catalogue-20300101T000000Z.sqlite"
+        future.write_bytes(b"x")
+        os.utime(future, (2_000_000_000, 2_000_000_000))
+        for _ in range(3):
+            backups.make_if_due()
+        assert len(backups_in(settings.backups)) == 2
+
+
+def test_a_backup_ends_while_the_catalogue_is_written(settings: Settings) -> None:
+    with closing(Catalogue(settings.database)) as catalogue:
+        flight = record(settings, catalogue, 1, 1_800_000_000 * SECOND)
+        for _ in range(300):
+            result_of(catalogue, flight)
+        job, stopping = catalogue.add_job(flight, "identify", {}), threading.Event()
+
+        def write() -> None:
+            while not stopping.is_set():
+                catalogue.report_progress(job.id, 0.5, "x" * 500)
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        try:
+            catalogue.back_up(settings.data / "copy.sqlite")
+        finally:
+            stopping.set()
+            writer.join()
+    with closing(sqlite3.connect(settings.data / "copy.sqlite")) as db:
+        assert db.execute("PRAGMA integrity_check").fetchone() == ("ok",)

@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -166,22 +166,34 @@ def test_only_some_wait_for_a_flight_to_be_read(folder: Folder) -> None:
     for number in range(9):
         folder.write(f"f{number}", 10)
     with closing(FlightViews(folder.settings, (sys.executable, "-c", SLEEPY))) as views:
-        threads = [threading.Thread(target=_swallow, args=(views.summary, flight(f"f{i}"))) for i in range(8)]
+        threads = [threading.Thread(target=views.summary, args=(flight(f"f{i}"),)) for i in range(8)]
         for thread in threads:
             thread.start()
         wait_until(lambda: not views._places._value)
+        assert "other flights are being read" in views.summary(flight("f8"))["warnings"][0]
         with pytest.raises(ServiceError, match="other flights are being read; ask again"):
-            views.summary(flight("f8"))
+            views.series(flight("f8"), ["phi"], None, None, 10)
         views.close()
         for thread in threads:
             thread.join()
 
 
-def _swallow(asked: Callable[[Flight], object], of: Flight) -> None:
-    try:
-        asked(of)
-    except ServiceError as error:
-        assert "being stopped" in str(error)  # noqa: PT017 - what was asked for when the service stopped
+def test_a_recording_that_cannot_be_read_is_tried_once_while_it_stays_as_it_is(folder: Folder) -> None:
+    starts = folder.settings.data / "tried"
+    program = f"open({str(starts)!r}, 'a').write('x'); import os; os.abort()"
+    folder.write()
+    with closing(FlightViews(folder.settings, (sys.executable, "-c", program))) as views:
+        assert views.summary(flight()) == views.summary(flight())
+        assert starts.read_text() == "x"
+        folder.write(messages=300)
+        views.summary(flight())
+        assert starts.read_text() == "xx"
+
+
+def test_an_answer_that_is_far_too_long_is_refused(folder: Folder) -> None:
+    folder.write()
+    with closing(FlightViews(folder.settings, (sys.executable, "-c", "print('x' * 5_000_000)"))) as views:
+        assert "says more of itself than anybody can read" in views.summary(flight())["damage"][0]
 
 
 def test_more_samples_than_an_answer_may_have_are_refused(folder: Folder) -> None:
@@ -192,18 +204,29 @@ def test_more_samples_than_an_answer_may_have_are_refused(folder: Folder) -> Non
 
 def test_recordings_keep_their_reserve(folder: Folder) -> None:
     folder.write()
-    with (
-        closing(folder.anew(storage=StorageOptions(reserve_bytes=10**18))) as views,
-        pytest.raises(ServiceError, match="too little room to show a flight beside what is recorded"),
-    ):
-        views.summary(flight())
+    with closing(folder.anew(storage=StorageOptions(reserve_bytes=10**18))) as views:
+        assert "too little room to show a flight beside what is recorded" in views.summary(flight())["warnings"][0]
+        with pytest.raises(ServiceError, match="too little room"):
+            views.series(flight(), ["phi"], None, None, 10)
 
 
-def test_a_view_that_is_gone_says_what_to_do(folder: Folder) -> None:
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"topics": {}}'])
+def test_a_summary_that_a_power_failure_cut_off_is_made_anew(folder: Folder, content: bytes) -> None:
+    folder.write()
+    first = folder.views.summary(flight())
+    (summary,) = folder.settings.views.glob("*/summary.json")
+    summary.write_bytes(content)
+    with closing(folder.anew()) as later:
+        assert later.summary(flight()) == first
+
+
+@pytest.mark.parametrize("content", [None, b"", bytes(500)])
+def test_samples_that_are_gone_or_cut_off_are_made_anew(folder: Folder, content: bytes | None) -> None:
     folder.write()
     name = folder.views.summary(flight())["signals"][0]
     (view,) = folder.settings.views.iterdir()
     for file in view.glob("*.npy"):
-        file.unlink()
+        file.unlink() if content is None else file.write_bytes(content)
     with pytest.raises(CatalogueError, match="ask again"):
         folder.views.series(flight(), [name], None, None, 10)
+    assert folder.views.series(flight(), [name], None, None, 10)[name]["time"]

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from traffic import SECOND, Vehicle, batch, wait_until
 
 from gcs.catalogue.job_table import Job
 from gcs.catalogue.store import Catalogue
-from gcs.errors import CatalogueError, JobError, QueueFullError
+from gcs.errors import CatalogueError, CatalogueFileError, JobError, QueueFullError
 from gcs.jobs.runner import JobRunner
 from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
@@ -299,3 +300,41 @@ def test_what_a_job_took_of_the_machine_is_kept(bench: Bench) -> None:
     assert 0.1 < over.cpu_s < 120.0
     assert over.peak_bytes is not None
     assert 20e6 < over.peak_bytes < 4e9
+
+
+def test_an_identification_that_a_person_deleted_is_not_made_again_by_itself(bench: Bench) -> None:
+    assert [flight.id for flight in bench.catalogue.unidentified_flights()] == [bench.flight]
+    job = bench.run(GOOD, {"kind": "identify"})
+    bench.runners[0].delete(job.id)
+    assert bench.catalogue.unidentified_flights() == []
+    assert bench.catalogue.identified_flights() == {bench.flight}
+
+
+def test_a_job_that_ran_while_the_disk_was_full_runs_again_when_there_is_room(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = threading.Event()
+    full.set()
+    report, requeue = bench.catalogue.report_progress, bench.catalogue.requeue_interrupted_jobs
+
+    def refused(*given: Any) -> None:
+        if full.is_set():
+            raise CatalogueFileError("the disk is full")
+        report(*given)
+
+    def not_now(*given: Any) -> None:
+        if full.is_set():
+            raise CatalogueFileError("the disk is full")
+        requeue(*given)
+
+    runner = bench.runner(GOOD)
+    monkeypatch.setattr(bench.catalogue, "report_progress", refused)
+    monkeypatch.setattr(bench.catalogue, "requeue_interrupted_jobs", not_now)
+    monkeypatch.setattr("gcs.jobs.runner._RETRY_S", 0.05)
+    job = runner.submit(bench.flight, {"kind": "identify"})
+    wait_until(lambda: "the disk is full" in runner.problem)
+    wait_until(lambda: bench.catalogue.job(job.id).state == "running")
+    full.clear()
+    over = wait_until(lambda: bench.ended(job.id))
+    assert over.state == "done"
+    assert "the catalogue could not be written while this job ran; queued again" in over.log

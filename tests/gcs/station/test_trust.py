@@ -84,9 +84,18 @@ def test_a_wrong_key_is_no_signature(tmp_path: Path) -> None:
     stranger = signed(Vehicle(), rig.now, bytes(32))
     rig.feed(stranger.second())
     rig.feed(stranger.second())
-    (flight,) = rig.finish()
-    assert flight.system is None
+    (recording,) = rig.finish()
+    assert recording.system is None
+    assert rig.catalogue.flights() == []  # it is kept, and no flight
     assert rig.recorder.state.vehicles == set()
+
+
+def test_the_signed_vehicle_makes_a_flight_of_what_began_unsigned(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, KEY, require_signed=True)
+    rig.feed(Vehicle().second())
+    rig.feed(signed(Vehicle(), rig.now).second(armed=False))
+    rig.finish()
+    assert [flight.system for flight in rig.catalogue.flights()] == [1]
 
 
 def test_what_a_vehicle_sends_on_the_ground_after_landing_belongs_to_its_flight(rig: Rig) -> None:
