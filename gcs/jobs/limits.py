@@ -7,7 +7,8 @@ import resource
 import sys
 from pathlib import Path
 
-NICENESS = 10
+# Of workers, and of those for which somebody waits in front of a page.
+NICENESS, NICENESS_WAITED_FOR = 10, 3
 # An hour's flight takes 0.7 GB to identify.
 _MOST_BYTES, _SHARE = 4_000_000_000, 0.5
 _FIRST_TO_END = "1000"
@@ -19,9 +20,9 @@ def memory_limit() -> int:
     return min(_MOST_BYTES, int(_SHARE * installed))
 
 
-def stand_back(memory_bytes: int) -> None:
+def stand_back(memory_bytes: int, niceness: int = NICENESS) -> None:
     """Low priority, bounded memory, and the first to be ended where the machine has none left."""
-    os.nice(NICENESS)
+    os.nice(niceness)
     # A recording that is mapped for reading does not count; what is allocated does.
     resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
     if sys.platform == "linux":

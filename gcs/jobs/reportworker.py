@@ -6,13 +6,13 @@ import json
 import sys
 
 from gcs.errors import ReportError
-from gcs.jobs.limits import memory_limit, stand_back
+from gcs.jobs.limits import NICENESS_WAITED_FOR, memory_limit, stand_back
 from gcs.report.page import report
 
 
 def main() -> int:
     """Write the page. Exit code 1 with the reason on standard error where the result cannot be shown."""
-    stand_back(memory_limit())
+    stand_back(memory_limit(), NICENESS_WAITED_FOR)
     try:
         sys.stdout.write(report(json.load(sys.stdin)))
     except ReportError as error:

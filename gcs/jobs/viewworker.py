@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gcs.errors import GcsError, SignalMapError
-from gcs.jobs.limits import stand_back
+from gcs.jobs.limits import NICENESS_WAITED_FOR, stand_back
 from gcs.jobs.worker import end_with_service, report
 from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
@@ -33,7 +33,7 @@ def main() -> int:
     """Read an order (`gcs.jobs.flightviews`), leave the signals' samples where it says, answer with the summary."""
     order = json.loads(sys.stdin.readline())
     threading.Thread(target=end_with_service, daemon=True).start()
-    stand_back(order["memory_bytes"])
+    stand_back(order["memory_bytes"], NICENESS_WAITED_FOR)
     try:
         report(**summary(order))
     except GcsError as error:
