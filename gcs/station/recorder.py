@@ -256,11 +256,13 @@ class FlightRecorder:
         live.end_ns = max(live.end_ns, newest)
         if live.follows is not None and live.segmenter.system is not None:
             live.look_for_motion(believed, newest)
+        unknown = live.segmenter.system is None
         for beat in batch.beats:
             if run[0] <= beat.index < run[1] and not beat.ground_station:
                 live.segmenter.heartbeat(beat, newest)
-        known = live.follows == NOBODY and live.segmenter.system is not None
-        if live.segmenter.armed or known:
+        if live.follows is not None and unknown and live.segmenter.system is not None:
+            live.follows = self._flight_before(live.segmenter.system, live.start_ns)  # not that of another vehicle
+        if live.segmenter.armed:
             live.follows = None
         # Once the vehicle is known, only it keeps its flight going: a radio or ground station may talk for hours.
         if live.segmenter.system is None or live.segmenter.system in believed.systems:

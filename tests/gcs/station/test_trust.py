@@ -121,6 +121,15 @@ def test_a_late_answer_is_no_flight_of_its_own(rig: Rig) -> None:
     assert [one.messages for one in rig.catalogue.ground_after(flight.id)] == [1]
 
 
+def test_another_vehicle_on_the_ground_is_not_hidden_behind_a_flight_that_is_not_its_own(rig: Rig) -> None:
+    first, other = Vehicle(1), Vehicle(2)
+    rig.feed(first.second())
+    rig.wait(11.0)
+    rig.feed([*(other.attitude() for _ in range(20)), *other.second(False)])
+    flights = rig.finish()
+    assert [(flight.system, flight.follows) for flight in flights] == [(1, None), (2, None)]
+
+
 def test_what_begins_on_the_ground_long_after_a_flight_is_not_hidden_behind_it(rig: Rig) -> None:
     vehicle = Vehicle()
     rig.feed(vehicle.second())
