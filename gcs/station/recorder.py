@@ -34,7 +34,7 @@ from gcs.station.flightledger import FlightLedger
 from gcs.station.linkstats import LinkStatistics
 from gcs.station.liveflight import NOBODY, LiveFlight
 from gcs.station.recorderstate import RecorderState
-from gcs.station.segmentation import DISARMED, FlightSegmenter, Heartbeat, heartbeats
+from gcs.station.segmentation import DISARMED, RESTARTED, FlightSegmenter, Heartbeat, heartbeats
 from gcs.text.sizes import size_text
 
 _log = logging.getLogger(__name__)
@@ -217,7 +217,7 @@ class FlightRecorder:
             if cut > run[0]:
                 self._write(batch, live, (run[0], cut))
             if live in self._live:
-                self._end(live, "clock reset")
+                self._end(live, RESTARTED)
             self._write_run(batch, (cut, run[1]))
             return
         self._write(batch, live, run)
@@ -355,7 +355,8 @@ class FlightRecorder:
         if live.follows is None:
             self._landed = live.id if reason == DISARMED else None
             self._before.pop(live.segmenter.system, None)
-            self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
+            if reason != RESTARTED or not live.segmenter.armed:  # else it restarted in flight
+                self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
         sources = list(self._sources.items())
         for _, source in sources:
             if source.flight is live:

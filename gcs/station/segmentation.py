@@ -16,8 +16,8 @@ from gcs.mavlink.framing import Frames
 from sim_vehicle.jit import jit
 
 HEARTBEAT = 0
-#: Why a flight has ended, where its vehicle was disarmed.
-DISARMED = "disarmed"
+#: Why a flight has ended: its vehicle was disarmed, or switched on again.
+DISARMED, RESTARTED = "disarmed", "clock reset"
 _HEARTBEAT_LENGTH = 9
 _TYPE_GROUND_STATION = 6  # MAV_TYPE_GCS
 _AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a camera, a gimbal, a companion

@@ -130,6 +130,16 @@ def test_another_vehicle_on_the_ground_is_not_hidden_behind_a_flight_that_is_not
     assert [(flight.system, flight.follows) for flight in flights] == [(1, None), (2, None)]
 
 
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_restart_in_flight_begins_a_flight_at_once_and_one_on_the_ground_none(rig: Rig, armed: bool) -> None:
+    vehicle = Vehicle()
+    vehicle.boot_ms = 100_000
+    rig.feed(vehicle.second(armed))
+    vehicle.boot_ms = 0
+    rig.feed([vehicle.attitude() for _ in range(20)])
+    assert (rig.recorder.live_vehicles() == {}) == (not armed)
+
+
 def test_what_begins_on_the_ground_long_after_a_flight_is_not_hidden_behind_it(rig: Rig) -> None:
     vehicle = Vehicle()
     rig.feed(vehicle.second())
