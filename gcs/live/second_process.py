@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import os
 import pickle
+import queue
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -73,16 +75,23 @@ class SecondProcess:
                 pass
 
 
+def _read(orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]]) -> None:
+    """Take orders until standard input ends: then nobody wants what is being worked on, and the process ends."""
+    with suppress(Exception):  # one that cannot be read too: who asked sees the end
+        while True:
+            orders.put(pickle.load(sys.stdin.buffer))
+    os._exit(0)
+
+
 def main() -> None:
     """Work until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
     answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what libraries print is no answer
+    orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(orders,), daemon=True).start()
     while True:
-        try:
-            function, arguments = pickle.load(sys.stdin.buffer)
-        except EOFError:
-            return
+        function, arguments = orders.get()
         answer: tuple[Any, Exception | None]
         try:
             answer = (function(*arguments), None)

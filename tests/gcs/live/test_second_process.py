@@ -45,10 +45,13 @@ def test_closing_does_not_wait_for_work() -> None:
         lost.result(60.0)
 
 
-def test_it_ends_with_the_process_that_asked() -> None:
+@pytest.mark.parametrize(
+    "at_work", ["", "second.submit(time.sleep, 600.0)\ntime.sleep(0.5)\n"], ids=["idle", "at-work"]
+)
+def test_it_ends_with_the_process_that_asked(at_work: str) -> None:
     text = (
-        "import os\nfrom gcs.live.second_process import SecondProcess\n"
-        "print(SecondProcess().submit(os.getpid).result(60.0), flush=True)\nos._exit(1)\n"
+        "import os, time\nfrom gcs.live.second_process import SecondProcess\nsecond = SecondProcess()\n"
+        f"print(second.submit(os.getpid).result(60.0), flush=True)\n{at_work}os._exit(1)\n"
     )
     asked = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=120, check=False)
     there = int(asked.stdout)
