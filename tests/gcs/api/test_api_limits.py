@@ -199,7 +199,7 @@ def test_beyond_the_limit_those_end_too_that_do_not_read(bench: Bench) -> None:
             except httpx.TransportError:
                 return False
 
-        wait_until(small_one)
+        assert wait_until(small_one)
 
 
 def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(
