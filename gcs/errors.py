@@ -12,6 +12,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── CatalogueFileError         a catalogue whose file cannot be read or written, as on a full disk
 ├── JobError                   a job that cannot be started or has failed
 │   └── QueueFullError         a job for which too many others wait
+├── VehicleError               an aircraft that cannot be kept or changed, or that nobody has chosen
 ├── SignalMapError             a signal whose message or field does not exist
 ├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
@@ -65,6 +66,10 @@ class JobError(GcsError):
 
 class QueueFullError(JobError):
     """Too many other jobs wait."""
+
+
+class VehicleError(GcsError):
+    """An aircraft cannot be kept, changed or estimated as asked, or nobody has said which one it is."""
 
 
 class SignalMapError(GcsError):

@@ -36,6 +36,7 @@ from gcs.station.station import RecordingStation
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
 from gcs.text.sparing_log import log_sparingly
+from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
@@ -89,7 +90,12 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     """Queue an identification of every flight that has ended, where a vehicle file says of what aircraft."""
 
     def queue(flight: Flight) -> None:
-        if settings.vehicle is None or flight.system is None or flight.follows is not None or not settings.identify:
+        if flight.system is None or flight.follows is not None or not settings.identify:
+            return
+        try:
+            jobs.choice.of(flight)
+        except (GcsError, SimVehicleError) as error:
+            _log.info("flight %s is not identified: %s", flight.id, error)
             return
         try:
             jobs.submit(flight.id, {"kind": "identify", "system": flight.system, "automatic": True})
@@ -127,7 +133,8 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     ):
         _tidy(settings)
         jobs = JobRunner(settings, catalogue)
-        identify, views = _identify_when_over(settings, jobs), FlightViews(settings)
+        identify = _identify_when_over(settings, jobs)
+        views = FlightViews(settings, vehicle_of=jobs.choice.file_of)
 
         def when_over(flight: Flight) -> None:
             identify(flight)

@@ -63,6 +63,11 @@ class Settings:
         return self.data / "views"
 
     @property
+    def vehicles(self) -> Path:
+        """Folder of the aircraft that the station knows."""
+        return self.data / "vehicles"
+
+    @property
     def backups(self) -> Path:
         """Folder of the catalogue's backups."""
         return self.data / "backups"

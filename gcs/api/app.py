@@ -20,6 +20,7 @@ from gcs.api.page import router as page_router
 from gcs.api.security import DESCRIPTION_FILES, Guard
 from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
+from gcs.api.vehicles import router as vehicles_router
 from gcs.catalogue.store import Catalogue
 from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.runner import JobRunner
@@ -45,9 +46,8 @@ def create_app(
     """
 
     feed = live or LiveFeed(settings, recorder.live_vehicles)
-    service = Service(
-        settings, catalogue, recorder, jobs, time.monotonic(), others, feed, views or FlightViews(settings)
-    )
+    seen = views or FlightViews(settings, vehicle_of=jobs.choice.file_of)
+    service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others, feed, seen)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -80,6 +80,6 @@ def create_app(
     app.add_middleware(Guard, token=settings.token)  # the last one added is asked first
     problems.install(app)
     describe(app)
-    for router in (status_router, live_router, flights_router, jobs_router, page_router):
+    for router in (status_router, live_router, flights_router, jobs_router, vehicles_router, page_router):
         app.include_router(router)
     return app

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
-from gcs.api.schemas import FlightItem, FlightPage, FlightSummary, JobView, Problem, Series, SignalsView, Uploaded
-from gcs.api.service import Serving
+from gcs.api.schemas import (
+    ChosenVehicle,
+    FlightItem,
+    FlightNotesChange,
+    FlightPage,
+    FlightSummary,
+    JobView,
+    Problem,
+    Series,
+    SignalsView,
+    Uploaded,
+)
+from gcs.api.service import Service, Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue.flight_table import Flight
-from gcs.errors import CatalogueError, JobError
+from gcs.catalogue.note_table import FlightNotes
+from gcs.catalogue.result_table import FlightOutcome
+from gcs.errors import CatalogueError, GcsError, JobError
 from gcs.text.utctext import utc_text
+from sim_vehicle.errors import SimVehicleError
 
 router = APIRouter(tags=["flights"])
 
@@ -35,12 +51,23 @@ _UPLOAD_BODY = {
 }
 
 
-def _item(flight: Flight) -> FlightItem:
-    return FlightItem.model_validate(_fields(flight))
+def _items(service: Service, found: Sequence[Flight]) -> list[FlightItem]:
+    ids = [flight.id for flight in found]
+    notes, outcomes = service.catalogue.notes_of(ids), service.catalogue.outcomes_of(ids)
+    return [FlightItem.model_validate(_fields(flight, notes[flight.id], outcomes[flight.id])) for flight in found]
 
 
-def _fields(flight: Flight) -> dict[str, Any]:
+def _item(service: Service, flight: Flight) -> FlightItem:
+    return _items(service, [flight])[0]
+
+
+def _fields(flight: Flight, notes: FlightNotes, outcome: FlightOutcome) -> dict[str, Any]:
     return {
+        "title": notes.title,
+        "comment": notes.comment,
+        "tags": list(notes.tags),
+        "vehicle": notes.vehicle or None,
+        "outcome": {"state": outcome.state, "verdict": outcome.verdict, "text": outcome.text},
         "id": flight.id,
         "name": flight.name,
         "source": flight.source,
@@ -73,7 +100,7 @@ def flights(
     """Flights, newest first."""
     found = service.catalogue.flights(limit + 1, after, search, discarded=deleted, ground=ground)
     page = found[:limit]
-    return FlightPage(flights=[_item(flight) for flight in page], next=page[-1].id if len(found) > limit else None)
+    return FlightPage(flights=_items(service, page), next=page[-1].id if len(found) > limit else None)
 
 
 @router.post(
@@ -96,7 +123,7 @@ async def upload(
         f"flight {same} has as many messages between the same instants, so it seems to be the same: go on with either"
     )
     note = seems if same else ""
-    return Uploaded.model_validate({**_fields(flight), "note": note})
+    return Uploaded.model_validate({**_item(service, flight).model_dump(), "note": note})
 
 
 @router.get("/api/flights/{flight_id}", responses={404: _PROBLEM, 503: _PROBLEM})
@@ -104,9 +131,37 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
     """What a flight holds, and the state of its jobs."""
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
-    ground = [_item(one) for one in service.catalogue.ground_after(flight_id)]
-    summary = service.views.summary(found)
-    return FlightSummary.model_validate({**_fields(found), **summary, "jobs": jobs, "ground": ground})
+    ground = _items(service, service.catalogue.ground_after(flight_id))
+    summary, item = service.views.summary(found), _item(service, found).model_dump()
+    return FlightSummary.model_validate(
+        {**item, **summary, "jobs": jobs, "ground": ground, "aircraft": _aircraft(service, found)}
+    )
+
+
+def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:
+    try:
+        chosen = service.jobs.choice.of(flight)
+    except (GcsError, SimVehicleError) as error:
+        return ChosenVehicle(id=None, name=None, version=None, by_hand=False, why="", problem=str(error))
+    one = chosen.vehicle
+    return ChosenVehicle(
+        id=one.id, name=one.vehicle.name, version=one.version, by_hand=chosen.by_hand, why=chosen.why, problem=""
+    )
+
+
+@router.patch("/api/flights/{flight_id}", responses={404: _PROBLEM, 409: _PROBLEM, 422: _PROBLEM})
+def describe(service: Serving, flight_id: str, change: FlightNotesChange) -> FlightItem:
+    """Say what a flight was: its name, a note, tags, which aircraft it was."""
+    found = service.catalogue.flight(flight_id)
+    said = change.model_dump(exclude_none=True)
+    if said.get("vehicle"):
+        service.jobs.choice.require_listed(said["vehicle"])
+    if "tags" in said:
+        said["tags"] = tuple(dict.fromkeys(tag.strip() for tag in said["tags"] if tag.strip()))
+    service.catalogue.put_notes(flight_id, replace(service.catalogue.notes(flight_id), **said))
+    if "vehicle" in said and found.state != "recording":
+        service.views.prepare(found)
+    return _item(service, found)
 
 
 @router.delete("/api/flights/{flight_id}", status_code=204, responses={404: _PROBLEM, 409: _PROBLEM})
@@ -122,7 +177,7 @@ def delete(service: Serving, flight_id: str) -> None:
 @router.post("/api/flights/{flight_id}/restore", responses={404: _PROBLEM})
 def restore(service: Serving, flight_id: str) -> FlightItem:
     """Take the deletion of a flight back."""
-    return _item(service.catalogue.restore_flight(flight_id))
+    return _item(service, service.catalogue.restore_flight(flight_id))
 
 
 @router.get(

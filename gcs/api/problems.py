@@ -24,6 +24,7 @@ from gcs.errors import (
     RecordingError,
     ServiceError,
     SignalMapError,
+    VehicleError,
 )
 from sim_vehicle.errors import SimVehicleError
 from sysid.errors import SysidError
@@ -36,6 +37,7 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (SignalMapError, 404),
     (QueueFullError, 503),
     (JobError, 409),
+    (VehicleError, 409),
     (ImportFileError, 422),
     (RecordingError, 422),
     (GcsError, 400),

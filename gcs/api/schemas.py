@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -137,6 +137,39 @@ class LinkStatus(BaseModel):
     systems: list[SystemStatus]
 
 
+class Outcome(BaseModel):
+    """How far the newest identification of a flight is, and what it says at a glance.
+
+    state: of the newest job of that kind, null where there was none. verdict: of the newest result, with its reasons.
+    """
+
+    state: Literal["queued", "running", "done", "failed", "skipped", "cancelled"] | None
+    verdict: Literal["good", "care", "poor"] | None
+    text: str = Field(description="One sentence for a list")
+
+
+class FlightNotesChange(BaseModel):
+    """What a person says of a flight; what is left out stays as it is."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    title: str | None = Field(None, max_length=200)
+    comment: str | None = Field(None, max_length=20_000)
+    tags: list[Annotated[str, Field(min_length=1, max_length=40)]] | None = Field(None, max_length=30)
+    vehicle: str | None = Field(None, max_length=60, description="Id of an aircraft; empty: chosen by itself again")
+
+
+class ChosenVehicle(BaseModel):
+    """The aircraft of a flight and why it is that; `problem` says why there is none."""
+
+    id: str | None
+    name: str | None
+    version: int | None
+    by_hand: bool
+    why: str
+    problem: str
+
+
 class FlightItem(BaseModel):
     """One flight of the catalogue. Times are UTC."""
 
@@ -155,6 +188,11 @@ class FlightItem(BaseModel):
     follows: str | None = Field(description="The flight that this is ground data behind, null for a flight")
     parts: int = Field(description="Files of the recording, more than one if it was split by size")
     recording_deleted: str | None = Field(description="When the recording was deleted to make room, null while kept")
+    title: str = Field(description="What a person calls it, empty for none")
+    comment: str
+    tags: list[str]
+    vehicle: str | None = Field(description="Id of the aircraft that was chosen by hand, null for none")
+    outcome: Outcome = Field(description="What came of it so far")
 
 
 class Uploaded(FlightItem):
@@ -210,6 +248,7 @@ class FlightSummary(FlightItem):
     signals: list[str] = Field(description="Names that GET …/signals accepts")
     warnings: list[str]
     jobs: list[JobView]
+    aircraft: ChosenVehicle
     ground: list[FlightItem] = Field(description="What was recorded on the ground behind it, before the next flight")
 
 
@@ -250,6 +289,9 @@ class JobChanges(BaseModel):
     from_: float | None = Field(None, alias="from", ge=0, description="Seconds from the start of the flight")
     to: float | None = Field(None, ge=0)
     system: int | None = Field(None, ge=1, le=255)
+    vehicle: str | None = Field(
+        None, max_length=80, description="An aircraft of the station, id or id@version; without it the flight's own"
+    )
 
     @model_validator(mode="after")
     def _part_in_order(self) -> Self:

@@ -7,12 +7,18 @@ import sqlite3
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from gcs.catalogue.database import Database
+from gcs.catalogue.note_table import NoteTable
 from gcs.errors import CatalogueError, RecordingDeletedError
 from gcs.recording.parts import part_path
 from gcs.text.utctext import utc_text
 
-_SEARCHED = "id || ' ' || name || ' ' || strftime('%Y-%m-%d %H:%M:%S', start_ns / 1000000000, 'unixepoch')"
+_SAID = (
+    "(SELECT title || ' ' || comment || ' ' || tags || ' ' || vehicle FROM flight_notes WHERE flight_id = flights.id)"
+)
+_SEARCHED = (
+    "id || ' ' || name || ' ' || strftime('%Y-%m-%d %H:%M:%S', start_ns / 1000000000, 'unixepoch')"
+    f" || ' ' || ifnull({_SAID}, '')"
+)
 # Those whose recordings are there.
 _KEPT = "deleted_ns IS NULL AND discarded_ns IS NULL"
 # How long a flight that somebody deleted can be taken back.
@@ -89,7 +95,7 @@ def _is_needed(db: sqlite3.Connection, flight_id: str) -> bool:
     )
 
 
-class FlightTable(Database):
+class FlightTable(NoteTable):
     """What is known of flights."""
 
     def put_flight(self, flight: Flight) -> None:
@@ -136,7 +142,9 @@ class FlightTable(Database):
         discarded: bool = False,
         ground: bool = False,
     ) -> list[Flight]:
-        """Newest first, after the one named. search: words in id, name or start, as `2026-11-23 06:10`, UTC.
+        """Newest first, after the one named.
+
+        search: words in id, name, start (as `2026-11-23 06:10`, UTC), or in what people said of it, its aircraft too.
 
         discarded: those that were deleted, which can be taken back, instead of those that are there. ground: what was
         recorded on the ground behind flights too.
@@ -239,7 +247,7 @@ class FlightTable(Database):
             if due.fetchone() is None:
                 return False
             db.execute("DELETE FROM job_log WHERE job_id IN (SELECT id FROM jobs WHERE flight_id = ?)", (flight_id,))
-            for table in ("jobs", "results", "models"):
+            for table in ("jobs", "results", "models", "flight_notes"):
                 db.execute(f"DELETE FROM {table} WHERE flight_id = ?", (flight_id,))
             db.execute("DELETE FROM flights WHERE id = ?", (flight_id,))
             db.execute("UPDATE flights SET follows = NULL WHERE follows = ?", (flight_id,))

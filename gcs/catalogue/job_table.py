@@ -109,13 +109,16 @@ class JobTable(Database):
         """Store a result and its model, and mark the job done, all or nothing; nothing of a cancelled one."""
         now = self._clock()
         model = result.get("model")
+        quality = result.get("quality") or {}
+        reason = str(next(iter(quality.get("reasons", ())), "")) or None
         with self._transaction() as db:
             done = "UPDATE jobs SET state = 'done', progress = 1, ended_ns = ? WHERE id = ? AND state != 'cancelled'"
             if db.execute(done, (now, job.id)).rowcount == 0:
                 return
             db.execute(
-                "INSERT INTO results (flight_id, kind, job_id, created_ns, json) VALUES (?, ?, ?, ?, ?)",
-                (job.flight_id, job.kind, job.id, now, dumps(result)),
+                "INSERT INTO results (flight_id, kind, job_id, created_ns, json, verdict, reason)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (job.flight_id, job.kind, job.id, now, dumps(result), quality.get("verdict"), reason),
             )
             if isinstance(model, dict):
                 found = [str(effect["name"]) for effect in result.get("effects", ())]

@@ -17,7 +17,7 @@ from gcs.catalogue.store import Catalogue
 from gcs.settings import Settings
 
 # In the order in which one refers to another.
-_TABLES = ("flights", "jobs", "job_log", "results", "models")
+_TABLES = ("flights", "jobs", "job_log", "results", "models", "flight_notes")
 
 
 def rebuild(settings: Settings) -> Iterator[str]:
@@ -90,7 +90,7 @@ def _salvage(damaged: Path, target: Path) -> int:
                     columns = [column[0] for column in rows.description]
                     at = [i for i, name in enumerate(columns) if name in known]
                     names, marks = ", ".join(columns[i] for i in at), ", ".join("?" for _ in at)
-                    newer = "REPLACE" if table in ("flights", "jobs") else "IGNORE"
+                    newer = "REPLACE" if table in ("flights", "jobs", "flight_notes") else "IGNORE"
                     add = f"INSERT OR {newer} INTO {table} ({names}) VALUES ({marks})"
                     for row in rows:
                         with contextlib.suppress(sqlite3.IntegrityError):

@@ -3,10 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gcs.catalogue.job_table import JobTable
 from gcs.errors import CatalogueError
+
+
+@dataclass(frozen=True)
+class FlightOutcome:
+    """How far the newest identification of a flight is, and what the newest result is worth.
+
+    state: of the job, None where there was none. verdict: good, care, poor, None where there is no result.
+    text: a sentence for a list, empty where there is nothing to say.
+    """
+
+    state: str | None = None
+    verdict: str | None = None
+    text: str = ""
 
 
 class ResultTable(JobTable):
@@ -29,6 +44,27 @@ class ResultTable(JobTable):
                 f"flight {flight_id} has no {kind} result yet{reason}; POST /api/flights/{flight_id}/jobs starts one"
             )
         return str(rows[0]["job_id"]), dict(json.loads(rows[0]["json"]))
+
+    def outcomes_of(self, flight_ids: Sequence[str]) -> dict[str, FlightOutcome]:
+        """How the identification of each of these flights stands."""
+        marks = ", ".join("?" for _ in flight_ids)
+        jobs = self._rows(
+            f"SELECT flight_id, state, error FROM jobs WHERE kind = 'identify' AND flight_id IN ({marks})"
+            " ORDER BY number",
+            *flight_ids,
+        )
+        results = self._rows(
+            f"SELECT flight_id, verdict, reason FROM results WHERE kind = 'identify' AND flight_id IN ({marks})"
+            " ORDER BY number",
+            *flight_ids,
+        )
+        found = {one: FlightOutcome() for one in flight_ids}
+        for row in jobs:
+            found[row["flight_id"]] = FlightOutcome(row["state"], None, row["error"] or "")
+        for row in results:
+            before = found[row["flight_id"]]
+            found[row["flight_id"]] = replace(before, verdict=row["verdict"], text=before.text or row["reason"] or "")
+        return found
 
     def models(self) -> list[dict[str, Any]]:
         """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""

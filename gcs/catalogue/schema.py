@@ -24,6 +24,9 @@ CREATE INDEX IF NOT EXISTS results_by_flight ON results (flight_id, kind, number
 CREATE TABLE IF NOT EXISTS models (
     number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT UNIQUE NOT NULL, flight_id TEXT NOT NULL, kind TEXT NOT NULL,
     job_id TEXT NOT NULL, name TEXT NOT NULL, created_ns INTEGER NOT NULL, json TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS flight_notes (
+    flight_id TEXT PRIMARY KEY, title TEXT NOT NULL, comment TEXT NOT NULL, tags TEXT NOT NULL, vehicle TEXT NOT NULL,
+    changed_ns INTEGER NOT NULL);
 """
 # Columns that came later: table, name, and how it is declared.
 _LATER_COLUMNS = (
@@ -36,10 +39,17 @@ _LATER_COLUMNS = (
     ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
     ("jobs", "cpu_s", "REAL"),
     ("jobs", "peak_bytes", "INTEGER"),
+    ("results", "verdict", "TEXT"),
+    ("results", "reason", "TEXT"),
     ("models", "verdict", "TEXT"),
     ("models", "found", "TEXT"),
 )
-# What models that were stored before these columns would have in them.
+# What results and models that were stored before these columns would have in them.
+_FILLED_RESULTS = """
+UPDATE results SET verdict = json_extract(json, '$.quality.verdict'),
+    reason = json_extract(json, '$.quality.reasons[0]')
+WHERE json_valid(json)
+"""
 _FILLED = """
 UPDATE models SET verdict = json_extract(results.json, '$.verdict'),
     found = (SELECT json_group_array(json_extract(value, '$.name')) FROM json_each(results.json, '$.effects'))
@@ -51,6 +61,8 @@ def prepare(db: sqlite3.Connection) -> None:
     """Make the tables that are not there, and add to those of an earlier version what they lack."""
     db.executescript(_SCHEMA)
     added = [name for table, name, declared in _LATER_COLUMNS if _add(db, table, name, declared)]
+    if "reason" in added:
+        db.execute(_FILLED_RESULTS)
     if "found" in added:
         db.execute(_FILLED)
 

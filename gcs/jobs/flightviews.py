@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,8 @@ _MOST_PREPARED = 100
 class FlightViews:
     """Summaries and signals of recordings in the data folder. Thread-safe.
 
-    worker: the command that reads a recording. longest_s, memory_bytes: what that may take.
+    worker: the command that reads a recording. longest_s, memory_bytes: what that may take. vehicle_of: the vehicle
+    file of a flight, None where nobody knows its aircraft; without it the one that the service was started with.
     """
 
     def __init__(
@@ -56,8 +57,10 @@ class FlightViews:
         worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.viewworker"),
         longest_s: float = _LONGEST_S,
         memory_bytes: int | None = None,
+        vehicle_of: Callable[[Flight], Path | None] | None = None,
     ) -> None:
         self._settings = settings
+        self._vehicle_of = vehicle_of or (lambda flight: Path(settings.vehicle) if settings.vehicle else None)
         self._reader = AskedOnce(worker, longest_s)
         self._memory_bytes = memory_bytes or memory_limit()
         self._lock = threading.Lock()
@@ -161,8 +164,9 @@ class FlightViews:
     def _key(self, flight: Flight, paths: Sequence[Path], over: bool) -> str:
         """A name for what the recording and the vehicle file are now."""
         seen = [_state(path) for path in paths]
-        if over and self._settings.vehicle is not None:
-            seen += _states_of_vehicle(self._settings.vehicle)
+        vehicle = self._vehicle_of(flight) if over else None
+        if vehicle is not None:
+            seen += _states_of_vehicle(vehicle)
         return hashlib.sha256(repr((VERSION, flight.system, over, seen)).encode()).hexdigest()[:16]
 
     def _remembered(self, key: str, folder: Path) -> dict[str, Any] | None:
@@ -213,7 +217,7 @@ class FlightViews:
             target.mkdir()
             order = {
                 "recordings": list(paths),
-                "vehicle": self._settings.vehicle if over else None,
+                "vehicle": self._vehicle_of(flight) if over else None,
                 "system": flight.system,
                 "target": target if over else None,
                 "memory_bytes": self._memory_bytes,
@@ -252,10 +256,10 @@ def _state(path: Path) -> tuple[str, int, int]:
     return path.name, status.st_size, status.st_mtime_ns
 
 
-def _states_of_vehicle(name: str) -> list[tuple[str, int, int]]:
+def _states_of_vehicle(name: Path) -> list[tuple[str, int, int]]:
     """Of a vehicle file and its bench tables; of one that cannot be read, why."""
     try:
-        vehicle = load_vehicle(name)
+        vehicle = load_vehicle(str(name))  # by its bare name, one that comes with the package
         tables = (entry.points for entry in vehicle.calibration.values())
         return [_state(path) for path in (vehicle.path, *tables) if isinstance(path, Path)]
     except (SimVehicleError, OSError) as error:  # the worker says it as a warning of the flight

@@ -26,10 +26,11 @@ from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, Q
 from gcs.jobs.limits import memory_limit
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
+from gcs.vehicles.choice import Chosen, VehicleChoice
+from gcs.vehicles.shelf import STATION, VehicleShelf
 from sim_vehicle.effects import effect_called
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import model_from_json
-from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 _log = logging.getLogger(__name__)
 
@@ -55,6 +56,7 @@ class JobRunner:
     """Takes queued jobs from the catalogue. `worker` is the command that runs one.
 
     longest_s, memory_bytes: what one job may take; memory as `memory_limit` has it unless said otherwise.
+    choice: the station's aircraft, and which of them flew.
     problem: why they wait, in words, empty when all is well.
     """
 
@@ -68,6 +70,7 @@ class JobRunner:
     ) -> None:
         self._settings = settings
         self._catalogue = catalogue
+        self.choice = VehicleChoice(VehicleShelf(settings.vehicles, settings.vehicle), catalogue)
         self._worker = tuple(worker)
         self._longest_s, self._memory_bytes = longest_s, memory_bytes or memory_limit()
         self.problem = ""
@@ -99,12 +102,11 @@ class JobRunner:
         """Queue a job after checking all that can be checked at once.
 
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
-        "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects), "as_recorded" (signals);
+        "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects), "as_recorded" (signals),
+        "vehicle" (an aircraft of the station, as id or id@version; without it the one that the flight is known to be);
         "automatic" where no person asked for it: a recording of nothing but the ground is then skipped, not failed.
-        Raises JobError, QueueFullError, CatalogueError.
+        Raises JobError, QueueFullError, CatalogueError, VehicleError where nobody knows which aircraft it was.
         """
-        if self._settings.vehicle is None:
-            raise JobError("no vehicle file is configured; start the service with --vehicle FILE")
         kind = request.get("kind")
         if kind not in KINDS:
             raise JobError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
@@ -124,11 +126,15 @@ class JobRunner:
             raise QueueFullError(
                 f"{_MOST_QUEUED[priority]} jobs wait already; cancel some, or ask again when they are done"
             )
-        note = self._puts_aside(flight_id, kind, request)
+        notes = [self._puts_aside(flight_id, kind, request)]
+        chosen = self._chosen(flight_id, request)
+        if chosen.vehicle.id != STATION:  # kept with the version it has now, whatever becomes of it
+            request = {**request, "vehicle": chosen.vehicle.reference}
+            notes.append(f"aircraft: {chosen.vehicle.vehicle.name}, version {chosen.vehicle.version} ({chosen.why})")
         job = self._catalogue.add_job(flight_id, kind, request, priority)
-        if note:
+        for note in filter(None, notes):
             self._catalogue.report_progress(job.id, 0.0, note)
-            job = self._catalogue.job(job.id)
+        job = self._catalogue.job(job.id)
         self._wake.set()
         return job
 
@@ -159,6 +165,12 @@ class JobRunner:
         self._recordings(flight_id)
         if flight.system is None:
             raise JobError(f"flight {flight_id} holds no message of a vehicle; choose another")
+
+    def _chosen(self, flight_id: str, request: dict[str, Any]) -> Chosen:
+        """The aircraft that a job is for. Raises CatalogueError, VehicleError, VehicleFileError."""
+        if request.get("vehicle"):
+            return Chosen(self.choice.shelf.get(request["vehicle"]), "named in the job")
+        return self.choice.of(self._catalogue.flight(flight_id))
 
     def _check_part(self, flight_id: str, request: dict[str, Any]) -> None:
         """Raises JobError for a part of the flight that is none."""
@@ -306,7 +318,6 @@ class JobRunner:
 
     def _order(self, job: Job, folder: Path) -> dict[str, Any]:
         """What the worker is to do; the paths in it are the service's own, none comes from a client."""
-        assert self._settings.vehicle is not None
         request = job.request
         models: dict[str, Path] = {}
         for name in _MODEL_FIELDS:
@@ -317,7 +328,7 @@ class JobRunner:
             "kind": job.kind,
             "recordings": self._recordings(job.flight_id),
             "validate": [path for flight in request.get("validate", ()) for path in self._recordings(flight)],
-            "vehicle": load_vehicle(self._settings.vehicle).path,
+            "vehicle": self._chosen(job.flight_id, request).vehicle.vehicle.path,
             "models": models,
             "method": request.get("method", "auto"),
             "start": request.get("from"),

@@ -7,6 +7,7 @@ import json
 import sys
 import threading
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
 from gcs.text.sizes import size_text
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.vehicle.vehicle_file import load_vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SysidError
 from sysid.signals.flight import FlightSignals
 
@@ -27,6 +28,7 @@ from sysid.signals.flight import FlightSignals
 _MOST_TOPICS = 2000
 _MOST_BYTES = 1_000_000_000
 _MOST_NOTES, _LONGEST_NOTE = 200, 500
+_NO_VEHICLE = "which aircraft this was is not known, so no deflection of a surface is shown, and no calibrated channel"
 
 
 def main() -> int:
@@ -72,11 +74,12 @@ def _most_first(counts: dict[str, int]) -> Iterable[tuple[str, int]]:
 
 
 def _signals(recording: Recording, vehicle: str | None, system: int | None) -> FlightSignals:
-    if vehicle is None:
-        raise SignalMapError("signals need a vehicle file; start the service with --vehicle FILE")
     from gcs.flights.signals import extract
 
-    return extract(recording, load_vehicle(vehicle), system)
+    if vehicle is not None:
+        return extract(recording, load_vehicle(vehicle), system)
+    found = extract(recording, Vehicle.unknown(), system)
+    return replace(found, warnings=(*found.warnings, _NO_VEHICLE))
 
 
 def _save(signals: FlightSignals, folder: Path) -> list[dict[str, str]]:

@@ -218,14 +218,27 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """
     path = _find(name_or_path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise VehicleFileError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise VehicleFileError(f"{path}: is not a TOML file: it holds bytes that are no text") from error
+    return vehicle_from_text(text, path, tables_in=path.parent)
+
+
+def vehicle_from_text(text: str, path: Path, *, tables_in: Path | None = None) -> Vehicle:
+    """Read the text of a vehicle file. path: its name, for errors, and what it is called if it does not say.
+
+    tables_in: the folder of the bench tables that it names; None where it may name none, as in a text from elsewhere.
+    Raises VehicleFileError, one line naming the key.
+    """
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
-    return _read(Table(data, str(path)), path)
+    except RecursionError as error:
+        raise VehicleFileError(f"{path}: is not a vehicle file: its lists are nested too deep") from error
+    return _read(Table(data, str(path)), path, tables_in)
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -238,7 +251,7 @@ def _find(name_or_path: str | Path) -> Path:
     raise VehicleFileError(f"{name_or_path}: no such vehicle file; vehicles that come with it: {', '.join(known)}")
 
 
-def _read(top: Table, path: Path) -> Vehicle:
+def _read(top: Table, path: Path, tables_in: Path | None) -> Vehicle:
     warnings: list[str] = []
     name = top.text("name", path.stem)
     mass_table = top.table("mass", demanded=True)
@@ -250,7 +263,7 @@ def _read(top: Table, path: Path) -> Vehicle:
     table = top.table("signals")
     as_recorded = table.texts("as_recorded") if table.optional("as_recorded") else ()
     signals = _read_signals(table)
-    calibration = _read_calibration(top.table("calibration"), path)
+    calibration = _read_calibration(top.table("calibration"), tables_in)
     table = top.table("environment")
     environment = Environment(
         table.optional_number("air_density", above=0.0), table.number("gravity", STANDARD_GRAVITY, above=0.0)
@@ -357,17 +370,19 @@ def _read_signals(table: Table) -> dict[str, SignalSource]:
     return sources
 
 
-def _read_calibration(table: Table, path: Path) -> dict[str, CalibrationSource]:
+def _read_calibration(table: Table, folder: Path | None) -> dict[str, CalibrationSource]:
     sources = {}
     for name in table:
         entry = table.table(name)
         points: Path | tuple[tuple[float, float], ...]
         if entry.is_text("points"):
-            points = path.parent / entry.text("points")
+            if folder is None:
+                raise entry.error("points", "names a file; give the points themselves: [[reference, reading], ...]")
+            points = folder / entry.text("points")
             if not points.is_file():
                 raise entry.error("points", f"names {points}, which is no file")
             # It travels in every recording: nothing else of this computer may.
-            if not points.resolve().is_relative_to(path.parent.resolve()):
+            if not points.resolve().is_relative_to(folder.resolve()):
                 raise entry.error("points", f"names {points}, which is not in the vehicle file's folder; copy it there")
             if points.stat().st_size > _LARGEST_TABLE:
                 raise entry.error("points", f"names {points}, which is larger than any bench table (1 MB)")

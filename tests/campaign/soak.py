@@ -123,7 +123,9 @@ class Soak:
             status = dict(line.split(":", 1) for line in (own / "status").read_text().splitlines())
             descriptors = len(list((own / "fd").iterdir()))
             self.samples.append((passed / whole, int(status["VmRSS"].split()[0]) / 1024.0, descriptors))
-            print(f"\r{passed:.0f} s, {self.samples[-1][1]:.1f} MB", end="", file=sys.stderr, flush=True)
+            own_kb = int(status["RssAnon"].split()[0])
+            line = f"{passed:.0f} s, {self.samples[-1][1]:.1f} MB, {own_kb / 1024.0:.1f} MB of its own"
+            print(f"\r{line}", end="", file=sys.stderr, flush=True)
             self.over.wait(SAMPLE_S)
         print(file=sys.stderr)
 

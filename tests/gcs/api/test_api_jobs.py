@@ -20,7 +20,7 @@ from traffic import wait_until
         (b"[]", "the body is missing or no JSON object; send"),
         (b"{}", "kind is missing"),
         (b'{"kind": "identify", "valdate": [], "x": 1}', "valdate, x: no such key in a job; did you mean validate?"),
-        (b'{"kind": "identify", "vehicle": "a"}', "vehicle: no such key in a job; there are kind, model, structure"),
+        (b'{"kind": "identify", "aircraft": "a"}', "aircraft: no such key in a job; there are kind, model, structure"),
         (b'{"kind": "fly"}', "kind: Input should be 'identify' or 'discrepancy'"),
     ],
 )
@@ -98,7 +98,8 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     [
         ({"kind": "paint"}, 422, "kind"),
         ({}, 422, "kind"),
-        ({"kind": "identify", "vehicle": "/etc/passwd"}, 422, "vehicle"),
+        ({"kind": "identify", "vehicle": "/etc/passwd"}, 404, "names no aircraft"),
+        ({"kind": "identify", "vehicle": "../../etc"}, 404, "names no aircraft"),
         ({"kind": "identify", "method": "magic"}, 422, "method"),
         ({"kind": "discrepancy"}, 409, "model"),
         ({"kind": "discrepancy", "model": "../../etc/passwd"}, 404, "no model"),
@@ -120,12 +121,11 @@ def test_job_requests_that_cannot_work(
     assert bench.catalogue.jobs_of(flight) == []
 
 
-def test_without_a_vehicle_file_jobs_and_signals_say_so(make_bench: Callable[..., Bench]) -> None:
+def test_without_an_aircraft_jobs_say_what_to_do(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(vehicle=None)
     with serving(bench.app) as client:
         flight = bench.record(1, 1, START)
         assert "--vehicle" in problem(client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}), 409)
-        assert "--vehicle" in problem(client.get(f"/api/flights/{flight}/signals", params={"names": "p"}), 404)
         assert client.get(f"/api/flights/{flight}").json()["messages"] == 52
 
 

@@ -74,6 +74,16 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/flights/{flight_id}/identification",
         "GET /api/flights/{flight_id}/discrepancy",
         "GET /api/flights/{flight_id}/report",
+        "PATCH /api/flights/{flight_id}",
+        "GET /api/vehicles",
+        "POST /api/vehicles",
+        "POST /api/vehicles/check",
+        "POST /api/vehicles/inertia",
+        "GET /api/vehicles/{vehicle_id}",
+        "PUT /api/vehicles/{vehicle_id}",
+        "DELETE /api/vehicles/{vehicle_id}",
+        "POST /api/vehicles/{vehicle_id}/restore",
+        "GET /api/vehicles/{vehicle_id}/toml",
         "GET /api/models",
         "GET /api/models/{model_id}",
         "GET /api/live",
@@ -93,6 +103,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "system",
         "rule_out",
         "as_recorded",
+        "vehicle",
     }
     assert known == set(body)
     assert client.get("/docs").status_code == 200

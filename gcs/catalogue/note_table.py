@@ -1,0 +1,60 @@
+"""What people say of flights: a name, a comment, tags, and which aircraft it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gcs.catalogue.database import Database
+
+
+@dataclass(frozen=True)
+class FlightNotes:
+    """What a person said of one flight. vehicle: the id of the aircraft that was chosen by hand, "" for none."""
+
+    title: str = ""
+    comment: str = ""
+    tags: tuple[str, ...] = ()
+    vehicle: str = ""
+
+
+class NoteTable(Database):
+    """Notes by flight; a flight of which nobody said anything has none."""
+
+    def notes(self, flight_id: str) -> FlightNotes:
+        """Of one flight."""
+        return self.notes_of([flight_id])[flight_id]
+
+    def notes_of(self, flight_ids: Sequence[str]) -> dict[str, FlightNotes]:
+        """Of each of these flights."""
+        marks = ", ".join("?" for _ in flight_ids)
+        rows = self._rows(f"SELECT * FROM flight_notes WHERE flight_id IN ({marks})", *flight_ids)
+        found = {
+            row["flight_id"]: FlightNotes(
+                row["title"], row["comment"], tuple(map(str, json.loads(row["tags"]))), row["vehicle"]
+            )
+            for row in rows
+        }
+        return {one: found.get(one, FlightNotes()) for one in flight_ids}
+
+    def put_notes(self, flight_id: str, notes: FlightNotes) -> None:
+        """Keep what was said of a flight, in place of what was said before."""
+        tags = json.dumps(list(notes.tags), ensure_ascii=False)
+        with self._transaction() as db:
+            db.execute(
+                "INSERT OR REPLACE INTO flight_notes (flight_id, title, comment, tags, vehicle, changed_ns)"
+                " VALUES (?, ?, ?, ?, ?, ?)",
+                (flight_id, notes.title, notes.comment, tags, notes.vehicle, self._clock()),
+            )
+
+    def chosen_vehicle(self, system: int | None = None) -> tuple[str, str] | None:
+        """Aircraft and flight of the newest choice by hand, of the flights of a system or of all; None if none."""
+        rows = self._rows(
+            "SELECT n.vehicle, n.flight_id FROM flight_notes n JOIN flights f ON f.id = n.flight_id"
+            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (? IS NULL OR f.system = ?)"
+            " ORDER BY n.changed_ns DESC, n.rowid DESC LIMIT 1",
+            system,
+            system,
+        )
+        return (str(rows[0]["vehicle"]), str(rows[0]["flight_id"])) if rows else None

@@ -1,0 +1,1 @@
+"""Aircraft as things of the station: kept in versions, described in minutes, chosen for each flight."""
