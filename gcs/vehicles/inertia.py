@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from gcs.errors import VehicleError
 from sim_vehicle.constants import STANDARD_GRAVITY
+from sim_vehicle.vehicle.vehicle_file import usual_inertia
 
 #: Of a person with a stop watch, s, 1 sigma, for one start and stop (a reaction time scatters by 0.05 to 0.1 s).
 WATCH_STD_S = 0.1
@@ -96,3 +97,10 @@ def _positive(**measured: Measured) -> None:
     for name, one in measured.items():
         if not (math.isfinite(one.value) and one.value > 0.0 and math.isfinite(one.std) and one.std >= 0.0):
             raise VehicleError(f"{name} is {one.value:g} +- {one.std:g}; it must be a positive number with its error")
+
+
+def usual(mass: Measured, span_m: float) -> dict[str, Measured]:
+    """Moments of inertia, kg m^2, that are usual for an aircraft of that mass and span, by name; known to 70 %."""
+    if not span_m > 0.0:
+        raise VehicleError(f"a span of {span_m:g} m is none")
+    return {key: Measured(value, std) for key, (value, std) in usual_inertia(mass.value, span_m).items()}

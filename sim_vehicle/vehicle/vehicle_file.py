@@ -290,8 +290,9 @@ def _read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassPro
     if not any(table.optional(key) for key in _MASS_KEYS if key.startswith("I")):
         mass_std = table.optional_number("mass_std", low=0.0)
         table.close()
-        usual = {key: share * mass * geometry.b**2 for key, share in _USUAL_INERTIA.items()}
-        doubt = {f"{key}_std": _USUAL_INERTIA_STD * value for key, value in usual.items()}
+        found = usual_inertia(mass, geometry.b)
+        usual = {key: value for key, (value, _) in found.items()}
+        doubt = {f"{key}_std": std for key, (_, std) in found.items()}
         warnings.append(
             f"{table.path('Ixx')}, Iyy, Izz: not given; what is usual for mass and span is taken"
             f" ({', '.join(f'{value:.2g}' for value in usual.values())} kg m^2, to {_USUAL_INERTIA_STD:.0%}), so that"
@@ -313,6 +314,15 @@ def _read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassPro
             raise table.error(key, problem)
         warnings.append(f"{table.path(key)}: {problem} by {beyond:.0%}, which no body does: a swing test repeated?")
     return MassProperties(mass, Ixx, Iyy, Izz, Ixz, *doubts)
+
+
+def usual_inertia(mass: float, span: float) -> dict[str, tuple[float, float]]:
+    """Moments of inertia that are usual for a mass, kg, and a span, m.
+
+    By name: value and standard deviation, kg m^2.
+    """
+    values = {key: share * mass * span**2 for key, share in _USUAL_INERTIA.items()}
+    return {key: (value, _USUAL_INERTIA_STD * value) for key, value in values.items()}
 
 
 def _read_geometry(table: Table) -> Geometry:

@@ -1,0 +1,102 @@
+"""`gcs vehicle`: describe an aircraft by what one measures, and look at what a vehicle file says."""
+
+import argparse
+from pathlib import Path
+
+NAME = "vehicle"
+HELP = "make, check or show a vehicle file, or estimate moments of inertia"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    from gcs.options.vehicle import add_estimate_arguments, add_new_arguments
+
+    doing = parser.add_subparsers(dest="doing", required=True, metavar="new|check|show|estimate")
+
+    new = doing.add_parser("new", help="make a vehicle file; asks for what is not given")
+    add_new_arguments(new)
+
+    check = doing.add_parser("check", help="say what is doubtful in a vehicle file; with --flight, against one")
+    check.add_argument("file", metavar="FILE", help="vehicle file or name of a built-in vehicle")
+    check.add_argument("--flight", metavar="LOG", type=Path, help="a recording, or anything that import reads")
+    check.add_argument("--system", metavar="N", type=int, help="the vehicle among several")
+
+    show = doing.add_parser("show", help="print what follows from a vehicle file; -o draws the aircraft")
+    show.add_argument("file", metavar="FILE", help="vehicle file or name of a built-in vehicle")
+    show.add_argument("-o", "--output", metavar="SKETCH.svg", type=Path)
+    show.add_argument("--json", action="store_true")
+
+    add_estimate_arguments(doing.add_parser("estimate", help="a moment of inertia from swings, or from span and mass"))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked."""
+    return {"new": _new, "check": _check, "show": _show, "estimate": _estimate}[args.doing](args)
+
+
+def _new(args: argparse.Namespace) -> int:
+    from gcs.errors import SettingsError
+    from gcs.options.vehicle import answers_from
+    from gcs.vehicles.document import with_answers
+    from gcs.vehicles.shelf import read_text
+    from gcs.vehicles.words import vehicle_lines
+
+    if args.output.exists() and not args.force:
+        raise SettingsError(f"{args.output} is there already; --force puts the new one in its place")
+    text = with_answers("", answers_from(args))
+    vehicle = read_text(text)
+    args.output.write_text(text, encoding="utf-8")
+    print("\n".join([*vehicle_lines(vehicle), *(f"warning: {one}" for one in vehicle.warnings)]))
+    print(f"written: {args.output}; draw it with: gcs vehicle show {args.output} -o sketch.svg")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    from gcs.analysis.check import check, check_text
+    from gcs.inspection.info import as_recordings
+    from gcs.text.progress import Progress
+    from gcs.vehicles.words import vehicle_lines
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+    vehicle = load_vehicle(args.file)
+    print("\n".join([*vehicle_lines(vehicle), *(f"warning: {one}" for one in vehicle.warnings)]))
+    if args.flight is None:
+        return 0
+    with as_recordings([args.flight], "ardupilotmega") as paths, Progress() as progress:
+        found = check(paths, vehicle.path, system=args.system, progress=progress)
+    found["warnings"] = [one for one in found["warnings"] if one not in vehicle.warnings]
+    print()
+    print(check_text(found))
+    return 1 if found["quality"]["verdict"] == "poor" else 0
+
+
+def _show(args: argparse.Namespace) -> int:
+    from gcs.text.jsontext import dumps
+    from gcs.vehicles.figures import figures
+    from gcs.vehicles.sketch import sketch
+    from gcs.vehicles.words import vehicle_lines
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+    vehicle = load_vehicle(args.file)
+    if args.json:
+        found = [{**vars(one), "is_usual": one.is_usual} for one in figures(vehicle)]
+        print(dumps({"name": vehicle.name, "figures": found, "warnings": list(vehicle.warnings)}, indent=2))
+    else:
+        print("\n".join(vehicle_lines(vehicle)))
+    if args.output is not None:
+        args.output.write_text(sketch(vehicle), encoding="utf-8")
+    return 0
+
+
+def _estimate(args: argparse.Namespace) -> int:
+    from gcs.options.vehicle import estimated
+    from gcs.text.jsontext import dumps
+
+    found = estimated(args)
+    if args.json:
+        print(dumps({name: {"value": one.value, "std": one.std, "unit": "kg m^2"} for name, one in found.items()}))
+    else:
+        print("[mass]  # kg m^2, for the vehicle file")
+        for name, one in found.items():
+            print(f"{name} = {one.value:.4g}\n{name}_std = {one.std:.2g}")
+    return 0
