@@ -20,6 +20,8 @@ from gcs.api.schemas import (
     Problem,
     Series,
     SignalsView,
+    SpectraView,
+    Spectrum,
     Uploaded,
 )
 from gcs.api.service import Service, Serving
@@ -134,7 +136,14 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
     ground = _items(service, service.catalogue.ground_after(flight_id))
     summary, item = service.views.summary(found), _item(service, found).model_dump()
     return FlightSummary.model_validate(
-        {**item, **summary, "jobs": jobs, "ground": ground, "aircraft": _aircraft(service, found)}
+        {
+            **item,
+            **summary,
+            "jobs": jobs,
+            "ground": ground,
+            "aircraft": _aircraft(service, found),
+            "used": service.catalogue.used_parts(flight_id),
+        }
     )
 
 
@@ -217,6 +226,23 @@ def signals(
 ) -> SignalsView:
     """Signals for plotting, at most about `points` samples of each; the extremes of every stretch are kept."""
     found = service.catalogue.flight(flight_id)
-    wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip()))
-    series = service.views.series(found, wanted, start, end, points)
+    series = service.views.series(found, _wanted(names), start, end, points)
     return SignalsView(flight=flight_id, signals={name: Series(**entry) for name, entry in series.items()})
+
+
+@router.get("/api/flights/{flight_id}/spectrum", responses={404: _PROBLEM, 409: _PROBLEM, 503: _PROBLEM})
+def spectrum(
+    service: Serving,
+    flight_id: str,
+    names: Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")],
+    start: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+    end: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+) -> SpectraView:
+    """Power spectral densities of signals: vibration, sensors' noise, what the air does."""
+    found = service.catalogue.flight(flight_id)
+    spectra = service.views.spectra(found, _wanted(names), start, end)
+    return SpectraView(flight=flight_id, signals={name: Spectrum(**entry) for name, entry in spectra.items()})
+
+
+def _wanted(names: str) -> list[str]:
+    return list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip()))

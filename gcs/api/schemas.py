@@ -239,6 +239,13 @@ class JobView(BaseModel):
         return cls.model_validate({**job, "report": address if job["state"] == "done" else None})
 
 
+class FlightPart(BaseModel):
+    """A part of a flight, s from its start."""
+
+    start: float
+    end: float
+
+
 class FlightSummary(FlightItem):
     """What a flight holds."""
 
@@ -249,6 +256,7 @@ class FlightSummary(FlightItem):
     warnings: list[str]
     jobs: list[JobView]
     aircraft: ChosenVehicle
+    used: list[FlightPart] = Field(description="Parts that the newest identification was made from")
     ground: list[FlightItem] = Field(description="What was recorded on the ground behind it, before the next flight")
 
 
@@ -259,6 +267,25 @@ class Series(BaseModel):
     source: str
     time: list[float]
     value: list[float | None]
+
+
+class Spectrum(BaseModel):
+    """Power spectral density of one signal, one-sided, by Welch's method: value over frequency in Hz.
+
+    Both are empty where the stretch has too few samples.
+    """
+
+    unit: str = Field(description="Of the density")
+    signal_unit: str
+    frequency: list[float]
+    value: list[float]
+
+
+class SpectraView(BaseModel):
+    """Spectra of a flight's signals."""
+
+    flight: str
+    signals: dict[str, Spectrum]
 
 
 class SignalsView(BaseModel):

@@ -66,6 +66,17 @@ class ResultTable(JobTable):
             found[row["flight_id"]] = replace(before, verdict=row["verdict"], text=before.text or row["reason"] or "")
         return found
 
+    def used_parts(self, flight_id: str) -> list[dict[str, float]]:
+        """Parts of a flight that its newest identification was made from, s, as the result tells them."""
+        rows = self._rows(
+            "SELECT json_extract(json, '$.segments') AS parts FROM results"
+            " WHERE flight_id = ? AND kind = 'identify' AND json_valid(json) ORDER BY number DESC LIMIT 1",
+            flight_id,
+        )
+        parts = json.loads(rows[0]["parts"] or "[]") if rows else []
+        of_it = [part for part in parts if str(part.get("flight", "")).removesuffix(".mcap") == flight_id]
+        return [{"start": float(part["start"]), "end": float(part["end"])} for part in of_it]
+
     def models(self) -> list[dict[str, Any]]:
         """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""
         rows = self._rows(

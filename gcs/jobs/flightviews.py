@@ -16,6 +16,7 @@ import tempfile
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from gcs.catalogue.flight_table import Flight
 from gcs.errors import CatalogueError, RecordingDeletedError, RecordingError, ServiceError, SignalMapError, in_words
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.once import AskedOnce
+from gcs.jobs.spectrum import Array, power_spectral_density
 from gcs.settings import Settings
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError
@@ -40,6 +42,7 @@ _LONGEST_S = 300.0
 _MOST_BYTES = 2_000_000_000
 # Most samples of one answer, and so many requests for a flight that nobody has read yet wait at a time.
 _MOST_SAMPLES = 500_000
+_MOST_SPECTRA = 20
 _MOST_WAITING = 8
 _MOST_PREPARED = 100
 
@@ -110,6 +113,19 @@ class FlightViews:
             raise SignalMapError(
                 f"{len(names)} signals of {points} points are too many for one answer; it has {_MOST_SAMPLES} at most"
             )
+        return self._of_each(flight, names, lambda one: one.series(start_s, end_s, points))
+
+    def spectra(
+        self, flight: Flight, names: list[str], start_s: float | None, end_s: float | None
+    ) -> dict[str, dict[str, Any]]:
+        """Power spectral densities of a stretch by name; SignalMapError naming what the flight does not have."""
+        if len(names) > _MOST_SPECTRA:
+            raise SignalMapError(f"{len(names)} spectra are too many for one answer; it has {_MOST_SPECTRA} at most")
+        return self._of_each(flight, names, lambda one: one.spectrum(start_s, end_s))
+
+    def _of_each(
+        self, flight: Flight, names: list[str], read: Callable[[_Kept], dict[str, Any]]
+    ) -> dict[str, dict[str, Any]]:
         found, folder = self._view(flight)
         entries = {entry["name"]: entry for entry in found["series"]}
         missing = [name for name in names if name not in entries]
@@ -118,7 +134,7 @@ class FlightViews:
                 raise SignalMapError(found["warnings"][0])
             raise SignalMapError(f"no signal {', '.join(missing) or 'named'}; this flight has {', '.join(entries)}")
         try:
-            return {name: _series(folder, entries[name], start_s, end_s, points) for name in names}
+            return {name: read(_Kept(folder, entries[name])) for name in names}
         except (OSError, ValueError, EOFError) as error:
             self._forget(folder)
             raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
@@ -270,17 +286,37 @@ def _flight_of(folder: Path) -> str:
     return folder.name.rpartition("-")[0]
 
 
-def _series(
-    folder: Path, entry: dict[str, Any], start_s: float | None, end_s: float | None, points: int
-) -> dict[str, Any]:
-    time = np.load(folder / entry["time"], mmap_mode="r", allow_pickle=False)
-    values = np.load(folder / entry["values"], mmap_mode="r", allow_pickle=False)
-    first = 0 if start_s is None else int(np.searchsorted(time, start_s, side="left"))
-    last = time.size if end_s is None else int(np.searchsorted(time, end_s, side="right"))
-    shown, samples = decimate(time[first:last], values[first:last], points)
-    return {
-        "unit": entry["unit"],
-        "source": entry["source"],
-        "time": shown.tolist(),
-        "value": [value if np.isfinite(value) else None for value in samples.tolist()],
-    }
+@dataclass(frozen=True)
+class _Kept:
+    """One signal of a flight's folder, mapped rather than read. entry: what the summary says of it."""
+
+    folder: Path
+    entry: dict[str, Any]
+
+    def series(self, start_s: float | None, end_s: float | None, points: int) -> dict[str, Any]:
+        """A stretch of it, decimated."""
+        shown, samples = decimate(*self._stretch(start_s, end_s), points)
+        return {
+            "unit": self.entry["unit"],
+            "source": self.entry["source"],
+            "time": shown.tolist(),
+            "value": [value if np.isfinite(value) else None for value in samples.tolist()],
+        }
+
+    def spectrum(self, start_s: float | None, end_s: float | None) -> dict[str, Any]:
+        """The power spectral density of a stretch of it."""
+        frequency, density = power_spectral_density(*self._stretch(start_s, end_s))
+        unit = self.entry["unit"]
+        return {
+            "unit": f"({unit})²/Hz" if unit else "1/Hz",
+            "signal_unit": unit,
+            "frequency": frequency.tolist(),
+            "value": density.tolist(),
+        }
+
+    def _stretch(self, start_s: float | None, end_s: float | None) -> tuple[Array, Array]:
+        time = np.load(self.folder / self.entry["time"], mmap_mode="r", allow_pickle=False)
+        values = np.load(self.folder / self.entry["values"], mmap_mode="r", allow_pickle=False)
+        first = 0 if start_s is None else int(np.searchsorted(time, start_s, side="left"))
+        last = time.size if end_s is None else int(np.searchsorted(time, end_s, side="right"))
+        return time[first:last], values[first:last]

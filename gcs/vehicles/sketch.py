@@ -81,7 +81,7 @@ def sketch(vehicle: Vehicle) -> str:
         drawn.words(left + margin / 2.0, bottom, "a sheet of A4 is wider than this picture", 0.0, 16.0)
     length = _round_length(span / 4.0)
     at = span / 2.0 - length
-    drawn.box(at, bottom, length, 0.0, 'class="line"')
+    drawn.box(at, bottom, length, 2.0 / scale, 'class="line"')
     drawn.words(at, bottom, f"{length:g} m", 0.0, 16.0)
     tall = bottom + max(shown[1] if paper <= 0.9 * width else 0.0, 30.0 / scale) + margin
     label = f"{vehicle.name} from above and from the front, to scale: span {b:g} m, mean chord {c:.3g} m"

@@ -46,9 +46,13 @@ export async function request(path, options = {}) {
 
 export const get = async (path, signal) => (await request(path, { signal })).json()
 
-export const post = async (path, body) => (await request(path, {
-  method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body),
+const sent = method => async (path, body) => (await request(path, {
+  method, headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body),
 })).json()
+
+export const post = sent('POST')
+export const put = sent('PUT')
+export const patch = sent('PATCH')
 
 /** Delete what is at the address. */
 export const remove = path => request(path, { method: 'DELETE' })

@@ -1,6 +1,7 @@
 // Start: the views by name, and the line of health at the bottom.
 
 import { get } from './api.js'
+import { aircraft } from './aircraft.js'
 import { compare } from './compare.js'
 import { size } from './format.js'
 import { flight } from './flight.js'
@@ -27,6 +28,7 @@ async function health() {
 start({
   live,
   flights: (page, parts, query, signal) => (parts.length ? flight : flights)(page, parts, query, signal),
+  aircraft,
   compare,
 }, 'live')
 health()

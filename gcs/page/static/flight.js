@@ -5,7 +5,9 @@ import { h, listing, remark } from './dom.js'
 import { discrepancy } from './discrepancy.js'
 import { duration, size, utc } from './format.js'
 import { identification } from './identification.js'
+import { flightNotes, outcomeLine } from './flightnotes.js'
 import { jobs } from './jobs.js'
+import { flightTitle } from './flightchoice.js'
 import { download } from './links.js'
 import { signals } from './signals.js'
 
@@ -15,7 +17,7 @@ const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy']
 export async function flight(page, [id, tab = ''], query, signal) {
   const path = `/api/flights/${encodeURIComponent(id)}`
   const summary = await get(path, signal)
-  const name = summary.source === 'upload' ? summary.name : summary.id
+  const name = flightTitle(summary)
   const place = `#/flights/${encodeURIComponent(id)}`
   const [, title] = TABS.find(([key]) => key === tab) ?? TABS[0]
   page.append(
@@ -29,9 +31,14 @@ export async function flight(page, [id, tab = ''], query, signal) {
   } else if (tab === 'discrepancy') {
     discrepancy(page, await getIfThere(`${path}/discrepancy`, signal), summary, signal)
   } else {
-    page.append(...facts(summary, path))
-    await signals(page, summary, query, signal)
-    await jobs(page, summary, signal)
+    const again = change => 'vehicle' in change && location.reload()  // its signals are others with another aircraft
+    page.append(...[outcomeLine(summary), ...facts(summary, path)].filter(Boolean), await flightNotes(summary, path, signal, again))
+    const work = h('div', {})
+    const list = jobs(work, summary, signal)
+    list.catch(() => null)  // said where it is waited for
+    await signals(page, summary, query, signal, async job => (await list)(job))
+    page.append(work)
+    await list
     if (summary.state !== 'recording') page.append(deletion(path, name))
   }
 }

@@ -8,7 +8,7 @@ const SHOWN = 50
 const PAUSE_MS = 250
 
 /** How a flight is called in lists. */
-export const flightTitle = flight => flight.source === 'upload' ? flight.name : flight.id
+export const flightTitle = flight => flight.title || (flight.source === 'upload' ? flight.name : flight.id)
 
 /** The newest flights that match: { flights, next }; next says that there are more. */
 export function findFlights(search, signal, after) {
@@ -36,5 +36,5 @@ export function flightSearch(take, signal, words = '') {
     },
     // Enter would send the form in which the field stands.
     keydown: event => event.key === 'Enter' && event.preventDefault() })
-  return field('Find a flight', input, 'A part of its name or date, as 2026-11-23')
+  return field('Find a flight', input, 'A part of its name, comment, tags, aircraft or date, as 2026-11-23')
 }

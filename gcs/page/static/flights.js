@@ -4,17 +4,16 @@ import { get, post, upload } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
+import { outcomeWords } from './flightnotes.js'
 import { duration, size, utc } from './format.js'
-
-const STATES = { recording: 'being recorded', complete: '', recovered: 'recovered after a crash' }
 
 /** What the list shows of one flight, its name a link. */
 function row(flight) {
-  const state = flight.recording_deleted ? 'recording deleted to make room' : STATES[flight.state] ?? flight.state
   return [
-    h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' ? null : 'whole' },
-      flightTitle(flight)),
-    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), String(flight.system ?? '–'), size(flight.bytes), state,
+    [h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
+      flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag' }, tag)])],
+    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
+    flight.state === 'recovered' ? 'recovered after a crash' : '',
   ]
 }
 
@@ -63,7 +62,7 @@ function content(found, words) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
       + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
-  const head = ['Flight', 'Start (UTC)', 'Duration', 'System', 'Size', 'State']
+  const head = ['Flight', 'Start (UTC)', 'Duration', 'Result', 'System', 'Size', '']
   return [
     table('Flights, newest first', head, found.flights.map(row)),
     found.next && h('p', {}, h('a', { class: 'button', 

@@ -13,7 +13,7 @@ const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', fa
   cancelled: 'cancelled' }
 const EVERY_MS = 1000
 
-/** The section of jobs of a flight. */
+/** The section of jobs of a flight; resolves to what puts a further job into its list. */
 export async function jobs(page, summary, signal) {
   const [models, others] = await Promise.all([
     get('/api/models', signal), findFlights('', signal),
@@ -39,6 +39,7 @@ export async function jobs(page, summary, signal) {
   }
   page.append(h('h3', {}, 'Jobs'), list)
   if (!summary.jobs.length) list.before(none)
+  return add
 }
 
 // Without a vehicle, or any stamped motion of it, there is nothing to compare a model with.

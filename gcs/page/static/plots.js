@@ -29,7 +29,7 @@ const load = address => new Promise((resolve, reject) => {
 /**
  * An empty Bokeh plot, its axes named.
  * options: height (px), x, y (axis labels), xRange (a Range1d shared with others), yRange ([low, high] or names),
- * yLog, names (categories along x), select (drag with a mouse zooms in time).
+ * xLog, yLog, names (categories along x), select (drag with a mouse zooms in time).
  */
 export async function plot(options) {
   const Bokeh = await bokeh()
@@ -38,7 +38,7 @@ export async function plot(options) {
     height: options.height ?? 220, sizing_mode: 'stretch_width', toolbar_location: null, min_width: 200,
     tools: fine ? 'xbox_zoom' : '', x_axis_label: options.x ?? '', y_axis_label: options.y ?? '',
     ...(options.xRange ? { x_range: options.xRange } : {}), ...(options.yRange ? { y_range: options.yRange } : {}),
-    ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 66,
+    ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 66,
   })
   for (const axis of [...figure.xaxes, ...figure.yaxes]) {
     Object.assign(axis, {
@@ -102,6 +102,7 @@ export async function shown(figure, caption, signal) {
   const element = h('figure', {}, picture, words)
   const place = async () => {
     const view = await Bokeh.Plotting.show(figure, picture)
+    element.view = view
     signal?.addEventListener('abort', () => view.remove())
   }
   element.placed = whenInDocument(element).then(place)

@@ -1,18 +1,23 @@
-// Signals of a flight over time. What is drawn is thinned by the service, which keeps the extremes; zooming asks anew.
+// Signals of a flight: which, how they are drawn, and of which stretch; the address keeps all three.
 
-import { get } from './api.js'
+import { get, hand, post } from './api.js'
 import { announce } from './announce.js'
-import { h, remark } from './dom.js'
+import { Cursor } from './cursor.js'
+import { h, remark, select } from './dom.js'
 import { number, shownUnit, signalName } from './format.js'
-import { bokeh, gaps, line, plot, shown, source } from './plots.js'
+import { againstEachOther, overTime, spectra } from './signalplots.js'
+import { bokeh } from './plots.js'
 import { keepQuery } from './router.js'
 
 const USUAL = ['airspeed', 'alpha', 'beta', 'q', 'de']
 const POINTS = 1000
+const FINE = 20_000
 const PATIENCE_MS = 150
+const WAYS = [['', 'each in a plot of its own'], ['together', 'those of one unit together'],
+  ['xy', 'against the first one'], ['spectrum', 'as spectra']]
 
-/** The section of signals of a flight. The address keeps which of them, and the stretch. */
-export async function signals(page, summary, query, signal) {
+/** The section of signals of a flight. begun: called with a job that was started for the stretch that is shown. */
+export async function signals(page, summary, query, signal, begun) {
   page.append(h('h2', {}, 'Signals'))
   if (!summary.signals.length) {
     page.append(remark('note', h('p', {}, summary.state === 'recording'
@@ -22,60 +27,63 @@ export async function signals(page, summary, query, signal) {
   }
   const chosen = new Set((query.get('signals')?.split(',') ?? USUAL).filter(name => summary.signals.includes(name)))
   if (!chosen.size) chosen.add(summary.signals[0])
-  const place = h('div', { class: 'plots' })
-  const drawing = new Drawing(summary, place, query, signal)
+  const drawing = new Drawing(summary, query, signal, begun)
+  const again = () => drawing.draw([...chosen])
   const boxes = summary.signals.map(name => h('label', { class: 'choice' }, h('input', {
     type: 'checkbox', checked: chosen.has(name), change: event => {
       chosen[event.target.checked ? 'add' : 'delete'](name)
       query.set('signals', [...chosen].join(','))
       keepQuery(query)
-      drawing.draw([...chosen])
+      again()
     },
   }), signalName(name)))
+  const way = select(WAYS, query.get('as') ?? '', value => {
+    query.set('as', value)
+    keepQuery(query)
+    again()
+  })
+  way.setAttribute('aria-label', 'How they are drawn')
   page.append(
     h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'),
       h('fieldset', { class: 'choices' }, h('legend', {}, 'Signals to plot'), boxes)),
-    drawing.controls(), place)
-  await drawing.draw([...chosen])
+    h('div', { class: 'row' }, h('label', {}, 'Drawn ', way)),
+    drawing.controls(), drawing.cursor.element, drawing.place)
+  await again()
 }
 
 /** The plots below each other, over one range of time. */
 class Drawing {
-  constructor(summary, place, query, signal) {
-    Object.assign(this, { summary, place, query, signal, sources: new Map(), serial: 0 })
-    this.whole = [0, Infinity]
+  constructor(summary, query, signal, begun) {
+    Object.assign(this, { summary, query, signal, begun, shown: [], serial: 0, whole: [0, Infinity], names: [] })
+    this.place = h('div', { class: 'plots' })
+    this.cursor = new Cursor()
     this.span = h('output', { class: 'span' })
   }
 
   async draw(names) {
     const serial = ++this.serial
-    const Bokeh = await bokeh()
+    await bokeh()
     this.stop?.abort()
     this.stop = new AbortController()
     this.signal.addEventListener('abort', () => this.stop.abort())
     this.names = names
     const { query } = this
+    this.way = query.get('as') ?? ''
     this.range = query.has('end') ? { start: Number(query.get('start')), end: Number(query.get('end')) } : null
     const found = names.length ? await this.fetch() : {}
     if (serial !== this.serial) return
-    this.range ??= this.learn(found)
-    this.sources = new Map()
-    const made = []
-    for (const name of names) made.push(await this.one(name, found[name], new Bokeh.Range1d(this.range)))
-    this.place.replaceChildren(...made)
+    this.found = found
+    if (this.way !== 'spectrum') this.range ??= this.learn(found)
+    else if (!this.range) this.range = await this.length()
+    const { way, stop, range, summary } = this
+    this.shown = way === 'spectrum' ? await spectra(names, found, stop.signal)
+      : way === 'xy' ? await againstEachOther(names, found, stop.signal)
+        : await overTime(names, found, range, way === 'together', summary.used, changed => this.moved(changed), stop.signal)
+    if (serial !== this.serial) return
+    this.place.replaceChildren(...this.shown.map(({ element }) => element))
+    this.cursor.element.hidden = way === 'xy' || way === 'spectrum'
+    this.cursor.show(this.cursor.element.hidden ? [] : this.shown)
     this.showSpan()
-  }
-
-  async one(name, series, range) {
-    const [unit, factor] = shownUnit(series.unit)
-    const data = await source(columns(series, factor))
-    const figure = await plot({ x: 'time, s', y: unit, xRange: range, height: 200, select: true })
-    line(figure, data, 'x', 'y', 0)
-    const element = await shown(figure, caption(name, series), this.stop.signal)
-    element.prepend(h('h3', {}, `${signalName(name)}${unit ? `, ${unit}` : ''}`))
-    this.sources.set(name, { data, factor, element, range })
-    range.change.connect(() => this.moved(range))
-    return element
   }
 
   /** The flight from its first to its last sample; a vehicle's clock may run at another pace than ours. */
@@ -85,15 +93,25 @@ class Drawing {
     return { start: this.whole[0], end: this.whole[1] }
   }
 
-  fetch() {
-    const query = new URLSearchParams({ names: this.names.join(','), points: POINTS })
+  async length() {
+    const asked = new URLSearchParams({ names: this.names.slice(0, 1).join(','), points: POINTS })
+    return this.names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals) : { start: 0, end: 0 }
+  }
+
+  get path() {
+    return `/api/flights/${encodeURIComponent(this.summary.id)}`
+  }
+
+  async fetch() {
+    const spectrum = this.way === 'spectrum'
+    const asked = new URLSearchParams({ names: this.names.join(','),
+      ...(spectrum ? {} : { points: this.way === 'xy' ? Math.min(FINE, Math.floor(400_000 / this.names.length)) : POINTS }) })
     if (this.range) {
-      const margin = 0.02 * (this.range.end - this.range.start)
-      query.set('start', this.range.start - margin)
-      query.set('end', this.range.end + margin)
+      const margin = spectrum || this.way === 'xy' ? 0 : 0.02 * (this.range.end - this.range.start)
+      asked.set('start', this.range.start - margin)
+      asked.set('end', this.range.end + margin)
     }
-    return get(`/api/flights/${encodeURIComponent(this.summary.id)}/signals?${query}`, this.signal)
-      .then(answer => answer.signals)
+    return (await get(`${this.path}/${spectrum ? 'spectrum' : 'signals'}?${asked}`, this.signal)).signals
   }
 
   /** Back to all of the flight. */
@@ -108,23 +126,25 @@ class Drawing {
   moved({ start, end }) {
     if (start === this.range.start && end === this.range.end) return
     this.range = { start, end }
-    for (const { range } of this.sources.values()) range.setv(this.range)
+    for (const { range } of this.shown) range?.setv(this.range)
     this.showSpan()
     clearTimeout(this.timer)
     this.timer = setTimeout(() => this.refresh(), PATIENCE_MS)
   }
 
   async refresh() {
-    const serial = ++this.serial
+    this.query.set('start', this.range.start.toFixed(3))
+    this.query.set('end', this.range.end.toFixed(3))
     try {
-      const found = await this.fetch()
-      if (serial !== this.serial) return
-      for (const [name, { data, factor, element }] of this.sources) {
-        data.data = columns(found[name], factor)
-        element.say(caption(name, found[name]))
+      if (this.way === 'xy' || this.way === 'spectrum') {
+        await this.draw(this.names)
+      } else {
+        const serial = ++this.serial
+        const found = await this.fetch()
+        if (serial !== this.serial) return
+        this.found = found
+        for (const plot of this.shown) plot.take(found)
       }
-      this.query.set('start', this.range.start.toFixed(3))
-      this.query.set('end', this.range.end.toFixed(3))
       keepQuery(this.query)
     } catch (error) {
       if (error.name !== 'AbortError') announce(error.message, true)
@@ -144,6 +164,38 @@ class Drawing {
     announce(`Shown: ${this.span.textContent}`)
   }
 
+  /** Identify the stretch that is shown. */
+  async identify(button) {
+    button.disabled = true
+    try {
+      const { start, end } = this.range
+      const job = await post(`${this.path}/jobs`, { kind: 'identify', from: Math.max(start, 0), to: end })
+      this.begun(job)
+      announce(`An identification of ${this.span.textContent} was started; it stands below.`, true)
+    } catch (error) {
+      announce(error.message, true)
+    } finally {
+      button.disabled = false
+    }
+  }
+
+  /** What is drawn, as a table: a row for each sample of any signal. */
+  table() {
+    const rows = new Map()
+    this.names.forEach((name, column) => {
+      const { time, frequency, value, unit } = this.found[name]
+      const factor = time ? shownUnit(unit)[1] : 1
+      ;(time ?? frequency).forEach((at, i) => {
+        if (!rows.has(at)) rows.set(at, [])
+        rows.get(at)[column] = value[i] === null ? '' : value[i] * factor
+      })
+    })
+    const across = this.way === 'spectrum' ? 'frequency_Hz' : 'time_s'
+    const head = [across, ...this.names.map(name => `${name} [${this.way === 'spectrum' ? this.found[name].unit : shownUnit(this.found[name].unit)[0]}]`)]
+    const lines = [...rows.keys()].sort((a, b) => a - b).map(at => [at, ...this.names.map((_, i) => rows.get(at)[i] ?? '')].join(','))
+    hand(new Blob([[head.join(','), ...lines, ''].join('\n')], { type: 'text/csv' }), `${this.summary.id}.csv`)
+  }
+
   controls() {
     const zoom = factor => () => {
       const { start, end } = this.range
@@ -158,17 +210,8 @@ class Drawing {
     return h('div', { class: 'row', role: 'group', 'aria-label': 'Stretch of time' },
       button('+', 'Zoom in', zoom(0.5)), button('−', 'Zoom out', zoom(2)),
       button('◀', 'Earlier', move(-0.5)), button('▶', 'Later', move(0.5)),
-      button('Whole flight', 'Whole flight', () => this.all()), this.span)
+      button('Whole flight', 'Whole flight', () => this.all()), this.span,
+      h('button', { type: 'button', click: event => this.identify(event.target) }, 'Identify this stretch'),
+      h('button', { type: 'button', click: () => this.table() }, 'Values (CSV)'))
   }
-}
-
-const columns = (series, factor) => gaps({ x: series.time, y: series.value.map(v => v === null ? null : v * factor) })
-
-/** What a signal does in the stretch, in words. */
-export function caption(name, series) {
-  const [unit, factor] = shownUnit(series.unit)
-  const values = series.value.filter(value => value !== null).map(value => value * factor)
-  if (!values.length) return `${signalName(name)}: no value in this stretch`
-  const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity])
-  return `${signalName(name)} lies between ${number(low)} and ${number(high)} ${unit}, from ${series.source}`
 }

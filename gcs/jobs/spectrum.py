@@ -1,0 +1,52 @@
+"""Power spectral densities of recorded signals, by Welch's method."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Segments of an average: so many fit into the stretch, overlapping by half; and the longest, samples.
+_SEGMENTS, _LONGEST = 8, 16384
+_FEWEST = 32
+# A stretch with so large a share of its samples missing has no spectrum.
+_MOST_MISSING = 0.5
+# Samples of an hour at a kilohertz: more are not looked at.
+_MOST = 4_000_000
+
+
+def power_spectral_density(time_s: Array, values: Array) -> tuple[Array, Array]:
+    """One-sided power spectral density of samples whose stamps need not be even.
+
+    P. D. Welch, "The Use of Fast Fourier Transform for the Estimation of Power Spectra", IEEE Trans. Audio
+    Electroacoustics 15 (1967), by `scipy.signal.welch`: Hann windows, half overlapping, a straight line taken out of
+    each. What is missing is drawn straight between its neighbours first, at the median interval of the stamps.
+
+    Parameters
+    ----------
+    time_s, values : Array, shape (n,)
+        Stamps, ascending, s, and samples, NaN where there is none.
+
+    Returns
+    -------
+    frequency : Array, shape (m,)
+        Hz, without zero; empty where there are too few samples.
+    density : Array, shape (m,)
+        Square of the values' unit per Hz.
+    """
+    from scipy.signal import detrend, welch
+
+    good = np.isfinite(values)
+    time_s, values = time_s[good][:_MOST], values[good][:_MOST]
+    if time_s.size < _FEWEST:
+        return np.empty(0), np.empty(0)
+    step = float(np.median(np.diff(time_s)))
+    count = round((time_s[-1] - time_s[0]) / step) + 1 if step > 0.0 else 0
+    if not time_s.size <= count * 2 or time_s.size < (1.0 - _MOST_MISSING) * count:
+        return np.empty(0), np.empty(0)
+    even = np.interp(time_s[0] + step * np.arange(count), time_s, values)
+    length = int(min(max(2 * even.size // (_SEGMENTS + 1), _FEWEST), even.size, _LONGEST))
+    frequency, density = welch(even, 1.0 / step, "hann", length, detrend=detrend)
+    known = np.isfinite(density[1:])  # a square may be beyond all numbers
+    return np.asarray(frequency[1:][known]), np.asarray(density[1:][known])
