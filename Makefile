@@ -49,7 +49,7 @@ interop: $(VENV)/.interop $(VENV)/.docs
 
 # The pictures of docs/page.md, made anew by the browser tests.
 page-pictures: $(VENV)/.interop
-	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py
+	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_aircraft_page.py
 
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'

@@ -12,6 +12,8 @@ _SEGMENTS, _LONGEST = 8, 16384
 _FEWEST = 32
 # A stretch with so large a share of its samples missing has no spectrum.
 _MOST_MISSING = 0.5
+# Beyond it a square is beyond all numbers; nothing that flies measures it.
+_LARGEST = 1e100
 # Samples of an hour at a kilohertz: more are not looked at.
 _MOST = 4_000_000
 
@@ -37,7 +39,7 @@ def power_spectral_density(time_s: Array, values: Array) -> tuple[Array, Array]:
     """
     from scipy.signal import detrend, welch
 
-    good = np.isfinite(values)
+    good = np.abs(values) < _LARGEST
     time_s, values = time_s[good][:_MOST], values[good][:_MOST]
     if time_s.size < _FEWEST:
         return np.empty(0), np.empty(0)
@@ -48,5 +50,4 @@ def power_spectral_density(time_s: Array, values: Array) -> tuple[Array, Array]:
     even = np.interp(time_s[0] + step * np.arange(count), time_s, values)
     length = int(min(max(2 * even.size // (_SEGMENTS + 1), _FEWEST), even.size, _LONGEST))
     frequency, density = welch(even, 1.0 / step, "hann", length, detrend=detrend)
-    known = np.isfinite(density[1:])  # a square may be beyond all numbers
-    return np.asarray(frequency[1:][known]), np.asarray(density[1:][known])
+    return np.asarray(frequency[1:]), np.asarray(density[1:])

@@ -144,7 +144,7 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     assert visitor.page.locator("main b").count() == 0
     visitor.check("flight")
     visitor.page.click("summary:text-is('More settings')")
-    visitor.page.select_option("select >> nth=0", "ee")
+    visitor.page.get_by_label("Method").select_option("ee")
     visitor.page.get_by_label("Signals that are right as recorded").fill("q, az")
     visitor.page.click("button:text-is('Identify')")
     visitor.page.click("a:text-is('See the result')")
@@ -185,6 +185,48 @@ def test_zooming_asks_for_what_is_seen(visitor: Visitor, ground: Ground) -> None
     low, high = (float(number) for number in re.findall(r"[\d.]+", visitor.text("output")))
     assert low - 0.1 * (high - low) < series["time"][0] < series["time"][-1] < high + 0.1 * (high - low)
     assert visitor.page.evaluate("location.hash").count("start=") == 1
+
+
+def test_values_are_read_at_a_cursor_that_all_plots_share(visitor: Visitor, ground: Ground) -> None:
+    flight = flight_with(ground, "identify")
+    visitor.open(f"#/flights/{flight}?signals=airspeed,q")
+    visitor.wait_for_plots(2)
+    plot = visitor.page.locator(".plot").first
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    assert box is not None
+    visitor.page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 60)
+    wait_until(lambda: re.match(r"[\d.]+ s", visitor.text(".cursor")))
+    at = float(visitor.text(".cursor b").split()[0])
+    series = ground.get(f"/api/flights/{flight}/signals?names=airspeed&points=100000")["signals"]["airspeed"]
+    nearest = min(range(len(series["time"])), key=lambda i: abs(series["time"][i] - at))
+    shown = re.search(r"airspeed ([\d.]+) m/s", visitor.text(".cursor"))
+    assert shown is not None
+    around = series["value"][max(nearest - 10, 0) : nearest + 11]
+    assert min(around) - 0.01 <= float(shown[1]) <= max(around) + 0.01
+    assert visitor.page.locator(".cursor-line:not([hidden])").count() == 2
+    visitor.page.focus(".cursor")
+    visitor.page.keyboard.press("ArrowRight")
+    wait_until(lambda: float(visitor.text(".cursor b").split()[0]) > at)
+    visitor.check("cursor")
+
+
+@pytest.mark.parametrize(("way", "plots"), [("together", 2), ("xy", 2), ("spectrum", 3)])
+def test_signals_are_drawn_in_other_ways(visitor: Visitor, ground: Ground, way: str, plots: int) -> None:
+    visitor.open(f"#/flights/{flight_with(ground, 'identify')}?signals=p,q,theta")
+    visitor.wait_for_plots(3)
+    visitor.page.get_by_label("How they are drawn").select_option(way)
+    wait_until(lambda: visitor.page.locator(".plots figure").count() == plots)
+    visitor.wait_for_plots(plots)
+    assert f"as={way}" in visitor.page.evaluate("location.hash")
+    with visitor.page.expect_download() as download:
+        visitor.page.click("button:text-is('Values (CSV)')")
+    rows = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
+    assert rows[0].startswith(
+        "frequency_Hz,p [(rad/s)²/Hz]" if way == "spectrum" else "time_s,p [°/s],q [°/s],theta [°]"
+    )
+    assert len(rows) > 100
+    visitor.check()
 
 
 def test_a_model_stands_there_with_its_error_bars(visitor: Visitor, ground: Ground) -> None:

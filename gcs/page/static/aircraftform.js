@@ -21,8 +21,8 @@ export function aircraftForm({ toml, form, save, label, signal }) {
 
 class Description {
   constructor(toml, form, save, label, signal) {
-    Object.assign(this, { toml, form: form && structuredClone(form), save, signal, timer: 0, asked: 0, typed: false })
-    this.follows = h('section', { 'aria-label': 'What follows from it', 'aria-live': 'polite' })
+    Object.assign(this, { toml, form: form && structuredClone(form), save, signal, timer: 0, asked: 0, typed: false, inputs: {} })
+    this.follows = h('section', { 'aria-label': 'Check', 'aria-live': 'polite' })
     this.words = h('p', { role: 'status' })
     this.button = h('button', { class: 'main' }, label)
     this.text = h('textarea', { rows: 18, spellcheck: false, class: 'code', input: () => this.changedText() })
@@ -52,6 +52,7 @@ class Description {
       else this.form.numbers[name] = Number(input.value)
       this.changed()
     } })
+    this.inputs[name] = input
     return field(`${label}, ${unit}`, input, hint)
   }
 
@@ -97,11 +98,10 @@ class Description {
           ...(way.value === 'bifilar' ? { spacing_m: Number(spacing.value) } : {}),
           times_s: times.value.split(/[\s,;]+/).filter(Boolean).map(Number),
         })
-        this.form.numbers[`${axis.value}_kgm2`] = Number(found.value.toPrecision(4))
-        this.form.numbers[`${axis.value}_std_kgm2`] = Number(found.std.toPrecision(2))
-        this.draw()
+        const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)), [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
+        for (const [name, value] of Object.entries(made)) this.inputs[name].value = this.form.numbers[name] = value
         this.changed()
-        this.words.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
+        says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
       } catch (error) {
         says.className = 'remark bad'
         says.textContent = error.message
@@ -124,27 +124,33 @@ class Description {
     const box = h('input', { type: 'checkbox', checked: Boolean(given), change: () => {
       if (box.checked) this.form.controls[name] = { signal: 'command', servos: [newServo(name)] }
       else delete this.form.controls[name]
-      this.draw()
-      this.changed()
+      again()
     } })
+    // Drawn anew alone, the focus left where it was.
+    const again = () => {
+      const drawn = this.control(name)
+      place.replaceWith(drawn)
+      drawn.querySelector('input').focus()
+      this.changed()
+    }
     const title = h('label', { class: 'choice' }, box, CONTROLS[name])
-    if (!given) return title
+    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name]}: servos` }, title)
+    if (!given) return place
     const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']], given.signal, value => {
       given.signal = value
       this.changed()
     })
-    return h('div', { class: 'control', role: 'group', 'aria-label': CONTROLS[name] }, title,
-      given.servos.map((servo, index) => this.servo(name, given, servo, index)),
+    place.append(...given.servos.map((servo, index) => this.servo(name, given, servo, index, again)),
       h('div', { class: 'row' }, h('button', { type: 'button', click: () => {
         given.servos.push(newServo(name))
         given.servos.forEach(one => { one.mix = 1 / given.servos.length })
-        this.draw()
-        this.changed()
+        again()
       } }, 'Another servo moves it too')),
       field('The log carries', signal))
+    return place
   }
 
-  servo(name, given, servo, index) {
+  servo(name, given, servo, index, again) {
     const list = (key, label, hint) => {
       const input = h('input', { type: 'text', inputmode: 'decimal', value: servo[key].join(', '), input: () => {
         servo[key] = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
@@ -167,8 +173,7 @@ class Description {
       several && h('button', { type: 'button', 'aria-label': `Leave servo ${servo.servo} out`, click: () => {
         given.servos.splice(index, 1)
         if (given.servos.length === 1) given.servos[0].mix = 1
-        this.draw()
-        this.changed()
+        again()
       } }, 'Leave it out'))
   }
 
@@ -194,16 +199,22 @@ class Description {
 
   bench() {
     const names = Object.keys(this.form.bench)
-    return h('fieldset', { class: 'panel' }, h('legend', {}, 'Bench tables of analogue channels'),
-      names.map(name => this.table(name)),
+    const again = () => {
+      const drawn = this.bench()
+      place.replaceWith(drawn)
+      drawn.querySelector('input, button').focus()
+      this.changed()
+    }
+    const place = h('fieldset', { class: 'panel' }, h('legend', {}, 'Bench tables of analogue channels'),
+      names.map(name => this.table(name, again)),
       h('div', { class: 'row' }, CHANNELS.filter(([name]) => !names.includes(name)).map(([name, words]) => h('button', { type: 'button', click: () => {
         this.form.bench[name] = { source: 'adc0', form: name === 'airspeed' ? 'pitot' : 'linear', unit: { airspeed: 'Pa', thrust: 'gf' }[name] ?? 'deg', points: [] }
-        this.draw()
-        this.changed()
+        again()
       } }, `Add ${words}`))))
+    return place
   }
 
-  table(name) {
+  table(name, again) {
     const given = this.form.bench[name]
     const short = (key, label, hint) => {
       const input = h('input', { type: 'text', value: given[key], input: () => {
@@ -222,8 +233,7 @@ class Description {
     field('Reference and reading, one pair a line', points, 'Paste two columns of a spreadsheet'),
     h('button', { type: 'button', click: () => {
       delete this.form.bench[name]
-      this.draw()
-      this.changed()
+      again()
     } }, `Leave ${name} out`))
   }
 

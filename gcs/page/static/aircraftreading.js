@@ -12,7 +12,7 @@ export function reading(found) {
     figure.is_usual ? '' : h('strong', {}, 'unusual: is a unit wrong?')]
   return h('div', { class: 'pair' },
     h('div', {}, found.warnings.length ? remark('note', h('h2', {}, 'Doubtful'), listing(found.warnings)) : null,
-      table('What follows from it', ['Figure', 'Value', 'Small aircraft', ''], found.figures.map(row))),
+      table('What follows from it', ['Figure', 'Value', 'Small aircraft', 'Remark'], found.figures.map(row))),
     h('figure', {}, picture, h('figcaption', {}, 'Drawn to scale from what was entered; broken lines are guesses.')))
 }
 

@@ -23,9 +23,8 @@ export function outcomeWords({ outcome, state, recording_deleted }) {
   if (outcome.state === 'queued') return 'waits to be identified'
   if (outcome.state === 'running') return 'is being identified'
   const verdict = VERDICTS[outcome.verdict]?.[1]
-  const kept = recording_deleted ? '; recording deleted to make room' : ''
-  if (verdict) return `model ${verdict}${kept}`
-  return { failed: 'no model could be made', skipped: 'nothing airborne in it' }[outcome.state] ?? (recording_deleted ? 'recording deleted to make room' : 'not identified yet')
+  const made = verdict ? `model ${verdict}` : { failed: 'no model could be made', skipped: 'nothing airborne in it' }[outcome.state] ?? 'not identified yet'
+  return [made, state === 'recovered' && 'recovered after a crash', recording_deleted && 'recording deleted to make room'].filter(Boolean).join('; ')
 }
 
 /** Name, comment, tags and aircraft of a flight, each kept as soon as it is changed. done: called when one was. */

@@ -13,7 +13,6 @@ function row(flight) {
     [h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
       flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag' }, tag)])],
     utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
-    flight.state === 'recovered' ? 'recovered after a crash' : '',
   ]
 }
 
@@ -62,7 +61,7 @@ function content(found, words) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
       + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
-  const head = ['Flight', 'Start (UTC)', 'Duration', 'Result', 'System', 'Size', '']
+  const head = ['Flight', 'Start (UTC)', 'Duration', 'Result', 'System', 'Size']
   return [
     table('Flights, newest first', head, found.flights.map(row)),
     found.next && h('p', {}, h('a', { class: 'button', 

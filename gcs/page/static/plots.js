@@ -38,7 +38,7 @@ export async function plot(options) {
     height: options.height ?? 220, sizing_mode: 'stretch_width', toolbar_location: null, min_width: 200,
     tools: fine ? 'xbox_zoom' : '', x_axis_label: options.x ?? '', y_axis_label: options.y ?? '',
     ...(options.xRange ? { x_range: options.xRange } : {}), ...(options.yRange ? { y_range: options.yRange } : {}),
-    ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 66,
+    ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 74,
   })
   for (const axis of [...figure.xaxes, ...figure.yaxes]) {
     Object.assign(axis, {

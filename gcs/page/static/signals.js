@@ -47,7 +47,8 @@ export async function signals(page, summary, query, signal, begun) {
     h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'),
       h('fieldset', { class: 'choices' }, h('legend', {}, 'Signals to plot'), boxes)),
     h('div', { class: 'row' }, h('label', {}, 'Drawn ', way)),
-    drawing.controls(), drawing.cursor.element, drawing.place)
+    drawing.controls(), summary.used.length ? h('p', { class: 'hint' }, 'Shaded green: the parts that the model was made from.') : '',
+    drawing.cursor.element, drawing.place)
   await again()
 }
 

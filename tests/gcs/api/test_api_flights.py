@@ -70,3 +70,15 @@ def test_thinning_keeps_every_peak_and_the_order_of_time() -> None:
     assert (np.diff(kept_time) > 0).all()
     assert {50.0, -60.0} <= set(kept.tolist())
     assert np.isnan(kept).any()
+
+
+def test_spectra_of_signals(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 4, START)
+    found = client.get(f"/api/flights/{flight}/spectrum", params={"names": "phi"}).json()["signals"]["phi"]
+    assert (found["unit"], found["signal_unit"]) == ("(rad)²/Hz", "rad")
+    assert len(found["frequency"]) == len(found["value"]) > 5
+    short = client.get(f"/api/flights/{flight}/spectrum", params={"names": "phi", "start": 1, "end": 1.2}).json()
+    assert short["signals"]["phi"]["frequency"] == []
+    assert "no signal nothing" in problem(
+        client.get(f"/api/flights/{flight}/spectrum", params={"names": "nothing"}), 404
+    )

@@ -75,6 +75,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/flights/{flight_id}/discrepancy",
         "GET /api/flights/{flight_id}/report",
         "PATCH /api/flights/{flight_id}",
+        "GET /api/flights/{flight_id}/spectrum",
         "GET /api/vehicles",
         "POST /api/vehicles",
         "POST /api/vehicles/check",
