@@ -246,6 +246,21 @@ class FlightPart(BaseModel):
     end: float
 
 
+class ModeView(FlightPart):
+    """A stretch in one mode of the autopilot."""
+
+    mode: str
+    armed: bool
+
+
+class TextView(BaseModel):
+    """A text of the vehicle; severity from 0 (emergency) to 7 (debug)."""
+
+    time: float
+    severity: int
+    text: str
+
+
 class FlightSummary(FlightItem):
     """What a flight holds."""
 
@@ -253,6 +268,11 @@ class FlightSummary(FlightItem):
     lost: int = Field(description="Frames missing in the senders' sequences")
     damage: list[str] = Field(description="Parts of the recording that cannot be read")
     signals: list[str] = Field(description="Names that GET …/signals accepts")
+    fields: dict[str, list[str]] = Field(
+        description="Messages of the vehicle with their numbers; GET …/signals accepts MESSAGE.field too"
+    )
+    modes: list[ModeView] = Field(description="Modes of the autopilot, one after the other")
+    texts: list[TextView] = Field(description="What the vehicle said")
     warnings: list[str]
     jobs: list[JobView]
     aircraft: ChosenVehicle

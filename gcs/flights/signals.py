@@ -55,8 +55,17 @@ def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None
     Signal.source says which.
     Raises SignalMapError where there is no vehicle, no stamp, or a field that a vehicle file names does not exist.
     """
+    return extract_from(recording, vehicle, streams_for(recording, vehicle, system))
+
+
+def streams_for(recording: ColumnSource, vehicle: Vehicle, system: int | None = None) -> VehicleStreams:
+    """The messages that `extract` goes by, on the flight's clock. Raises SignalMapError as `extract` does."""
     extra = [source.message for source in vehicle.signals.values()]
-    streams = load_streams(recording, [*MESSAGES, *extra, UTC_MESSAGE], system)
+    return load_streams(recording, [*MESSAGES, *extra, UTC_MESSAGE], system)
+
+
+def extract_from(recording: ColumnSource, vehicle: Vehicle, streams: VehicleStreams) -> FlightSignals:
+    """`extract` of streams that were loaded before. Raises SignalMapError."""
     flight = _Flight(vehicle, streams)
     for name in dict.fromkeys([*SIGNALS, *vehicle.signals]):
         flight.add_measured(name)

@@ -10,12 +10,13 @@ import hashlib
 import json
 import logging
 import os
+import re
 import shutil
 import sys
 import tempfile
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,9 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 _log = logging.getLogger(__name__)
 
 _SUMMARY = "summary.json"
+_NOTHING: Mapping[str, Any] = {
+    "topics": {}, "lost": 0, "damage": [], "signals": [], "warnings": [], "modes": [], "texts": [], "fields": {},
+}  # fmt: skip
 _KEPT_SUMMARIES = 64
 _LONGEST_S = 300.0
 # All folders together; those not looked at for longest go. An hour's flight takes 100 MB.
@@ -43,6 +47,8 @@ _MOST_BYTES = 2_000_000_000
 # Most samples of one answer, and so many requests for a flight that nobody has read yet wait at a time.
 _MOST_SAMPLES = 500_000
 _MOST_SPECTRA = 20
+# A field of a message, as SCALED_IMU.xacc or DEBUG_FLOAT_ARRAY.data[3].
+_FIELD = re.compile(r"[A-Z][A-Z0-9_]{0,60}\.[a-z0-9_]{1,60}(\[[0-9]{1,3}\])?")
 _MOST_WAITING = 8
 _MOST_PREPARED = 100
 
@@ -99,11 +105,11 @@ class FlightViews:
         of one that cannot be read now why, as a warning. Raises CatalogueError.
         """
         try:
-            return {key: value for key, value in self._view(flight)[0].items() if key != "series"}
+            return {**_NOTHING, **{key: value for key, value in self._view(flight)[0].items() if key != "series"}}
         except (RecordingError, RecordingDeletedError) as error:
-            return {"topics": {}, "lost": 0, "damage": [str(error)], "signals": [], "warnings": []}
+            return {**_NOTHING, "damage": [str(error)]}
         except ServiceError as error:  # its jobs and results can be seen all the same
-            return {"topics": {}, "lost": 0, "damage": [], "signals": [], "warnings": [str(error)]}
+            return {**_NOTHING, "warnings": [str(error)]}
 
     def series(
         self, flight: Flight, names: list[str], start_s: float | None, end_s: float | None, points: int
@@ -128,6 +134,8 @@ class FlightViews:
     ) -> dict[str, dict[str, Any]]:
         found, folder = self._view(flight)
         entries = {entry["name"]: entry for entry in found["series"]}
+        for message in dict.fromkeys(name.split(".")[0] for name in names if _FIELD.fullmatch(name)):
+            entries |= {entry["name"]: entry for entry in self._fields(flight, folder, message)}
         missing = [name for name in names if name not in entries]
         if missing or not names:
             if not entries and found["warnings"]:
@@ -138,6 +146,33 @@ class FlightViews:
         except (OSError, ValueError, EOFError) as error:
             self._forget(folder)
             raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
+
+    def _fields(self, flight: Flight, folder: Path, message: str) -> list[dict[str, str]]:
+        """The fields of one message, which a worker reads when they are first asked for. SignalMapError if none."""
+        listed = folder / f"{message}.json"
+        if not listed.is_file():
+            if flight.state == "recording":
+                raise SignalMapError("fields of messages can be seen when the flight is over")
+            with (
+                self._turn(flight.id),
+                tempfile.TemporaryDirectory(prefix="reading-", dir=self._settings.views) as made,
+            ):
+                target = Path(made) / "fields"
+                target.mkdir()
+                order = {
+                    "recordings": flight.kept_files(self._settings.flights),
+                    "message": message,
+                    "system": flight.system,
+                    "target": target,
+                    "memory_bytes": self._memory_bytes,
+                }
+                found = self._reader.ask(order, Path(made), f"flight {flight.id}", SignalMapError)
+                for path in target.iterdir():
+                    path.rename(folder / path.name)
+                unfinished = target / listed.name
+                unfinished.write_text(json.dumps(found["series"]), encoding="utf-8")
+                unfinished.rename(listed)
+        return list(json.loads(listed.read_text(encoding="utf-8")))
 
     def _prepare(self) -> None:
         while True:

@@ -6,28 +6,32 @@ import itertools
 import json
 import sys
 import threading
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gcs.errors import GcsError, SignalMapError
+from gcs.flights.streams import VehicleStreams
+from gcs.flights.timeline import array_elements, modes, raw_fields, texts
 from gcs.jobs.limits import NICENESS_WAITED_FOR, stand_back
 from gcs.jobs.worker import end_with_service, report
+from gcs.mavlink.dialect import Dialect, MessageType
 from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
 from gcs.text.sizes import size_text
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SysidError
-from sysid.signals.flight import FlightSignals
+from sysid.signals.flight import FlightSignals, Signal
 
 # Of a recording with more topics those with most messages; and so many bytes of samples are kept for plots.
 _MOST_TOPICS = 2000
 _MOST_BYTES = 1_000_000_000
 _MOST_NOTES, _LONGEST_NOTE = 200, 500
+_MOST_MESSAGES = 300
 _NO_VEHICLE = "which aircraft this was is not known, so no deflection of a surface is shown, and no calibrated channel"
 
 
@@ -37,7 +41,7 @@ def main() -> int:
     threading.Thread(target=end_with_service, daemon=True).start()
     stand_back(order["memory_bytes"], NICENESS_WAITED_FOR)
     try:
-        report(**summary(order))
+        report(**(fields(order) if order.get("message") else summary(order)))
     except GcsError as error:
         report(error=str(error))
     except MemoryError:
@@ -57,15 +61,52 @@ def summary(order: dict[str, Any]) -> dict[str, Any]:
         "signals": [],
         "warnings": [],
         "series": [],
+        "modes": [],
+        "texts": [],
+        "fields": {},
     }
     if order["target"] is not None:
         try:
-            signals = _signals(recording, order["vehicle"], order["system"])
-            found["series"] = _save(signals, Path(order["target"]))
+            signals, streams = _signals(recording, order["vehicle"], order["system"])
+            found["series"] = _save(signals.signals, Path(order["target"]))
             found |= {"signals": list(signals.signals), "warnings": list(signals.warnings)}
+            found |= {
+                "modes": [asdict(one) for one in modes(recording, streams)],
+                "texts": [asdict(one) for one in texts(recording, streams)],
+                "fields": _fields_of(recording, streams.sender.system),
+            }
         except (GcsError, SysidError, SimVehicleError) as error:
             found["warnings"] = [str(error)]
     return found
+
+
+def fields(order: dict[str, Any]) -> dict[str, Any]:
+    """Every number of one message as it was sent, as samples like those of signals. Raises SignalMapError."""
+    from gcs.flights.signals import streams_for
+
+    recording, message = Recording([Path(path) for path in order["recordings"]]), order["message"]
+    found = raw_fields(recording, streams_for(recording, Vehicle.unknown(), order["system"]), message)
+    if not found:
+        raise SignalMapError(f"the vehicle sent no {message} in this flight")
+    units = Dialect.load().by_name[message].units if message in Dialect.load().by_name else {}
+    made = {
+        one.name: Signal(one.time_s, one.values, units.get(one.name.split(".")[1].split("[")[0], ""), message)
+        for one in found
+    }
+    return {"series": _save(made, Path(order["target"]), f"{message}-")}
+
+
+def _fields_of(recording: Recording, system: int) -> dict[str, list[str]]:
+    """Names of the messages that the vehicle sent, and of their fields that are numbers, as the dialect has them."""
+    known = Dialect.load().by_name
+    sent = {topic.rsplit("/", 1)[1] for topic in recording.counts() if topic.startswith(f"/mavlink/{system}/")}
+    return {name: list(_numbers_of(known[name])) for name in sorted(sent & known.keys())[:_MOST_MESSAGES]}
+
+
+def _numbers_of(message: MessageType) -> Iterator[str]:
+    for field in message.layout.fields:
+        if field.name not in message.text_fields:
+            yield from array_elements(field.name, field.count)
 
 
 def _most_first(counts: dict[str, int]) -> Iterable[tuple[str, int]]:
@@ -73,24 +114,27 @@ def _most_first(counts: dict[str, int]) -> Iterable[tuple[str, int]]:
     return counts.items() if len(counts) <= _MOST_TOPICS else sorted(counts.items(), key=lambda one: -one[1])
 
 
-def _signals(recording: Recording, vehicle: str | None, system: int | None) -> FlightSignals:
-    from gcs.flights.signals import extract
+def _signals(recording: Recording, vehicle: str | None, system: int | None) -> tuple[FlightSignals, VehicleStreams]:
+    from gcs.flights.signals import extract_from, streams_for
 
-    if vehicle is not None:
-        return extract(recording, load_vehicle(vehicle), system)
-    found = extract(recording, Vehicle.unknown(), system)
-    return replace(found, warnings=(*found.warnings, _NO_VEHICLE))
+    craft = Vehicle.unknown() if vehicle is None else load_vehicle(vehicle)
+    streams = streams_for(recording, craft, system)
+    found = extract_from(recording, craft, streams)
+    if vehicle is None:
+        found = replace(found, warnings=(*found.warnings, _NO_VEHICLE))
+    return found, streams
 
 
-def _save(signals: FlightSignals, folder: Path) -> list[dict[str, str]]:
-    """Write every signal's samples; stamps that several signals share are written once."""
+def _save(signals: Mapping[str, Signal], folder: Path, before: str = "") -> list[dict[str, str]]:
+    """Write every signal's samples; stamps that several signals share are written once. before: of the files' names."""
     stamps: dict[int, str] = {}
     written, entries = 0, []
-    for number, (name, signal) in enumerate(signals.signals.items()):
+    for number, (name, signal) in enumerate(signals.items()):
         time_file = stamps.get(id(signal.time_s))
-        arrays = {f"{number}.npy": signal.values}
+        values_file = f"{before}{number}.npy"
+        arrays = {values_file: signal.values}
         if time_file is None:
-            time_file = stamps[id(signal.time_s)] = f"{number}-time.npy"
+            time_file = stamps[id(signal.time_s)] = f"{before}{number}-time.npy"
             arrays[time_file] = signal.time_s
         written += sum(array.nbytes for array in arrays.values())
         if written > _MOST_BYTES:
@@ -98,7 +142,7 @@ def _save(signals: FlightSignals, folder: Path) -> list[dict[str, str]]:
         for file, array in arrays.items():
             np.save(folder / file, array, allow_pickle=False)
         entries.append(
-            {"name": name, "unit": signal.unit, "source": signal.source, "time": time_file, "values": f"{number}.npy"}
+            {"name": name, "unit": signal.unit, "source": signal.source, "time": time_file, "values": values_file}
         )
     return entries
 

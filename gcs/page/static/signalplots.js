@@ -6,13 +6,15 @@ import { number, shownUnit, signalName } from './format.js'
 import { bokeh, gaps, legendAbove, line, plot, shown, source } from './plots.js'
 
 const GREEN_BAND = '#8fce9b'
+const MOST_MODES = 40
 
 /**
  * Plots over time, below each other.
- * found: series by name. together: those of one unit in one plot. used: parts that were identified, shaded.
+ * found: series by name. together: those of one unit in one plot. used, modes: parts that were identified, shaded, and
+ * of the autopilot's modes, which begin at dotted lines.
  * moved: called with the range of a plot that was zoomed in.
  */
-export async function overTime(names, found, range, together, used, moved, signal) {
+export async function overTime(names, found, range, together, { used, modes }, moved, signal) {
   const Bokeh = await bokeh()
   const made = []
   for (const group of together ? byUnit(names, found) : names.map(name => [name])) {
@@ -21,6 +23,9 @@ export async function overTime(names, found, range, together, used, moved, signa
     const figure = await plot({ x: 'time, s', y: unit, xRange: own, height: group.length > 1 ? 300 : 200, select: true })
     for (const { start, end } of used) {
       figure.add_layout(new Bokeh.BoxAnnotation({ left: start, right: end, fill_color: GREEN_BAND, fill_alpha: 0.25, line_color: null, level: 'underlay' }))
+    }
+    for (const { start } of modes.slice(1, MOST_MODES)) {
+      figure.add_layout(new Bokeh.Span({ location: start, dimension: 'height', line_color: '#6a1b9a', line_dash: 'dotted', line_width: 2 }))
     }
     const kept = {}
     for (const [index, name] of group.entries()) {

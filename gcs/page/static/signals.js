@@ -3,7 +3,7 @@
 import { get, hand, post } from './api.js'
 import { announce } from './announce.js'
 import { Cursor } from './cursor.js'
-import { h, remark, select } from './dom.js'
+import { field, h, remark, select, table } from './dom.js'
 import { number, shownUnit, signalName } from './format.js'
 import { againstEachOther, overTime, spectra } from './signalplots.js'
 import { bokeh } from './plots.js'
@@ -13,6 +13,7 @@ const USUAL = ['airspeed', 'alpha', 'beta', 'q', 'de']
 const POINTS = 1000
 const FINE = 20_000
 const PATIENCE_MS = 150
+const SEVERITIES = ['emergency', 'alert', 'critical', 'error', 'warning', 'notice', 'info', 'debug']
 const WAYS = [['', 'each in a plot of its own'], ['together', 'those of one unit together'],
   ['xy', 'against the first one'], ['spectrum', 'as spectra']]
 
@@ -25,18 +26,19 @@ export async function signals(page, summary, query, signal, begun) {
       : 'No signal can be read from this recording; the warnings above say why.')))
     return
   }
-  const chosen = new Set((query.get('signals')?.split(',') ?? USUAL).filter(name => summary.signals.includes(name)))
+  const fields = new Set(Object.entries(summary.fields).flatMap(([message, names]) => names.map(name => `${message}.${name}`)))
+  const chosen = new Set((query.get('signals')?.split(',') ?? USUAL).filter(name => summary.signals.includes(name) || fields.has(name)))
   if (!chosen.size) chosen.add(summary.signals[0])
   const drawing = new Drawing(summary, query, signal, begun)
   const again = () => drawing.draw([...chosen])
-  const boxes = summary.signals.map(name => h('label', { class: 'choice' }, h('input', {
+  const box = name => h('label', { class: 'choice' }, h('input', {
     type: 'checkbox', checked: chosen.has(name), change: event => {
       chosen[event.target.checked ? 'add' : 'delete'](name)
       query.set('signals', [...chosen].join(','))
       keepQuery(query)
       again()
     },
-  }), signalName(name)))
+  }), signalName(name))
   const way = select(WAYS, query.get('as') ?? '', value => {
     query.set('as', value)
     keepQuery(query)
@@ -45,11 +47,35 @@ export async function signals(page, summary, query, signal, begun) {
   way.setAttribute('aria-label', 'How they are drawn')
   page.append(
     h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'),
-      h('fieldset', { class: 'choices' }, h('legend', {}, 'Signals to plot'), boxes)),
+      h('fieldset', { class: 'choices' }, h('legend', {}, 'Signals to plot'), summary.signals.map(box)),
+      anyField(summary.fields, chosen, box)),
     h('div', { class: 'row' }, h('label', {}, 'Drawn ', way)),
     drawing.controls(), summary.used.length ? h('p', { class: 'hint' }, 'Shaded green: the parts that the model was made from.') : '',
-    drawing.cursor.element, drawing.place)
+    drawing.cursor.element, drawing.place, events(summary, drawing))
   await again()
+}
+
+/** Any number of any message as it was sent: a message is chosen first. */
+function anyField(messages, chosen, box) {
+  const names = Object.keys(messages)
+  if (!names.length) return ''
+  const list = h('fieldset', { class: 'choices' })
+  const show = message => list.replaceChildren(h('legend', {}, `Fields of ${message}, as they were sent`), ...messages[message].map(name => box(`${message}.${name}`)))
+  const first = [...chosen].map(name => name.split('.')[0]).find(name => name in messages) ?? names[0]
+  show(first)
+  return h('div', {}, field('Any field of a message', select(names.map(name => [name, name]), first, show)), list)
+}
+
+/** Modes of the autopilot and what the vehicle said; each leads the cursor there. */
+function events({ modes, texts }, drawing) {
+  const rows = [
+    ...modes.map(one => ({ time: one.start, what: `${one.mode}${one.armed ? '' : ', disarmed'}`, kind: 'mode' })),
+    ...texts.map(one => ({ time: one.time, what: one.text, kind: SEVERITIES[one.severity] ?? 'text' })),
+  ].sort((a, b) => a.time - b.time)
+  if (!rows.length) return ''
+  const found = table('What happened', ['Time, s', 'What', 'Kind'], rows.map(({ time, what, kind }) => [
+    h('button', { type: 'button', class: 'small', 'aria-label': `Put the cursor to ${time.toFixed(1)} s`, click: () => drawing.cursor.move(time) }, time.toFixed(1)), what, kind]))
+  return h('details', {}, h('summary', {}, `Modes and texts (${rows.length})`), found)
 }
 
 /** The plots below each other, over one range of time. */
@@ -79,7 +105,7 @@ class Drawing {
     const { way, stop, range, summary } = this
     this.shown = way === 'spectrum' ? await spectra(names, found, stop.signal)
       : way === 'xy' ? await againstEachOther(names, found, stop.signal)
-        : await overTime(names, found, range, way === 'together', summary.used, changed => this.moved(changed), stop.signal)
+        : await overTime(names, found, range, way === 'together', summary, changed => this.moved(changed), stop.signal)
     if (serial !== this.serial) return
     this.place.replaceChildren(...this.shown.map(({ element }) => element))
     this.cursor.element.hidden = way === 'xy' || way === 'spectrum'

@@ -82,3 +82,19 @@ def test_spectra_of_signals(bench: Bench, client: httpx.Client) -> None:
     assert "no signal nothing" in problem(
         client.get(f"/api/flights/{flight}/spectrum", params={"names": "nothing"}), 404
     )
+
+
+def test_any_field_of_a_message_is_a_signal_too(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 3, START)
+    summary = client.get(f"/api/flights/{flight}").json()
+    assert "roll" in summary["fields"]["ATTITUDE"]
+    assert summary["modes"][0]["armed"]
+    asked = {"names": "ATTITUDE.roll,phi,SYSTEM_TIME.time_boot_ms"}
+    found = client.get(f"/api/flights/{flight}/signals", params=asked).json()["signals"]
+    assert found["ATTITUDE.roll"]["value"] == found["phi"]["value"]
+    assert found["ATTITUDE.roll"]["unit"] == "rad"
+    assert found["SYSTEM_TIME.time_boot_ms"]["value"][0] == 5000
+    assert client.get(f"/api/flights/{flight}/spectrum", params={"names": "ATTITUDE.roll"}).status_code == 200
+    for name, words in (("GPS_RAW_INT.lat", "sent no GPS_RAW_INT"), ("ATTITUDE.x", "no signal ATTITUDE.x"),
+                        ("../../etc.passwd", "no signal ../../etc.passwd")):  # fmt: skip
+        assert words in problem(client.get(f"/api/flights/{flight}/signals", params={"names": name}), 404)
