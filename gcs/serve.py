@@ -36,6 +36,7 @@ from gcs.station.station import RecordingStation
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
 from gcs.text.sparing_log import log_sparingly
+from gcs.vehicles.shelf import STATION
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
@@ -105,6 +106,19 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     return queue
 
 
+def _vehicle_of(jobs: JobRunner) -> Callable[[str, int | None], str]:
+    """The vehicle file of a flight that is being recorded, "" for the service's own or none."""
+
+    def file(flight_id: str, system: int | None) -> str:
+        try:
+            chosen = jobs.choice.for_flight(flight_id, system).vehicle
+        except (GcsError, SimVehicleError):
+            return ""
+        return "" if chosen.id == STATION else str(chosen.vehicle.path)
+
+    return file
+
+
 class _Server(uvicorn.Server):
     """Ends the streams of events when it is asked to stop: it waits for every answer to be complete."""
 
@@ -163,7 +177,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         with _links(settings.connect) as links, _links(tuple(url for url, _ in forwards)) as forward:
             rules = {link.name: rule for link, (_, rule) in zip(forward, forwards, strict=True)}
             voice = StationVoice(settings.link.own_key)
-            live = LiveFeed(settings, recorder.live_vehicles)
+            live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs))
             station = RecordingStation(
                 links,
                 recorder,

@@ -27,7 +27,7 @@ _HEARTBEAT_S = 10.0
 # Each has a connection for as long as it likes, of which others need some.
 _MOST_FOLLOWING = 64
 _FRESH_NS = 2_000_000_000
-_NO_VEHICLE = "no vehicle file: start the service with --vehicle FILE to identify while flying"
+_NO_VEHICLE = "no aircraft is known: describe it under Aircraft, or start the service with --vehicle FILE"
 _STARTING = "the first estimates come a few seconds after the first messages"
 
 
@@ -85,7 +85,7 @@ def snapshot(service: Service) -> dict[str, Any]:
     vehicle = service.settings.vehicle
     why = None
     if state.identification is None:
-        why = _NO_VEHICLE if vehicle is None else feed.problem or _STARTING
+        why = _NO_VEHICLE if vehicle is None and feed.vehicle is None else feed.problem or _STARTING
     return {
         "schema": "live/1",
         "flight": feed.flight,

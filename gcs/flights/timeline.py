@@ -14,7 +14,8 @@ from gcs.flights.streams import ColumnSource, Stream, VehicleStreams, once
 
 Array = NDArray[np.float64]
 
-_ARMED = 0x80  # MAV_MODE_FLAG_SAFETY_ARMED
+_ARMED, _CUSTOM = 0x80, 0x01  # MAV_MODE_FLAG_SAFETY_ARMED, _CUSTOM_MODE_ENABLED
+_FLAGS = {0x04: "AUTO", 0x08: "GUIDED", 0x10: "STABILIZE", 0x40: "MANUAL"}
 # Elements of an array field that are handed out, and texts of a flight.
 _MOST_ELEMENTS, _MOST_TEXTS, _MOST_MODES = 16, 300, 300
 
@@ -59,17 +60,22 @@ def modes(recording: ColumnSource, streams: VehicleStreams) -> list[ModePart]:
     found: list[ModePart] = []
     for first, end in zip(firsts, ends, strict=True):
         custom, base, kind, autopilot = (int(key[first]) for key in keys)
-        words = mavutil.mode_string_v10(
-            SimpleNamespace(
-                custom_mode=custom, base_mode=base, type=kind, autopilot=autopilot, get_type=lambda: "HEARTBEAT"
-            )
-        )
-        part = ModePart(max(float(beats.time_s[first]), 0.0), end, str(words), bool(base & _ARMED))
+        words = _mode(custom, base, kind, autopilot)
+        part = ModePart(max(float(beats.time_s[first]), 0.0), end, words, bool(base & _ARMED))
         if found and (found[-1].mode, found[-1].armed) == (part.mode, part.armed):
             found[-1] = replace(found[-1], end=end)
         else:
             found.append(part)
     return found
+
+
+def _mode(custom: int, base: int, kind: int, autopilot: int) -> str:
+    """A mode's name: by its number where the autopilot has numbers of its own, else by the flags of MAV_MODE_FLAG."""
+    if not base & _CUSTOM and autopilot != mavutil.mavlink.MAV_AUTOPILOT_PX4:
+        return next((name for flag, name in _FLAGS.items() if base & flag), "PREFLIGHT")
+    beat = SimpleNamespace(custom_mode=custom, base_mode=base, type=kind, autopilot=autopilot)
+    beat.get_type = lambda: "HEARTBEAT"
+    return str(mavutil.mode_string_v10(beat))
 
 
 def texts(recording: ColumnSource, streams: VehicleStreams) -> list[Said]:

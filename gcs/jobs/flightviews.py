@@ -37,6 +37,8 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 _log = logging.getLogger(__name__)
 
 _SUMMARY = "summary.json"
+# Of the folders: what an earlier one left is read anew.
+_FORMAT = 2
 _NOTHING: Mapping[str, Any] = {
     "topics": {}, "lost": 0, "damage": [], "signals": [], "warnings": [], "modes": [], "texts": [], "fields": {},
 }  # fmt: skip
@@ -218,7 +220,7 @@ class FlightViews:
         vehicle = self._vehicle_of(flight) if over else None
         if vehicle is not None:
             seen += _states_of_vehicle(vehicle)
-        return hashlib.sha256(repr((VERSION, flight.system, over, seen)).encode()).hexdigest()[:16]
+        return hashlib.sha256(repr((VERSION, _FORMAT, flight.system, over, seen)).encode()).hexdigest()[:16]
 
     def _remembered(self, key: str, folder: Path) -> dict[str, Any] | None:
         with self._lock:

@@ -59,7 +59,8 @@ class LiveState:
 
 class LiveFeed:
     """Runs the live process. flights: gives the id of each flight being recorded, in the order in which they began, and
-    the system that flies it, None while that is not known. worker: the command that runs the process.
+    the system that flies it, None while that is not known. worker: the command that runs the process. vehicle_of: the
+    vehicle file of a flight by its id and system, "" for the one that the service was started with.
 
     on_estimate: called with each identification report and the flight's time, s, from a thread of this feed.
     """
@@ -69,7 +70,9 @@ class LiveFeed:
         settings: Settings,
         flights: Callable[[], Mapping[str, int | None]],
         worker: Sequence[str] = (sys.executable, "-m", "gcs.live.worker"),
+        vehicle_of: Callable[[str, int | None], str] = lambda flight, system: "",
     ) -> None:
+        self._vehicle_of = vehicle_of
         self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
         self._flights = flights
         self.on_estimate: Callable[[dict[str, Any], float], None] | None = None
@@ -219,8 +222,9 @@ class LiveFeed:
         """The flight that is followed stays so while it lasts, whoever else takes off; then the oldest one is."""
         live = self._flights()
         flight = self.flight if self.flight in live else next(iter(live), None)
-        followed = Flight() if flight is None else Flight(flight, live[flight])
-        if followed != self._followed:
+        system = None if flight is None else live[flight]
+        if (flight or "", system) != (self._followed.id, self._followed.system):
+            followed = Flight() if flight is None else Flight(flight, system, self._vehicle_of(flight, system))
             self.flight, self._followed = flight, followed
             with self._changed:
                 self._put(pack_flight(followed))

@@ -15,10 +15,14 @@ _BYTES, _FLIGHT = 0, 1
 
 @dataclass(frozen=True)
 class Flight:
-    """A recorded flight, "" for none, and the MAVLink system that flies it, None while that is not known."""
+    """A recorded flight, "" for none, and the MAVLink system that flies it, None while that is not known.
+
+    vehicle: the file of its aircraft; "" where it is the one that the process was started with.
+    """
 
     id: str = ""
     system: int | None = None
+    vehicle: str = ""
 
 
 def pack_batch(source: str, batch: Batch) -> bytes:
@@ -31,8 +35,8 @@ def pack_batch(source: str, batch: Batch) -> bytes:
 
 def pack_flight(flight: Flight) -> bytes:
     """Which flight is followed from here on."""
-    name = flight.id.encode()
-    return _HEADER.pack(len(name), 1, 0, _FLIGHT) + name + bytes([flight.system or 0])
+    name, data = flight.id.encode(), bytes([flight.system or 0]) + flight.vehicle.encode()
+    return _HEADER.pack(len(name), len(data), 0, _FLIGHT) + name + data
 
 
 class Unpacker:
@@ -54,7 +58,8 @@ class Unpacker:
                 break
             name = self._held[start : start + name_size].decode()
             if kind == _FLIGHT:
-                found.append(Flight(name, self._held[stop - 1] or None))
+                data = self._held[start + name_size : stop]
+                found.append(Flight(name, data[0] or None, data[1:].decode()))
             else:
                 at_data = start + name_size
                 at_ends = at_data + size

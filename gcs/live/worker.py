@@ -65,6 +65,7 @@ class LiveProcess:
 
     def __init__(self, dialect: Dialect, file: WatchedVehicle | None, second: SecondProcess | None = None) -> None:
         self._file, self._second = file, second
+        self._first, self._files = file, dict[str, WatchedVehicle]()
         vehicle = None if file is None else file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
         self._messages = VehicleMessages(dialect, self._signals.messages)
@@ -90,6 +91,8 @@ class LiveProcess:
 
     def _follow(self, flight: Flight) -> None:
         """Go by this flight and its vehicle alone."""
+        if flight.id:
+            self._go_by(flight.vehicle)
         begun = bool(flight.id) and flight.id != self._flight.id
         ended = bool(self._flight.id) and flight.id != self._flight.id
         if not self._messages.bind(flight.system) or ended:
@@ -100,6 +103,19 @@ class LiveProcess:
             self._forget()
             self._look()
         self._flight = flight
+
+    def _go_by(self, vehicle: str) -> None:
+        """Estimate by this vehicle file from here on, "" meaning the one that was given at the start."""
+        if vehicle and vehicle not in self._files:
+            self._files[vehicle] = WatchedVehicle(vehicle)
+        file = self._files[vehicle] if vehicle else self._first
+        if file is self._file:
+            return
+        self._file = file
+        self._begin()
+        if self._second is not None and file is not None and file.vehicle is not None:
+            self._second.submit(warm_up, file.vehicle)
+        send("vehicle", **_vehicle_fields(file))
 
     def _take(self, batches: Sequence[Batch]) -> None:
         self._taken += len(batches)
