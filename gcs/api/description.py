@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import FastAPI
 
 _PROBLEM = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-_METHODS = ("get", "post", "put", "delete")
+_METHODS = ("get", "post", "put", "patch", "delete")
 _NO_JSON = "The body is no JSON"
 
 

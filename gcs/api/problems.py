@@ -44,7 +44,7 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (SysidError, 422),
     (SimVehicleError, 422),
 )
-_A_JOB = 'send a JSON object such as {"kind": "identify"}, with the header Content-Type: application/json'
+_AN_OBJECT = "send a JSON object{example}, with the header Content-Type: application/json"
 
 
 def problem_response(status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
@@ -64,26 +64,36 @@ def _http(request: Request, error: Exception) -> Response:
     if error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
     if isinstance(error.__cause__, UnicodeDecodeError | RecursionError):
-        detail = f"the body is no JSON; {_A_JOB}"
+        detail = f"the body is no JSON; {_an_object(request)}"
     return problem_response(error.status_code, detail, error.headers)
 
 
 def _invalid(request: Request, error: Exception) -> Response:
-    return problem_response(422, _in_words(cast(RequestValidationError, error).errors()))
+    return problem_response(422, _in_words(request, cast(RequestValidationError, error).errors()))
 
 
-def _in_words(errors: Sequence[Mapping[str, Any]]) -> str:
+def _is_of_a_job(request: Request) -> bool:
+    return request.url.path.endswith(("/jobs", "/rerun"))
+
+
+def _an_object(request: Request) -> str:
+    return _AN_OBJECT.format(example=' such as {"kind": "identify"}' if _is_of_a_job(request) else "")
+
+
+def _in_words(request: Request, errors: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with a request, and what to send instead."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"][1:]) or str(first["loc"][0])
     if first["type"] == "json_invalid":
-        return f"the body is no JSON ({first['ctx']['error']}, at character {where}); {_A_JOB}"
+        return f"the body is no JSON ({first['ctx']['error']}, at character {where}); {_an_object(request)}"
     if first["type"] == "value_error":
         return str(first["ctx"]["error"])
     if first["loc"] == ("body",):
         # Without its content type, JSON counts as text.
-        return f"the body is missing or no JSON object; {_A_JOB}"
+        return f"the body is missing or no JSON object; {_an_object(request)}"
     unknown = [str(one["loc"][-1]) for one in errors if one["type"] == "extra_forbidden"]
+    if unknown and not _is_of_a_job(request):
+        return f"{', '.join(unknown)}: no such key here; GET /docs lists those there are"
     if unknown:
         known = ["kind", *(field.alias or name for name, field in JobChanges.model_fields.items())]
         near = difflib.get_close_matches(unknown[0], known, 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fastapi import APIRouter
-from fastapi.responses import PlainTextResponse
+from fastapi.responses import Response
 
 from gcs.api.schemas import Problem
 from gcs.api.service import Serving
@@ -140,9 +140,13 @@ def restore(service: Serving, vehicle_id: str) -> VehicleItem:
     return VehicleItem(**_fields(service.jobs.choice.shelf.restore(vehicle_id)))
 
 
-@router.get("/{vehicle_id}/toml", response_class=PlainTextResponse, responses=_MISSING)
-def toml(service: Serving, vehicle_id: str) -> PlainTextResponse:
+@router.get(
+    "/{vehicle_id}/toml",
+    response_class=Response,
+    responses={200: {"content": {"application/toml": {"schema": {"type": "string"}}}}, **_MISSING},
+)
+def toml(service: Serving, vehicle_id: str) -> Response:
     """The vehicle file, for gcs identify --vehicle; it needs no file beside it."""
     found = service.jobs.choice.shelf.get(vehicle_id)
     name = f'attachment; filename="{found.id}.toml"'
-    return PlainTextResponse(found.text, media_type="application/toml", headers={"Content-Disposition": name})
+    return Response(found.text, media_type="application/toml", headers={"Content-Disposition": name})

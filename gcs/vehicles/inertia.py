@@ -16,6 +16,8 @@ WATCH_STD_S = 0.1
 _SCALE_SHARE, _RULER_M = 0.005, 0.002
 # Beyond it the swing of a pendulum is slower than its small-angle period by 0.1 %: 7 deg.
 _STEADY = 0.35
+# Of a mass, a length, a time, SI: what is smaller, or larger than its inverse, nobody has measured.
+_SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,8 @@ def _share(measured: Measured) -> float:
 
 def _positive(**measured: Measured) -> None:
     for name, one in measured.items():
-        if not (math.isfinite(one.value) and one.value > 0.0 and math.isfinite(one.std) and one.std >= 0.0):
-            raise VehicleError(f"{name} is {one.value:g} +- {one.std:g}; it must be a positive number with its error")
+        if not (_SMALLEST < one.value < 1.0 / _SMALLEST and 0.0 <= one.std < 1.0 / _SMALLEST):
+            raise VehicleError(f"{name} is {one.value:g} +- {one.std:g}, which nobody has measured")
 
 
 def usual(mass: Measured, span_m: float) -> dict[str, Measured]:

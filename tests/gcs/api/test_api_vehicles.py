@@ -204,3 +204,15 @@ def test_a_flight_without_a_known_aircraft_shows_its_signals_all_the_same(tmp_pa
         assert "no aircraft is known" in summary["aircraft"]["problem"]
         seen = client.get(f"/api/flights/{flight}/signals", params={"names": "phi"}).json()["signals"]["phi"]
         assert seen["value"][1] == pytest.approx(0.01)
+
+
+def test_what_nobody_can_have_measured_is_no_number(tmp_path: Path) -> None:
+    tiny = {"way": "bifilar", "mass_kg": 1.0, "length_m": 5e-324, "spacing_m": 1.0, "times_s": [3.0], "swings": 1}
+    with serving(Station(tmp_path).app) as client:
+        assert "nobody has measured" in problem(client.post("/api/vehicles/inertia", json=tiny), 409)
+        flight = client.patch("/api/flights/x", json={"titel": "y"})
+        assert "titel: no such key here" in problem(flight, 422)
+        assert "send a JSON object, with" in problem(client.patch("/api/flights/x"), 422)
+        described = client.get("/openapi.json").json()["paths"]
+        assert "application/toml" in described["/api/vehicles/{vehicle_id}/toml"]["get"]["responses"]["200"]["content"]
+        assert "400" in described["/api/flights/{flight_id}"]["patch"]["responses"]
