@@ -67,7 +67,7 @@ class ResultTable(JobTable):
         return found
 
     def used_parts(self, flight_id: str) -> list[dict[str, float]]:
-        """Parts of a flight that its newest identification was made from, s, as the result tells them."""
+        """Parts of a flight that its newest identification was made from, s."""
         rows = self._rows(
             "SELECT json_extract(json, '$.segments') AS parts FROM results"
             " WHERE flight_id = ? AND kind = 'identify' AND json_valid(json) ORDER BY number DESC LIMIT 1",
