@@ -82,6 +82,13 @@ def discrepancy(service: Serving, flight_id: str, job: OfJob = None) -> dict[str
     return service.catalogue.result(flight_id, "discrepancy", job)
 
 
+@router.get("/api/flights/{flight_id}/design", responses=_MISSING)
+def design(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+    """The newest plan of a next flight, of schema design/1, or that of one job; its forms for a board stand in it."""
+    service.catalogue.flight(flight_id)
+    return service.catalogue.result(flight_id, "design", job)
+
+
 @router.get("/api/flights/{flight_id}/report", response_class=HTMLResponse, responses=_MISSING)
 def report(
     service: Serving,

@@ -216,7 +216,7 @@ class JobView(BaseModel):
 
     id: str
     flight_id: str
-    kind: Literal["identify", "discrepancy"]
+    kind: Literal["identify", "discrepancy", "design"]
     request: dict[str, Any]
     state: Literal["queued", "running", "done", "failed", "skipped", "cancelled"]
     progress: float
@@ -236,7 +236,8 @@ class JobView(BaseModel):
         """The view of a job's own fields."""
         result = {"identify": "identification"}.get(job["kind"], job["kind"])
         address = f"/api/flights/{job['flight_id']}/report?of={result}"
-        return cls.model_validate({**job, "report": address if job["state"] == "done" else None})
+        is_there = job["state"] == "done" and job["kind"] != "design"
+        return cls.model_validate({**job, "report": address if is_there else None})
 
 
 class FlightPart(BaseModel):
@@ -340,6 +341,15 @@ class JobChanges(BaseModel):
         None, max_length=80, description="An aircraft of the station, id or id@version; without it the flight's own"
     )
 
+    manoeuvres: list[str] = Field(
+        default_factory=list, max_length=20, description="Of a design; without them a multisine on all surfaces, tuned"
+    )
+    duration: float | None = Field(None, ge=4, le=3600, description="Of a design, s")
+    gusts: float = Field(0.0, ge=0, le=20, description="Turbulence that a design expects, m/s")
+    limits: dict[Literal["alpha", "beta", "bank", "pitch", "surface", "airspeed"], float] = Field(
+        default_factory=dict, description="Of a design: degrees from trim, airspeed in per cent"
+    )
+
     @model_validator(mode="after")
     def _part_in_order(self) -> Self:
         if problem := part_problem(self.from_, self.to):
@@ -348,9 +358,9 @@ class JobChanges(BaseModel):
 
 
 class JobRequest(JobChanges):
-    """An estimation to run."""
+    """An estimation to run, or a flight to plan."""
 
-    kind: Literal["identify", "discrepancy"]
+    kind: Literal["identify", "discrepancy", "design"]
 
 
 class ModelItem(BaseModel):

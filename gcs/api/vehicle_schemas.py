@@ -155,6 +155,43 @@ class VehicleView(VehicleItem):
     reading: VehicleReading
 
 
+class EstimateView(BaseModel):
+    """One flight's estimate."""
+
+    flight: str
+    title: str
+    start: str
+    value: float
+    std: float
+
+
+class ChangeView(BaseModel):
+    """A step of a coefficient: the first flight behind it, the weighted means on both sides, and its p value."""
+
+    flight: str
+    before: float
+    before_std: float
+    after: float
+    after_std: float
+    p: float
+
+
+class TrendView(BaseModel):
+    """A coefficient over an aircraft's flights, oldest first; mean and std weighted by their errors.
+
+    scatter: by how much flights differ beyond their errors, 1 sigma. constant_p: how often flights of one value differ
+    as much; null of a single flight. change: the most likely step, where chance shows one as large in 1 % at most.
+    """
+
+    name: str
+    estimates: list[EstimateView]
+    mean: float
+    std: float
+    scatter: float
+    constant_p: float | None
+    change: ChangeView | None
+
+
 class InertiaRequest(BaseModel):
     """What was measured of an aircraft that swings. Errors (`…_std`) are 1 sigma; without one a usual one is taken.
 

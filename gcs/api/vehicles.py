@@ -10,9 +10,12 @@ from fastapi.responses import Response
 from gcs.api.schemas import Problem
 from gcs.api.service import Serving
 from gcs.api.vehicle_schemas import (
+    ChangeView,
+    EstimateView,
     FigureView,
     InertiaEstimate,
     InertiaRequest,
+    TrendView,
     VehicleDraft,
     VehicleForm,
     VehicleItem,
@@ -26,6 +29,7 @@ from gcs.vehicles.figures import figures
 from gcs.vehicles.inertia import by_bifilar, by_swing, period, ruler, scale
 from gcs.vehicles.shelf import STATION, Shelved, read_text
 from gcs.vehicles.sketch import sketch
+from gcs.vehicles.trends import Estimate, Trend, trend
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -138,6 +142,35 @@ def delete(service: Serving, vehicle_id: str) -> None:
 def restore(service: Serving, vehicle_id: str) -> VehicleItem:
     """Put an aircraft that was deleted into the list again."""
     return VehicleItem(**_fields(service.jobs.choice.shelf.restore(vehicle_id)))
+
+
+@router.get("/{vehicle_id}/trends", responses=_MISSING)
+def trends(service: Serving, vehicle_id: str) -> list[TrendView]:
+    """Coefficients of an aircraft over its flights: have they changed? Of a flight its newest identification counts."""
+    name = service.jobs.choice.shelf.get(vehicle_id).id
+    found: dict[str, list[Estimate]] = {}
+    for model in service.catalogue.identified_with(name, name == STATION):
+        for coefficient, entry in model["coefficients"].items():
+            value, std = entry.get("value"), entry.get("std")
+            if value is not None and std:
+                one = Estimate(model["flight"], model["title"], model["start_ns"], float(value), float(std))
+                found.setdefault(coefficient, []).append(one)
+    return [_trend_view(trend(coefficient, estimates)) for coefficient, estimates in found.items()]
+
+
+def _trend_view(found: Trend) -> TrendView:
+    return TrendView(
+        name=found.name,
+        estimates=[
+            EstimateView(flight=one.flight, title=one.title, start=utc_text(one.start_ns), value=one.value, std=one.std)
+            for one in found.estimates
+        ],
+        mean=found.mean,
+        std=found.std,
+        scatter=found.scatter,
+        constant_p=found.constant_p,
+        change=None if found.change is None else ChangeView(**vars(found.change)),
+    )
 
 
 @router.get(

@@ -77,6 +77,33 @@ class ResultTable(JobTable):
         of_it = [part for part in parts if str(part.get("flight", "")).removesuffix(".mcap") == flight_id]
         return [{"start": float(part["start"]), "end": float(part["end"])} for part in of_it]
 
+    def identified_with(self, vehicle: str, station: bool) -> list[dict[str, Any]]:
+        """Newest identification of each flight that was made with an aircraft of that id, in any version, oldest first.
+
+        station: whether it is the service's own, which jobs do not name. Each: flight, title, start_ns, coefficients.
+        """
+        rows = self._rows(
+            "SELECT m.flight_id, f.start_ns, ifnull(n.title, '') AS title, m.json, max(m.number) AS newest"
+            " FROM models m JOIN flights f ON f.id = m.flight_id JOIN jobs j ON j.id = m.job_id"
+            " LEFT JOIN flight_notes n ON n.flight_id = f.id"
+            " WHERE m.kind = 'identify' AND f.discarded_ns IS NULL"
+            " AND (substr(json_extract(j.request, '$.vehicle'), 1, ?) = ?"
+            " OR (? AND json_extract(j.request, '$.vehicle') IS NULL))"
+            " GROUP BY m.flight_id ORDER BY f.start_ns",
+            len(vehicle) + 1,
+            f"{vehicle}@",
+            station,
+        )
+        return [
+            {
+                "flight": row["flight_id"],
+                "title": row["title"],
+                "start_ns": row["start_ns"],
+                "coefficients": json.loads(row["json"]).get("coefficients", {}),
+            }
+            for row in rows
+        ]
+
     def models(self) -> list[dict[str, Any]]:
         """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""
         rows = self._rows(

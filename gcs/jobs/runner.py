@@ -34,7 +34,7 @@ from sim_vehicle.model.model_file import model_from_json
 
 _log = logging.getLogger(__name__)
 
-KINDS = ("identify", "discrepancy")
+KINDS = ("identify", "discrepancy", "design")
 _MODEL_FIELDS = ("model", "structure", "prior")
 _STOP_TIMEOUT_S = 5.0
 # The longest flights take minutes; what takes longer never ends.
@@ -103,6 +103,7 @@ class JobRunner:
 
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
         "validate" (flight ids), "method", "from", "to" (s), "system", "rule_out" (effects), "as_recorded" (signals),
+        "manoeuvres", "duration" (s), "gusts" (m/s), "limits" (by name) of a design,
         "vehicle" (an aircraft of the station, as id or id@version; without it the one that the flight is known to be);
         "automatic" where no person asked for it: a recording of nothing but the ground is then skipped, not failed.
         Raises JobError, QueueFullError, CatalogueError, VehicleError where nobody knows which aircraft it was.
@@ -110,8 +111,8 @@ class JobRunner:
         kind = request.get("kind")
         if kind not in KINDS:
             raise JobError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
-        if kind == "discrepancy" and request.get("model") is None:
-            raise JobError("discrepancy needs a model: give the id of one (GET /api/models), or the model itself")
+        if kind != "identify" and request.get("model") is None:
+            raise JobError(f"{kind} needs a model: give the id of one (GET /api/models), or the model itself")
         for name in (flight_id, *request.get("validate", ())):
             self._check_flight(name)
         self._check_part(flight_id, request)
@@ -337,6 +338,7 @@ class JobRunner:
             "rule_out": request.get("rule_out", ()),
             "as_recorded": request.get("as_recorded", ()),
             "automatic": request.get("automatic", False),
+            "plan": {key: request[key] for key in ("manoeuvres", "duration", "gusts", "limits") if key in request},
             "memory_bytes": self._memory_bytes,
             "output": folder / "result.json",
         }

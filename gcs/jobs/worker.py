@@ -43,6 +43,10 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
     def progress(fraction: float, line: str) -> None:
         report(progress=fraction, log=line)
 
+    if order["kind"] == "design":
+        from gcs.design.planned import planned
+
+        return planned(vehicle, models["model"], order["plan"], progress)
     if order["kind"] == "discrepancy":
         result = postflight.discrepancy(
             recordings,

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+import socket
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -13,14 +16,24 @@ from browser import Visitor, chromium
 from node_reader import NodeReader
 from patience import PATIENCE_S
 from playwright.sync_api import Browser
-from processes import run, service
-from traffic import wait_until
+from processes import free_port, run, service
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from traffic import Vehicle, wait_until
+
+from gcs.catalogue.flight_table import Flight
+from gcs.catalogue.store import Catalogue
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as opened:
         yield opened
+
+
+def described(servo: dict[str, Any]) -> dict[str, Any]:
+    """The form of an aircraft whose elevator this servo moves."""
+    numbers = {"mass_kg": 1.96, "span_m": 1.27, "area_m2": 0.31, "chord_m": 0.25}
+    return {"name": "Thor", "numbers": numbers, "controls": {"elevator": {"servos": [servo]}}}
 
 
 def fill(visitor: Visitor, label: str, text: str) -> None:
@@ -97,6 +110,21 @@ def test_an_aircraft_is_described_by_the_form_and_a_log_identified_with_it(
         lift = httpx.get(f"{url}/api/models/{model['id']}", timeout=PATIENCE_S).json()["coefficients"]["CL_alpha"]
         # What the simulator flew: 4.58 per rad (docs/vehicles.md); its sensors sit where this form does not say.
         assert lift["value"] == pytest.approx(4.58, rel=0.1)
+        # What to fly next, and how well it will then be known.
+        page.click("a:text-is('Next flight')")
+        page.click("button:text-is('Plan it')")
+        visitor.wait_for_text("h2", "Flight card: Thor", PATIENCE_S * 1000)
+        row = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")
+        assert 0.0 < float(row[2]) < 2.0 * float(row[4])
+        with page.expect_download() as download:
+            page.click("button:text-is('Plan for sim-vehicle (JSON)')")
+        planned = tmp_path / "plan.json"
+        planned.write_bytes(Path(download.value.path()).read_bytes())
+        again = run(
+            "sim-vehicle", "fly", "--vehicle", "ultrastick25e", "--plan", planned, "--record", tmp_path / "next.mcap"
+        )
+        assert again.returncode == 0, again.stderr
+        visitor.check("plan")
         visitor.open("#/flights")
         visitor.wait_for_text("tbody", "Multisine in calm air")
         assert re.search("model (good|usable)", visitor.text("tbody"))
@@ -111,4 +139,69 @@ def test_an_aircraft_is_described_by_the_form_and_a_log_identified_with_it(
         with page.expect_download() as download:
             page.click("a:text-is('Vehicle file (TOML)')")
         assert "mass = 1.959" in Path(download.value.path()).read_text(encoding="utf-8")
+        visitor.close()
+
+
+def test_an_aircraft_that_changed_is_said_to_have(browser: Browser, node: NodeReader, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    form: dict[str, Any] = {
+        "name": "Thor",
+        "numbers": {"mass_kg": 1.96, "span_m": 1.27, "area_m2": 0.31, "chord_m": 0.25},
+    }
+    form["controls"] = {"elevator": {"servos": [{"servo": 2, "pwm_us": [1000, 2000], "travel": [-20, 20]}]}}
+    with closing(Catalogue(data / "catalogue.sqlite")) as catalogue:
+        for number in range(8):
+            start, flight = (1_800_000_000 + 86_400 * number) * 10**9, f"f{number}"
+            catalogue.put_flight(Flight(flight, "gone.mcap", flight, "upload", "complete", 1, start, start, 9, 9))
+            job = catalogue.add_job(flight, "identify", {"kind": "identify", "vehicle": "thor@1"})
+            chance = 0.004 * (-1) ** number
+            coefficients = {
+                "CL_alpha": {"value": 4.5 + chance, "std": 0.01},
+                "Cm_de": {"value": (-1.0 if number < 4 else -0.9) + chance, "std": 0.01},
+            }
+            model = {"schema": "model/1", "name": "Thor", "coefficients": coefficients, "effects": []}
+            catalogue.finish_job(job, {"schema": "identification/1", "model": model})
+    with service("--data", data) as url:
+        made = httpx.post(f"{url}/api/vehicles", json={"form": form}, timeout=PATIENCE_S)
+        assert made.status_code == 201
+        visitor = Visitor(browser, url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "phone")
+        visitor.open("#/aircraft/thor")
+        visitor.wait_for_text(".remark.bad", "Changed: Cm_de")
+        visitor.wait_for_plots(1)
+        visitor.wait_for_text("figcaption", "It changed from −1.0000 ± 0.0050 to −0.9000 ± 0.0050 with flight")
+        visitor.page.get_by_label("Coefficient").select_option("CL_alpha")
+        visitor.wait_for_text("figcaption", "No change beyond chance")
+        visitor.page.click("summary:text('Which way does it go?')")
+        visitor.wait_for_text("details", "The sign of a deflection is yours")
+        visitor.check("trends")
+        visitor.close()
+
+
+def test_moving_the_stick_shows_which_way_the_surface_goes(browser: Browser, node: NodeReader, tmp_path: Path) -> None:
+    form: dict[str, Any] = {
+        "name": "Thor",
+        "numbers": {"mass_kg": 1.96, "span_m": 1.27, "area_m2": 0.31, "chord_m": 0.25},
+    }
+    servo = {"servo": 2, "pwm_us": [1000, 1500, 2000], "travel": [20, 0, -30]}
+    form["controls"] = {"elevator": {"servos": [servo]}}
+    port = free_port()
+    with service("--data", tmp_path / "data", "--connect", f"udpin:127.0.0.1:{port}") as url:
+        httpx.post(f"{url}/api/vehicles", json={"form": form}, timeout=PATIENCE_S).raise_for_status()
+        visitor = Visitor(browser, url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "desktop")
+        visitor.open("#/aircraft/thor")
+        visitor.page.click("summary:text('Which way does it go?')")
+        plane = Vehicle()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
+            for pulse, shown in ((1750, "−15.0 °"), (1250, "10.0 °")):
+
+                def seen(pulse: int = pulse, shown: str = shown) -> bool:
+                    outputs = [0, pulse, *[0] * 6]
+                    servos = mavlink.MAVLink_servo_output_raw_message(plane.boot_ms * 1000, 0, *outputs)
+                    for frame in (plane.heartbeat(armed=False), plane.frame(servos)):
+                        board.sendto(frame, ("127.0.0.1", port))
+                    plane.boot_ms += 20
+                    return shown in visitor.text("details:has(meter)")
+
+                wait_until(seen)
+        visitor.check()
         visitor.close()

@@ -19,6 +19,7 @@ FLAGS = (
     "--disable-background-networking", "--disable-component-update",
 )  # fmt: skip
 SIZES = {"phone": (390, 844), "desktop": (1280, 800)}
+OTHER_WIDTHS = (360, 1024, 1440)
 PATIENCE_MS = 60_000
 _COLOURS = 64
 # Captions of tables that go on beyond the screen, where the table may.
@@ -91,12 +92,23 @@ class Visitor:
         assert self.strangers == []
         assert self.page.evaluate("document.documentElement.scrollWidth") <= SIZES[self._size][0]
         assert self.page.evaluate(_CUT_CAPTIONS) == []
+        if name:
+            self._check_other_widths()
         folder = os.environ.get("PAGE_PICTURES")
         if folder and name:
             self.page.mouse.move(0, 0)  # else the button pressed last is drawn as pointed at
             picture = Image.open(io.BytesIO(self.page.screenshot()))
             small = picture.convert("RGB").quantize(_COLOURS)
             small.save(Path(folder) / f"page-{name}-{self._size}.png", optimize=True)
+
+    def _check_other_widths(self) -> None:
+        """Nothing is wider than the screen on a small phone, a tablet and a wide desk either."""
+        width, height = SIZES[self._size]
+        for other in OTHER_WIDTHS:
+            self.page.set_viewport_size({"width": other, "height": height})
+            # Plots follow a moment later.
+            wait_until(lambda: self.page.evaluate("document.documentElement.scrollWidth") <= other, 20.0)  # noqa: B023
+        self.page.set_viewport_size({"width": width, "height": height})
 
     def close(self) -> None:
         self._context.close()

@@ -7,6 +7,8 @@ import { reading } from './aircraftreading.js'
 import { field, h, remark, table, there } from './dom.js'
 import { number, utc } from './format.js'
 import { download } from './links.js'
+import { surfaceCheck } from './surfacecheck.js'
+import { trends } from './trends.js'
 
 /** The view of all aircraft, of one, or of a new one. */
 export async function aircraft(page, [id, action], query, signal) {
@@ -60,7 +62,8 @@ async function one(page, reference, action, signal) {
       h('a', { class: 'button', href: `#/aircraft/new?copy=${encodeURIComponent(reference)}` }, 'Copy'),
       download(`/api/vehicles/${encodeURIComponent(reference)}/toml`, `${id}.toml`, 'Vehicle file (TOML)'),
       found.editable && h('button', { click: event => discard(event.target, id, found.name) }, 'Delete')),
-    reading(found.reading)))
+    reading(found.reading), surfaceCheck(found.reading.form?.controls ?? {}, signal)))
+  page.append(await trends(id, signal))
 }
 
 async function discard(button, id, name) {

@@ -9,9 +9,10 @@ import { flightNotes, outcomeLine } from './flightnotes.js'
 import { jobs } from './jobs.js'
 import { flightTitle } from './flightchoice.js'
 import { download } from './links.js'
+import { plan } from './plan.js'
 import { signals } from './signals.js'
 
-const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy']]
+const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy'], ['plan', 'Next flight']]
 
 /** The view of one flight: parts are its id and the tab. */
 export async function flight(page, [id, tab = ''], query, signal) {
@@ -22,7 +23,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
   const [, title] = TABS.find(([key]) => key === tab) ?? TABS[0]
   page.append(
     h('p', { class: 'trail' }, h('a', { href: '#/flights' }, 'Flights'), ' › ', name),
-    h('h1', {}, tab ? `${title} of flight ${name}` : `Flight ${name}`),
+    h('h1', {}, tab === 'plan' ? `Next flight after ${name}` : tab ? `${title} of flight ${name}` : `Flight ${name}`),
     h('nav', { 'aria-label': 'Parts of the flight', class: 'tabs' }, TABS.map(([key, text]) =>
       h('a', { href: key ? `${place}/${key}` : place, 'aria-current': key === tab ? 'page' : null }, text))),
   )
@@ -30,6 +31,8 @@ export async function flight(page, [id, tab = ''], query, signal) {
     identification(page, await getIfThere(`${path}/identification`, signal), summary, signal)
   } else if (tab === 'discrepancy') {
     discrepancy(page, await getIfThere(`${path}/discrepancy`, signal), summary, signal)
+  } else if (tab === 'plan') {
+    await plan(page, await getIfThere(`${path}/design`, signal), summary, signal)
   } else {
     const again = change => 'vehicle' in change && location.reload()  // its signals are others with another aircraft
     page.append(...[outcomeLine(summary), ...facts(summary, path)].filter(Boolean), await flightNotes(summary, path, signal, again))

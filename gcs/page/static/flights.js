@@ -1,6 +1,6 @@
 // The list of flights, and taking in logs.
 
-import { get, post, upload } from './api.js'
+import { get, post, remove, upload } from './api.js'
 import { announce } from './announce.js'
 import { field, h, remark, table } from './dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
@@ -9,8 +9,9 @@ import { duration, size, utc } from './format.js'
 
 /** What the list shows of one flight, its name a link. */
 function row(flight) {
+  const box = h('input', { type: 'checkbox', value: flight.id, 'aria-label': `Choose ${flightTitle(flight)}` })
   return [
-    [h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
+    [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
       flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag' }, tag)])],
     utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
   ]
@@ -64,10 +65,40 @@ function content(found, words) {
   const head = ['Flight', 'Start (UTC)', 'Duration', 'Result', 'System', 'Size']
   return [
     table('Flights, newest first', head, found.flights.map(row)),
+    together(),
     found.next && h('p', {}, h('a', { class: 'button', 
       href: `#/flights?${new URLSearchParams({ after: found.next, ...(words && { search: words }) })}` },
       'Older flights')),
   ].filter(Boolean)
+}
+
+/** What is done with all flights that are chosen in the list. */
+function together() {
+  const says = h('p', { role: 'status' })
+  const each = (words, act) => async event => {
+    const boxes = [...document.querySelectorAll('tbody input[type=checkbox]:checked')]
+    if (!boxes.length) {
+      says.textContent = 'Choose flights in the list first.'
+      return
+    }
+    if (words.ask && !confirm(`${words.ask} ${boxes.length} flights?`)) return
+    event.target.disabled = true
+    const refused = []
+    for (const box of boxes) {
+      try {
+        await act(box.value)
+        box.checked = false
+      } catch (error) {
+        refused.push(`${box.value}: ${error.message}`)
+      }
+    }
+    event.target.disabled = false
+    const done = boxes.length - refused.length
+    says.replaceChildren(`${words.done}: ${done} of ${boxes.length}.`, ...refused.map(text => remark('bad', text)))
+  }
+  return h('div', {}, h('p', { class: 'row' },
+    h('button', { click: each({ done: 'Identifications queued' }, id => post(`/api/flights/${encodeURIComponent(id)}/jobs`, { kind: 'identify' })) }, 'Identify those chosen'),
+    h('button', { click: each({ ask: 'Delete', done: 'Deleted (for a day they can be taken back)' }, id => remove(`/api/flights/${encodeURIComponent(id)}`)) }, 'Delete those chosen')), says)
 }
 
 function uploadForm(done, signal) {

@@ -7,8 +7,8 @@ import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { utc } from './format.js'
 import { modelTitle } from './modeltitle.js'
 
-const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy' }
-const TABS = { identify: 'model', discrepancy: 'discrepancy' }
+const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy', design: 'Plan' }
+const TABS = { identify: 'model', discrepancy: 'discrepancy', design: 'plan' }
 const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', failed: 'failed', skipped: 'skipped',
   cancelled: 'cancelled' }
 const EVERY_MS = 1000

@@ -73,6 +73,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "POST /api/jobs/{job_id}/rerun",
         "GET /api/flights/{flight_id}/identification",
         "GET /api/flights/{flight_id}/discrepancy",
+        "GET /api/flights/{flight_id}/design",
         "GET /api/flights/{flight_id}/report",
         "PATCH /api/flights/{flight_id}",
         "GET /api/flights/{flight_id}/spectrum",
@@ -85,6 +86,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "DELETE /api/vehicles/{vehicle_id}",
         "POST /api/vehicles/{vehicle_id}/restore",
         "GET /api/vehicles/{vehicle_id}/toml",
+        "GET /api/vehicles/{vehicle_id}/trends",
         "GET /api/models",
         "GET /api/models/{model_id}",
         "GET /api/live",
@@ -105,6 +107,10 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "rule_out",
         "as_recorded",
         "vehicle",
+        "manoeuvres",
+        "duration",
+        "gusts",
+        "limits",
     }
     assert known == set(body)
     assert client.get("/docs").status_code == 200

@@ -216,3 +216,50 @@ def test_what_nobody_can_have_measured_is_no_number(tmp_path: Path) -> None:
         described = client.get("/openapi.json").json()["paths"]
         assert "application/toml" in described["/api/vehicles/{vehicle_id}/toml"]["get"]["responses"]["200"]["content"]
         assert "400" in described["/api/flights/{flight_id}"]["patch"]["responses"]
+
+
+def test_a_coefficient_that_changed_is_found_among_an_aircrafts_flights(tmp_path: Path) -> None:
+    station = Station(tmp_path)
+    with serving(station.app) as client:
+        client.post("/api/vehicles", json={"form": FORM})
+        assert client.get("/api/vehicles/bixler-2/trends").json() == []
+        ids = []
+        for number in range(8):
+            ids.append(station.record(1, 1, START + 60 * number * SECOND))
+            job = station.catalogue.add_job(ids[-1], "identify", {"kind": "identify", "vehicle": "bixler-2@1"})
+            chance = 0.004 * (-1) ** number
+            coefficients = {
+                "CL_alpha": {"value": 4.5 + chance, "std": 0.01},
+                "Cm_de": {"value": (-1.0 if number < 4 else -0.9) + chance, "std": 0.01},
+                "Cl_r": {"refused": "nothing moved"},
+            }
+            model = {"schema": "model/1", "name": "x", "coefficients": coefficients}
+            station.catalogue.finish_job(job, {"schema": "identification/1", "model": model})
+        other = station.record(1, 1, START + 6000 * SECOND)
+        station.catalogue.finish_job(
+            station.catalogue.add_job(other, "identify", {"kind": "identify", "vehicle": "bixler-22@1"}),
+            {"model": {"coefficients": {"CL_alpha": {"value": 9.0, "std": 0.01}}}},
+        )
+        found = {one["name"]: one for one in client.get("/api/vehicles/bixler-2/trends").json()}
+        assert set(found) == {"CL_alpha", "Cm_de"}
+        assert [one["flight"] for one in found["CL_alpha"]["estimates"]] == ids
+        assert found["CL_alpha"]["change"] is None
+        assert found["Cm_de"]["change"]["flight"] == ids[4]
+        assert found["Cm_de"]["change"]["after"] == pytest.approx(-0.9, abs=0.01)
+
+
+def test_a_plan_of_the_next_flight_is_a_job_with_a_model(tmp_path: Path) -> None:
+    station = Station(tmp_path, vehicle="iitb-mav")
+    flight = station.record(1, 1, START)
+    model = {"schema": "model/1", "name": "x", "coefficients": {"CL_0": {"value": 0.2}}, "effects": []}
+    with serving(station.app) as client:
+        jobs = f"/api/flights/{flight}/jobs"
+        assert "design needs a model" in problem(client.post(jobs, json={"kind": "design"}), 409)
+        assert "no design result yet" in problem(client.get(f"/api/flights/{flight}/design"), 404)
+        problem(client.post(jobs, json={"kind": "design", "model": model, "limits": {"wings": 3}}), 422)
+        problem(client.post(jobs, json={"kind": "design", "model": model, "duration": 2}), 422)
+        begun = client.post(jobs, json={"kind": "design", "model": model, "duration": 30, "limits": {"alpha": 3}})
+        assert begun.status_code == 202
+        wait_until(lambda: client.get(f"/api/jobs/{begun.json()['id']}").json()["state"] == "done")
+        assert client.get(f"/api/jobs/{begun.json()['id']}").json()["report"] is None
+        assert client.get(f"/api/flights/{flight}/design").json()["name"] == "iitb-mav"
