@@ -178,13 +178,15 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             rules = {link.name: rule for link, (_, rule) in zip(forward, forwards, strict=True)}
             voice = StationVoice(settings.link.own_key)
             live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs))
+            if settings.link.require_signed:
+                recorder.hear_believed = live.offer
             station = RecordingStation(
                 links,
                 recorder,
                 forward,
                 voice=voice,
                 dialect=dialect,
-                listen=live.offer,
+                listen=None if settings.link.require_signed else live.offer,
                 rules=rules,
                 forward_key=settings.link.key if settings.link.require_signed else None,
             )

@@ -94,12 +94,20 @@ class _Batch:
         return part, choose_frames(part, chosen), self.received[run[0] : run[1]]
 
 
+def _bytes_of(frames: Frames, received: NDArray[np.int64]) -> Batch:
+    """Frames as they were received, without what came between them."""
+    offsets, lengths = frames.offset.tolist(), frames.length.tolist()
+    pieces = [frames.buffer[at : at + size].tobytes() for at, size in zip(offsets, lengths, strict=True)]
+    return Batch(b"".join(pieces), np.cumsum(frames.length, dtype=np.int64), received)
+
+
 class FlightRecorder:
     """Cuts bytes into flights and writes them. Knows no sockets; time comes with the bytes and with `tick`.
 
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
     storage, provenance: how recordings are kept, and what stands in each, asked for when it begins. key: what
-    signatures are checked with. require_signed: whether other frames are recorded only.
+    signatures are checked with. require_signed: whether other frames are recorded only. hear_believed: given, where
+    signatures are demanded, what a vehicle's side sent that may be believed, with its source.
     """
 
     def __init__(
@@ -125,6 +133,7 @@ class FlightRecorder:
         self._storage = storage or StorageOptions()
         self._provenance = provenance
         self._key, self._require_signed = key, require_signed
+        self.hear_believed: Callable[[str, Batch], None] | None = None
         self._signatures = SignatureMemory()
         self._blocked_until_ns = 0
         self.state = RecorderState()
@@ -180,6 +189,8 @@ class FlightRecorder:
         now_ns: int,
     ) -> None:
         believed = source.statistics.add(frames, received)
+        if self.hear_believed is not None and believed is not None and believed.any() and not source.overheard:
+            self.hear_believed(link, _bytes_of(choose_frames(frames, believed), received[believed]))
         if buffer.size == 0:
             return
         with self._lock:

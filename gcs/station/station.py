@@ -200,6 +200,8 @@ class RecordingStation(Station):
             forward_key=forward_key,
         )
         self._recorder = recorder
+        for link in self.links:
+            link.watched = link.watched or recorder.hear_believed is not None
 
     def stop(self) -> None:
         """End the threads, then every flight."""

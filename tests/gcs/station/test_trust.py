@@ -262,3 +262,19 @@ def test_a_command_that_is_cut_short_is_one_of_trailing_zeros() -> None:
     payload = bytes(28) + struct.pack("<H", 1)[:1]
     frame = bytes([0xFD, len(payload), 0, 0, 0, 255, 190, 76, 0, 0]) + payload + b"\0\0"
     assert rule.passes(frame)
+
+
+def test_what_is_not_signed_reaches_no_live_figure_where_signatures_are_demanded(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, KEY, require_signed=True)
+    heard: list[tuple[str, bytes]] = []
+    rig.recorder.hear_believed = lambda source, batch: heard.append((source, batch.data))
+    vehicle, stranger = signed(Vehicle(), rig.now), Vehicle()
+    sent = []
+    for _ in range(3):
+        honest = vehicle.second()
+        sent += honest
+        rig.feed([frame for pair in zip(honest, stranger.second(), strict=True) for frame in pair])
+    assert b"".join(data for _, data in heard) == b"".join(sent)
+    assert {source for source, _ in heard} == {LINK}
+    rig.finish()
+    assert rig.stream() == rig.sent[LINK]  # recorded is all of it
