@@ -27,14 +27,20 @@ def planned(
     from gcs.text.jsontext import dumps
 
     names = [str(name) for name in asked.get("manoeuvres") or ()]
+    known = read_model(model)
+    unknown = known.refused()
     request = Request(
         manoeuvres=names or ["multisine"],
         duration=asked.get("duration"),
         gusts=float(asked.get("gusts") or 0.0),
         limits=[f"{name}={value}" for name, value in (asked.get("limits") or {}).items()],
+        # What no flight has told yet is what a next one is for: it takes part, and is flown as if it were not there.
+        settings=[f"{name}=0" for name in unknown],
     )
-    made = design(load_vehicle(vehicle), read_model(model), request, progress)
+    made = design(load_vehicle(vehicle), known, request, progress)
     files, warnings = {"plan.json": dumps(made.plan_json(), indent=2)}, list(made.result["warnings"])
+    if unknown:
+        warnings.append(f"the model does not know {', '.join(unknown)}: flown as 0, and planned to be found")
     try:
         files["plan.lua"] = lua_script(made.vehicle, made.model, made.plan, RATE_HZ)
     except (GcsError, SimVehicleError) as error:

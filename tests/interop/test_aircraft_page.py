@@ -84,7 +84,8 @@ def test_an_aircraft_is_described_by_the_form_and_a_log_identified_with_it(
             group.get_by_label("Pulses, µs").fill("1000, 2000" if name == "Throttle" else "1000, 1500, 2000")
             if name != "Throttle":
                 group.get_by_label("Deflection there, °").fill("-25, 0, 25")
-        visitor.wait_for_text("section", "What follows from it")
+        fill(visitor, "Largest static thrust, N", "20")
+        visitor.wait_for_text("section", "largest thrust over weight")
         visitor.check("aircraft-form")
         page.click("button:text-is('Keep this aircraft')")
         visitor.wait_for_text("h1", "Thor")

@@ -16,7 +16,19 @@ MAY_IMPORT = {
 # The parts of gcs (docs/architecture.md): each may import those named before it.
 PARTS = (
     *("errors", "version", "text", "mavlink", "links", "clock", "recording", "settings", "flights", "analysis"),
-    *("importers", "formats", "inspection", "report", "catalogue", "jobs", "station", "design", "live", "page"),
+    *(
+        "importers",
+        "formats",
+        "inspection",
+        "report",
+        "catalogue",
+        "vehicles",
+        "design",
+        "jobs",
+        "station",
+        "live",
+        "page",
+    ),
     *("api", "serve", "demo", "options", "commands", "cli", "__main__"),
 )
 

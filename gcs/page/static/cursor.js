@@ -15,10 +15,13 @@ export class Cursor {
   /** plots: of { element, lines: [{ name, unit, time, value }], range }, one for each figure. */
   show(plots) {
     this.plots = plots
+    this.sizes?.disconnect()
+    this.sizes = new ResizeObserver(() => this.time === null || this.move(this.time))
     for (const plot of plots) {
       const picture = plot.element.querySelector('.plot')
       plot.line = h('div', { class: 'cursor-line', hidden: true })
       picture.append(plot.line)
+      this.sizes.observe(picture)
       const follow = event => this.point(plot, event.clientX - picture.getBoundingClientRect().left)
       picture.addEventListener('pointermove', follow)
       picture.addEventListener('pointerdown', follow)

@@ -43,7 +43,7 @@ class Row {
 
   /** Show what the servos are told; whether all of them were heard. */
   show(signals) {
-    const pulses = this.servos.map(({ servo }) => signals[`servo${servo}`]?.value)
+    const pulses = this.servos.map(({ servo }) => signals[`servo${servo}`])
     if (pulses.some(pulse => !Number.isFinite(pulse))) return false
     const value = this.servos.reduce((sum, servo, index) => sum + servo.mix * along(pulses[index], servo.pwm_us, servo.travel), 0)
     this.bar.value = value
