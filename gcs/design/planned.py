@@ -1,4 +1,4 @@
-"""A plan of the next flight as a job makes it: what it will tell, and its forms that a simulator or a board can fly."""
+"""A plan of the next flight as a job makes it: the errors to expect, and its forms that a simulator or a board can fly."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def planned(
         duration=asked.get("duration"),
         gusts=float(asked.get("gusts") or 0.0),
         limits=[f"{name}={value}" for name, value in (asked.get("limits") or {}).items()],
-        # What no flight has told yet is what a next one is for: it takes part, and is flown as if it were not there.
+        # What no flight has shown yet is what a next one is for: it takes part, and is flown as if it were not there.
         settings=[f"{name}=0" for name in unknown],
     )
     made = design(load_vehicle(vehicle), known, request, progress)

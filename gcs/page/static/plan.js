@@ -26,10 +26,10 @@ export async function plan(page, result, summary, signal) {
   result.warnings.length && remark('note', listing(result.warnings)),
   h('p', { class: 'row' }, h('button', { click: () => window.print() }, 'Print the card'),
     Object.entries(result.files).map(([name, text]) => h('button', { click: () => hand(new Blob([text]), name) }, FILES[name] ?? name))),
-  h('h2', {}, 'What it will tell'),
+  h('h2', {}, 'What to expect'),
   table('Standard errors to expect', ['Coefficient', 'Model so far', 'Expected ±', 'Per cent', 'This flight ±'], result.coefficients.map(one => [
     h('code', {}, one.name), number(one.value, 4), number(one.std, 2), one.percent === null ? '' : `${number(one.percent, 2)} %`, number(own[one.name], 2)])),
-  result.refused.length && table('What it will not tell', ['Coefficient', 'Why', 'Fly instead'], result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))
+  result.refused.length && table('What it cannot identify', ['Coefficient', 'Why', 'Fly instead'], result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))
 }
 
 const FILES = { 'plan.json': 'Plan for sim-vehicle (JSON)', 'plan.lua': 'Script for ArduPilot Plane (Lua)' }

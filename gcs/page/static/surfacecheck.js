@@ -1,4 +1,4 @@
-// Which way does it go? Each control of an aircraft as its servos are told now, beside what the file makes of it.
+// Which way does it go? Each control of an aircraft as its servos are commanded now, beside what the file makes of it.
 
 import { h, remark } from './dom.js'
 import { number } from './format.js'
@@ -41,7 +41,7 @@ class Row {
     this.element = h('p', { class: 'row' }, h('strong', {}, NAMES[name]), this.bar, this.words)
   }
 
-  /** Show what the servos are told; whether all of them were heard. */
+  /** Show what the servos are commanded; whether all of them were heard. */
   show(signals) {
     const pulses = this.servos.map(({ servo }) => signals[`servo${servo}`])
     if (pulses.some(pulse => !Number.isFinite(pulse))) return false
