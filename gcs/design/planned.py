@@ -1,4 +1,4 @@
-"""A plan of the next flight as a job makes it: the errors to expect, and its forms that a simulator or a board can fly."""
+"""A plan of the next flight as a job makes it: the errors to expect, and what a simulator or a board can fly of it."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ MAY_IMPORT = {
 # The parts of gcs (docs/architecture.md): each may import those named before it.
 PARTS = (
     *("errors", "version", "text", "mavlink", "links", "clock", "recording", "settings", "flights", "analysis"),
-    *("importers", "formats", "inspection", "report", "catalogue", "vehicles", "design", "jobs"),
-    *("station", "live", "page"),
+    *(
         "importers",
         "formats",
         "inspection",
