@@ -96,7 +96,7 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
         try:
             jobs.choice.of(flight)
         except (GcsError, SimVehicleError) as error:
-            _log.info("flight %s is not identified: %s", flight.id, error)
+            _log.debug("flight %s is not identified: %s", flight.id, error)  # its page says so
             return
         try:
             jobs.submit(flight.id, {"kind": "identify", "system": flight.system, "automatic": True})

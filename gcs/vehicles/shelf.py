@@ -9,6 +9,7 @@ import tempfile
 import threading
 import unicodedata
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from gcs.catalogue.intake import numbered_ids
@@ -29,7 +30,7 @@ _REFERENCE = re.compile(r"([a-z0-9-]{1,60})(?:@([1-9][0-9]{0,5}))?")
 
 @dataclass(frozen=True)
 class Shelved:
-    """One version of an aircraft. text: its vehicle file; it needs no file beside it.
+    """One version of an aircraft.
 
     reference: id and version, as `my-plane@3`, by which a flight or a job names it for good; of the station's own file
     the id alone, since that is what its user makes it.
@@ -38,8 +39,12 @@ class Shelved:
     id: str
     version: int
     changed_ns: int
-    text: str
     vehicle: Vehicle
+
+    @cached_property
+    def text(self) -> str:
+        """Its vehicle file, which needs no file beside it: bench tables stand in it."""
+        return with_points_inside(self.vehicle.path.read_text(encoding="utf-8"), self.vehicle)
 
     @property
     def reference(self) -> str:
@@ -81,12 +86,9 @@ class VehicleShelf:
         name, version = _parsed(reference)
         if name == STATION and self._station is not None:
             vehicle = load_vehicle(self._station)
-            text = with_points_inside(vehicle.path.read_text(encoding="utf-8"), vehicle)
-            return Shelved(STATION, 1, vehicle.path.stat().st_mtime_ns, text, vehicle)
+            return Shelved(STATION, 1, vehicle.path.stat().st_mtime_ns, vehicle)
         path = self.path(reference)
-        vehicle = load_vehicle(path)
-        text = path.read_text(encoding="utf-8")
-        return Shelved(name, version or int(path.stem), path.stat().st_mtime_ns, text, vehicle)
+        return Shelved(name, version or int(path.stem), path.stat().st_mtime_ns, load_vehicle(path))
 
     def path(self, reference: str) -> Path:
         """The file of `id` or `id@version`. CatalogueError where there is none."""

@@ -21,7 +21,7 @@ from traffic import wait_until
         (b"{}", "kind is missing"),
         (b'{"kind": "identify", "valdate": [], "x": 1}', "valdate, x: no such key in a job; did you mean validate?"),
         (b'{"kind": "identify", "aircraft": "a"}', "aircraft: no such key in a job; there are kind, model, structure"),
-        (b'{"kind": "fly"}', "kind: Input should be 'identify' or 'discrepancy'"),
+        (b'{"kind": "fly"}', "kind: Input should be 'identify', 'discrepancy' or 'design'"),
     ],
 )
 def test_a_job_that_cannot_be_read_says_what_to_send(
