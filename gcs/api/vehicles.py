@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 from fastapi import APIRouter
@@ -22,7 +23,7 @@ from gcs.api.vehicle_schemas import (
     VehicleReading,
     VehicleView,
 )
-from gcs.errors import VehicleError
+from gcs.errors import ServiceError, VehicleError
 from gcs.text.utctext import utc_text
 from gcs.vehicles.document import answers_of, with_answers
 from gcs.vehicles.figures import figures
@@ -36,14 +37,23 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 router = APIRouter(prefix="/api/vehicles", tags=["aircraft"])
 
 _PROBLEM = {"model": Problem}
-_MISSING: dict[int | str, dict[str, Any]] = {404: _PROBLEM, 409: _PROBLEM, 422: _PROBLEM}
-_REFUSED: dict[int | str, dict[str, Any]] = {409: _PROBLEM, 422: _PROBLEM}
+_MISSING: dict[int | str, dict[str, Any]] = {404: _PROBLEM, 409: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM}
+_REFUSED: dict[int | str, dict[str, Any]] = {409: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM}
+# Texts into which a form is put at a time.
+_PLACES = threading.BoundedSemaphore(2)
 
 
 def _text(draft: VehicleDraft, before: str = "") -> str:
-    """The text that a draft makes; a form alone is put into what was there before."""
+    """The text that a draft makes; a form alone is put into what was there before. ServiceError while others do."""
     text = before if draft.toml is None else draft.toml
-    return text if draft.form is None else with_answers(text, draft.form.answers())
+    if draft.form is None:
+        return text
+    if not _PLACES.acquire(blocking=False):  # a large text takes seconds of the processor
+        raise ServiceError("other aircraft are being described; ask again in a moment")
+    try:
+        return with_answers(text, draft.form.answers())
+    finally:
+        _PLACES.release()
 
 
 def _reading(text: str, vehicle: Vehicle) -> VehicleReading:

@@ -48,13 +48,17 @@ class NoteTable(Database):
                 (flight_id, notes.title, notes.comment, tags, notes.vehicle, self._clock()),
             )
 
-    def chosen_vehicle(self, system: int | None = None) -> tuple[str, str] | None:
-        """Aircraft and flight of the newest choice by hand, of the flights of a system or of all; None if none."""
+    def chosen_vehicle(self, system: int | None = None, source: str = "") -> tuple[str, str] | None:
+        """Aircraft and flight of the newest choice by hand, None if there is none.
+
+        system, source: of flights of that system which came that way ("live", "upload") alone; without them of all.
+        """
         rows = self._rows(
             "SELECT n.vehicle, n.flight_id FROM flight_notes n JOIN flights f ON f.id = n.flight_id"
-            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (? IS NULL OR f.system = ?)"
+            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (? IS NULL OR (f.system = ? AND f.source = ?))"
             " ORDER BY n.changed_ns DESC, n.rowid DESC LIMIT 1",
             system,
             system,
+            source,
         )
         return (str(rows[0]["vehicle"]), str(rows[0]["flight_id"])) if rows else None

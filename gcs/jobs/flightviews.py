@@ -136,8 +136,11 @@ class FlightViews:
     ) -> dict[str, dict[str, Any]]:
         found, folder = self._view(flight)
         entries = {entry["name"]: entry for entry in found["series"]}
-        for message in dict.fromkeys(name.split(".")[0] for name in names if _FIELD.fullmatch(name)):
-            entries |= {entry["name"]: entry for entry in self._fields(flight, folder, message)}
+        try:
+            for message in dict.fromkeys(name.split(".")[0] for name in names if _FIELD.fullmatch(name)):
+                entries |= {entry["name"]: entry for entry in self._fields(flight, folder, message)}
+        except OSError as error:  # somebody else's flight took the room of this one
+            raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
         missing = [name for name in names if name not in entries]
         if missing or not names:
             if not entries and found["warnings"]:
@@ -159,6 +162,7 @@ class FlightViews:
                 self._turn(flight.id),
                 tempfile.TemporaryDirectory(prefix="reading-", dir=self._settings.views) as made,
             ):
+                self._require_room()
                 target = Path(made) / "fields"
                 target.mkdir()
                 order = {
@@ -299,8 +303,12 @@ class FlightViews:
                     break
                 shutil.rmtree(folder, ignore_errors=True)
                 total -= sizes[folder]
+        self._require_room()
+
+    def _require_room(self) -> None:
+        """ServiceError on a disk that what is recorded needs."""
         reserve = self._settings.storage.reserve_bytes
-        if shutil.disk_usage(views).free < 2 * reserve:
+        if shutil.disk_usage(self._settings.views).free < 2 * reserve:
             raise ServiceError("the disk has too little room to show a flight beside what is recorded; free some space")
 
 

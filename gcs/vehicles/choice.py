@@ -34,20 +34,21 @@ class VehicleChoice:
 
     def of(self, flight: Flight) -> Chosen:
         """The aircraft of a flight of the catalogue, as `for_flight` has it."""
-        return self.for_flight(flight.id, flight.system)
+        return self.for_flight(flight.id, flight.system, flight.source)
 
-    def for_flight(self, flight_id: str, system: int | None) -> Chosen:
+    def for_flight(self, flight_id: str, system: int | None, source: str = "live") -> Chosen:
         """The aircraft of a flight, which the catalogue need not know yet.
 
         Raises VehicleError, in words, where none is known, and VehicleFileError of a bad file.
 
-        By hand; else as for the last flight of the same system id for which somebody chose; else the file that the
-        service was started with; else the only aircraft there is; else the one that was chosen last.
+        By hand; else as for the last flight of the same system id for which somebody chose, among those that came by a
+        link or among uploads (a friend's log says nothing of what flies here); else the file that the service was
+        started with; else the only aircraft there is; else the one that was chosen last.
         """
         if named := self._catalogue.notes(flight_id).vehicle:
             return Chosen(self._shelf.get(named), "chosen by hand", by_hand=True)
         if system is not None:
-            before = self._known(self._catalogue.chosen_vehicle(system))
+            before = self._known(self._catalogue.chosen_vehicle(system, source))
             if before is not None:
                 return Chosen(before[0], f"as for flight {before[1]}, whose vehicle had the same system id")
         if self._shelf.has_station:

@@ -21,7 +21,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from
 #: The id of the file that the service was given as --vehicle.
 STATION = "station"
 #: Largest text of a vehicle file, bytes; and how many aircraft and versions of one there may be.
-LARGEST = 300_000
+LARGEST = 100_000
 _MOST_VEHICLES, _MOST_VERSIONS = 500, 1000
 _REMOVED = "removed"
 _LONGEST_ID = 40

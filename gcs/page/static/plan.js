@@ -14,7 +14,7 @@ const WAYS = [['', 'multisine on all surfaces (the most in the shortest time)'],
 export async function plan(page, result, summary, signal) {
   const models = await get('/api/models', signal)
   page.append(h('p', {}, 'A plan is flown in the simulator with a model that is known so far; what the sensors would measure says how well each coefficient would then be known.'))
-  page.append(models.length ? form(summary, models) : remark('note', h('p', {}, 'A plan needs a model to begin with: identify this flight first.')))
+  page.append(models.length ? form(summary, models, signal) : remark('note', h('p', {}, 'A plan needs a model to begin with: identify this flight first.')))
   if (!result) {
     if (summary.jobs.some(job => job.kind === 'design')) page.append(nothingYet(summary, 'design', { failed: 'The last plan failed', missing: 'The plan is being made.', start: 'See its progress' }))
     return
@@ -56,7 +56,7 @@ function reach({ excursions }) {
   return [between('V', 'airspeed', value => `${number(value)} m/s`), between('alpha', 'angle of attack', degrees), between('phi', 'bank', degrees), between('theta', 'pitch', degrees)].filter(Boolean).join(', ')
 }
 
-function form(summary, models) {
+function form(summary, models, signal) {
   const model = select(models.map(one => [one.id, modelTitle(one, true)]), models.find(one => one.flight_id === summary.id)?.id ?? models[0].id)
   const way = select(WAYS, '')
   const [duration, gusts, alpha, bank] = [20, 0, '', ''].map(value => h('input', { type: 'number', step: 'any', min: 0, value }))
@@ -69,8 +69,7 @@ function form(summary, models) {
     try {
       const job = await post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, { kind: 'design', model: model.value, limits,
         manoeuvres: way.value.split(',').filter(Boolean), duration: Number(duration.value), gusts: Number(gusts.value) })
-      await over(job.id, text => { says.textContent = text })
-      location.reload()
+      if (await over(job.id, signal, text => { says.textContent = text })) location.reload()
     } catch (error) {
       says.className = 'remark bad'
       says.textContent = error.message
@@ -80,13 +79,14 @@ function form(summary, models) {
     field('Bank at most, °', bank, 'May stay empty')), h('button', { class: 'main' }, 'Plan it'), says)
 }
 
-/** Wait until a job is over; throws what it failed with. */
-async function over(id, say) {
-  for (;;) {
+/** Wait until a job is done, and whether somebody still waits here; throws what it failed with. */
+async function over(id, signal, say) {
+  while (!signal.aborted) {
     const job = await get(`/api/jobs/${id}`)
-    if (job.state === 'done') return
+    if (job.state === 'done') return !signal.aborted
     if (job.state !== 'queued' && job.state !== 'running') throw new Error(job.error ?? `the plan was ${job.state}`)
     say(`${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`)
     await new Promise(resolve => setTimeout(resolve, 700))
   }
+  return false
 }

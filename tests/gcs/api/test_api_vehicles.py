@@ -80,6 +80,12 @@ def test_an_aircraft_described_by_a_form_is_what_a_flight_is_identified_with(tmp
         seen = client.get(f"/api/flights/{second}").json()["aircraft"]
         assert (seen["id"], seen["by_hand"]) == ("zagi", False)
         assert seen["why"] == f"as for flight {first}, whose vehicle had the same system id"
+        # A log from elsewhere with the same system id says nothing of what flies here, nor the other way round.
+        recording = client.get(f"/api/flights/{first}/recording").content
+        upload = client.post("/api/flights?name=a.mcap", content=recording).json()["id"]
+        assert not client.get(f"/api/flights/{upload}").json()["aircraft"]["why"].startswith("as for")
+        client.patch(f"/api/flights/{upload}", json={"vehicle": "bixler-2"})
+        assert client.get(f"/api/flights/{second}").json()["aircraft"]["id"] == "zagi"
         assert client.delete("/api/vehicles/zagi").status_code == 204
         assert client.get(f"/api/flights/{second}").json()["aircraft"]["id"] == "bixler-2"
         # The flight itself keeps what somebody said that it was.

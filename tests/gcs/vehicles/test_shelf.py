@@ -49,8 +49,8 @@ def test_what_is_no_aircraft_leaves_nothing(tmp_path: Path) -> None:
     shelf = VehicleShelf(tmp_path / "vehicles")
     with pytest.raises(VehicleFileError, match="mass is missing"):
         shelf.add("name = 'x'")
-    with pytest.raises(VehicleError, match="of more than 300 kB"):
-        shelf.add("#" * 300_001)
+    with pytest.raises(VehicleError, match="of more than 100 kB"):
+        shelf.add("#" * 100_001)
     shelf.add(plane())
     with pytest.raises(VehicleFileError):
         shelf.change("my-plane", plane(mass=-1.0))
