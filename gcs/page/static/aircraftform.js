@@ -223,14 +223,18 @@ class Description {
       } })
       return field(label, input, hint)
     }
+    const read = h('p', { class: 'hint', role: 'status' })
     const points = h('textarea', { rows: 5, class: 'code', input: () => {
-      given.points = points.value.split('\n').map(line => line.split(/[\s,;]+/).filter(Boolean).map(Number)).filter(row => row.length >= 2 && row.slice(0, 2).every(Number.isFinite)).map(row => row.slice(0, 2))
+      const lines = points.value.split('\n').filter(line => line.trim())
+      given.points = lines.map(line => line.split(/[\s,;]+/).filter(Boolean).slice(0, 2).map(Number)).filter(row => row.length === 2 && row.every(Number.isFinite))
+      const left = lines.length - given.points.length
+      read.textContent = `${given.points.length} points read${left ? `; ${left} lines left out, which are no two numbers` : ''}`
       this.changed()
     } })
     points.value = given.points.map(row => row.join(', ')).join('\n')
     return h('div', { class: 'control', role: 'group', 'aria-label': name }, h('h3', {}, name), h('div', { class: 'grid' },
       short('source', 'Channel', 'As adc0'), short('form', 'Curve', 'linear, polynomial:2, spline, pitot'), short('unit', 'Unit of the reference', 'Pa, mmH2O, N, gf, deg, rad')),
-    field('Reference and reading, one pair a line', points, 'Paste two columns of a spreadsheet'),
+    field('Reference and reading, one pair a line', points, 'Paste two columns of a spreadsheet'), read,
     h('button', { type: 'button', click: () => {
       delete this.form.bench[name]
       again()
