@@ -43,8 +43,11 @@ class NoteTable(Database):
         tags = json.dumps(list(notes.tags), ensure_ascii=False)
         with self._transaction() as db:
             db.execute(
-                "INSERT OR REPLACE INTO flight_notes (flight_id, title, comment, tags, vehicle, changed_ns)"
-                " VALUES (?, ?, ?, ?, ?, ?)",
+                "INSERT INTO flight_notes (flight_id, title, comment, tags, vehicle, changed_ns)"
+                " VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (flight_id) DO UPDATE SET title = excluded.title,"
+                " comment = excluded.comment, tags = excluded.tags, vehicle = excluded.vehicle,"
+                # When the aircraft was chosen, by which later flights go: a corrected comment is no new choice.
+                " changed_ns = CASE WHEN vehicle = excluded.vehicle THEN changed_ns ELSE excluded.changed_ns END",
                 (flight_id, notes.title, notes.comment, tags, notes.vehicle, self._clock()),
             )
 

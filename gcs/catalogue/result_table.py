@@ -63,7 +63,7 @@ class ResultTable(JobTable):
             found[row["flight_id"]] = FlightOutcome(row["state"], None, row["error"] or "")
         for row in results:
             before = found[row["flight_id"]]
-            found[row["flight_id"]] = replace(before, verdict=row["verdict"], text=before.text or row["reason"] or "")
+            found[row["flight_id"]] = replace(before, verdict=row["verdict"], text=row["reason"] or "")
         return found
 
     def used_parts(self, flight_id: str) -> list[dict[str, float]]:
@@ -88,7 +88,7 @@ class ResultTable(JobTable):
             " LEFT JOIN flight_notes n ON n.flight_id = f.id"
             " WHERE m.kind = 'identify' AND f.discarded_ns IS NULL"
             " AND (substr(json_extract(j.request, '$.vehicle'), 1, ?) = ?"
-            " OR (? AND json_extract(j.request, '$.vehicle') IS NULL))"
+            " OR (? AND ifnull(json_extract(j.request, '$.vehicle'), 'station') = 'station'))"
             " GROUP BY m.flight_id ORDER BY f.start_ns",
             len(vehicle) + 1,
             f"{vehicle}@",

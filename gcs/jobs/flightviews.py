@@ -48,7 +48,7 @@ _LONGEST_S = 300.0
 _MOST_BYTES = 2_000_000_000
 # Most samples of one answer, and so many requests for a flight that nobody has read yet wait at a time.
 _MOST_SAMPLES = 500_000
-_MOST_SPECTRA = 20
+_MOST_SPECTRA, _MOST_MESSAGES = 20, 8
 # A field of a message, as SCALED_IMU.xacc or DEBUG_FLOAT_ARRAY.data[3].
 _FIELD = re.compile(r"[A-Z][A-Z0-9_]{0,60}\.[a-z0-9_]{1,60}(\[[0-9]{1,3}\])?")
 _MOST_WAITING = 8
@@ -137,9 +137,10 @@ class FlightViews:
         found, folder = self._view(flight)
         entries = {entry["name"]: entry for entry in found["series"]}
         try:
-            for message in dict.fromkeys(name.split(".")[0] for name in names if _FIELD.fullmatch(name)):
+            for message in self._asked(names, found["fields"]):
                 entries |= {entry["name"]: entry for entry in self._fields(flight, folder, message)}
-        except OSError as error:  # somebody else's flight took the room of this one
+        except (OSError, ValueError) as error:  # another flight took the room of this one, or a list was cut off
+            self._forget(folder)
             raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
         missing = [name for name in names if name not in entries]
         if missing or not names:
@@ -152,6 +153,17 @@ class FlightViews:
             self._forget(folder)
             raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
 
+    @staticmethod
+    def _asked(names: Sequence[str], there: Mapping[str, Any]) -> list[str]:
+        """Messages whose fields are named. SignalMapError of those that the flight has not, and of too many."""
+        messages = list(dict.fromkeys(name.split(".")[0] for name in names if _FIELD.fullmatch(name)))
+        unknown = [message for message in messages if message not in there]
+        if unknown:
+            raise SignalMapError(f"the vehicle sent no {unknown[0]} in this flight")
+        if len(messages) > _MOST_MESSAGES:
+            raise SignalMapError(f"fields of {len(messages)} messages are too many for one answer; {_MOST_MESSAGES} go")
+        return messages
+
     def _fields(self, flight: Flight, folder: Path, message: str) -> list[dict[str, str]]:
         """The fields of one message, which a worker reads when they are first asked for. SignalMapError if none."""
         listed = folder / f"{message}.json"
@@ -162,6 +174,8 @@ class FlightViews:
                 self._turn(flight.id),
                 tempfile.TemporaryDirectory(prefix="reading-", dir=self._settings.views) as made,
             ):
+                if listed.is_file():  # read by somebody else meanwhile
+                    return list(json.loads(listed.read_text(encoding="utf-8")))
                 self._require_room()
                 target = Path(made) / "fields"
                 target.mkdir()

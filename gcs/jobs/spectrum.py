@@ -39,8 +39,9 @@ def power_spectral_density(time_s: Array, values: Array) -> tuple[Array, Array]:
     """
     from scipy.signal import detrend, welch
 
+    time_s, values = time_s[:_MOST], values[:_MOST]  # they may be a mapped file
     good = np.abs(values) < _LARGEST
-    time_s, values = time_s[good][:_MOST], values[good][:_MOST]
+    time_s, values = time_s[good], values[good]
     if time_s.size < _FEWEST:
         return np.empty(0), np.empty(0)
     step = float(np.median(np.diff(time_s)))

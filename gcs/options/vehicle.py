@@ -67,7 +67,10 @@ def answers_from(args: argparse.Namespace) -> Answers:
     given |= {"area": args.area, "chord": args.chord}
     _ask_for_the_rest(given)
     mass, mass_std = _pair("--mass", str(given["mass"]))
-    span = float(given["span"])
+    span = _pair("--span", str(given["span"]))[0]
+    for name in ("area", "chord"):
+        if given[name] is not None:
+            _pair(f"--{name}", str(given[name]))
     area, chord = given["area"], given["chord"]
     area = round(span * chord, 6) if area is None else area
     chord = round(area / span, 6) if chord is None else chord
@@ -154,7 +157,7 @@ def _control(text: str) -> tuple[str, ControlAnswer]:
 
     name, _, rest = text.partition("=")
     parts = rest.split(":")
-    if name not in CONTROL_NAMES or len(parts) != 3 or not parts[0].isdigit():
+    if name not in CONTROL_NAMES or len(parts) != 3 or not parts[0].isascii() or not parts[0].isdecimal():
         raise SettingsError(
             f"--control {text}: give NAME=SERVO:PULSES:DEFLECTIONS, as elevator=2:1100,1500,1900:-20,0,22;"
             f" NAME is one of {', '.join(CONTROL_NAMES)}"

@@ -85,7 +85,15 @@ def with_answers(text: str, answers: Answers) -> str:
 
     VehicleFileError where the text is no TOML. The result is a vehicle file only if the answers make one.
     """
-    document = _parsed(text)
+    try:
+        return _filled(_parsed(text), answers)
+    except (KeyError, IndexError, TypeError, AttributeError) as error:  # tables torn apart, numbers in their place
+        raise VehicleFileError(
+            f"vehicle file: the form cannot be put into it ({error}); change its text, or put its tables together"
+        ) from error
+
+
+def _filled(document: TOMLDocument, answers: Answers) -> str:
     document["name"] = answers.name
     for name, (table, key) in _NUMBERS.items():
         _set(document, table, key, _plain(answers.numbers.get(name)))

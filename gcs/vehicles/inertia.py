@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.vehicle_file import usual_inertia
 WATCH_STD_S = 0.1
 # Of what nobody gives an error for: a kitchen scale, a ruler along a fuselage.
 _SCALE_SHARE, _RULER_M = 0.005, 0.002
-# Beyond it the swing of a pendulum is slower than its small-angle period by 0.1 %: 7 deg.
+# Times of the same swings that scatter by a larger share of their mean are not of the same swings.
 _STEADY = 0.35
 # Of a mass, a length, a time, SI: what is smaller, or larger than its inverse, nobody has measured.
 _SMALLEST = 1e-6

@@ -15,7 +15,7 @@ from pathlib import Path
 from gcs.catalogue.intake import numbered_ids
 from gcs.errors import CatalogueError, VehicleError
 from gcs.vehicles.document import with_points_inside
-from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.errors import SimVehicleError, VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from_text
 
 #: The id of the file that the service was given as --vehicle.
@@ -116,7 +116,7 @@ class VehicleShelf:
             if len(taken) >= _MOST_VEHICLES:
                 raise VehicleError(f"there are {_MOST_VEHICLES} aircraft already; delete some")
             stem = _slug(vehicle.name)
-            name = next(name for name in numbered_ids(stem) if name not in taken and name != STATION)
+            name = next(name for name in numbered_ids(stem) if name not in {*taken, STATION, "new"})
             return self._write(name, 1, text)
 
     def change(self, name: str, text: str) -> Shelved:
@@ -181,7 +181,10 @@ def read_text(text: str) -> Vehicle:
     """The vehicle of a text that names no other file. VehicleFileError, in one line."""
     if len(text.encode()) > LARGEST:
         raise VehicleError(f"a vehicle file of more than {LARGEST // 1000} kB is none; leave some points out")
-    return vehicle_from_text(text, Path("vehicle file"))
+    try:
+        return vehicle_from_text(text, Path("vehicle file"))
+    except (ArithmeticError, ValueError) as error:  # numbers beyond all bounds
+        raise VehicleFileError(f"vehicle file: a number in it is beyond all bounds ({error})") from error
 
 
 def _parsed(reference: str) -> tuple[str, int | None]:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# A change between two flights is said where chance alone would show one as large in less than one aircraft in a
-# hundred.
+# A change is said where chance alone would show one as large in less than one coefficient in a hundred.
 SIGNIFICANT = 0.01
 # Flights before and behind a change: of fewer one bad result would be a change.
 _FEWEST = 2
@@ -63,10 +62,10 @@ def trend(name: str, estimates: Sequence[Estimate]) -> Trend:
     """What flights say together of one coefficient.
 
     Weighted mean with the scatter between flights by DerSimonian and Laird ("Meta-analysis in clinical trials",
-    Controlled Clinical Trials 7 (1986), eq. 8); Cochran's Q for constancy. A step is looked for at each place between
-    two flights: the difference of the two weighted means over its standard error, which is stretched where flights on
-    one side differ by more than their errors (R. T. Birge, Physical Review 40 (1932) 207), by Student's t with n - 2
-    degrees of freedom, its p value times the number of places (Bonferroni).
+    Controlled Clinical Trials 7 (1986), eq. 8); Cochran's Q for constancy. A step is looked for at each place between two
+    flights: the difference of the two weighted means over its standard error. What flights on one side differ by beyond
+    their errors is added to each of them, and the errors are stretched where that does not suffice (R. T. Birge, Physical
+    Review 40 (1932) 207); Student's t with n - 2 degrees of freedom, its p value times the number of places (Bonferroni).
 
     Parameters
     ----------
@@ -96,9 +95,12 @@ def _change(ordered: Sequence[Estimate], values: Array, variances: Array) -> Cha
     places = range(_FEWEST, values.size - _FEWEST + 1)
     found: list[Change] = []
     for place in places:
-        sides = [(values[:place], variances[:place]), (values[place:], variances[place:])]
-        (before, before_std), (after, after_std) = (_pooled(*side) for side in sides)
-        within = sum(_between(*side)[1] for side in sides)
+        halves = (slice(None, place), slice(place, None))
+        # What flights on one side differ by beyond their errors counts for each of them alike.
+        scatter = max(_between(values[half], variances[half])[0] for half in halves)
+        spread = variances + scatter**2
+        (before, before_std), (after, after_std) = (_pooled(values[half], spread[half]) for half in halves)
+        within = sum(_between(values[half], spread[half])[1] for half in halves)
         stretch = math.sqrt(max(1.0, within / freedom))
         t = abs(after - before) / (stretch * math.hypot(before_std, after_std))
         p = min(1.0, len(places) * 2.0 * float(stdtr(freedom, -t)))

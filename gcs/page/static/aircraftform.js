@@ -247,6 +247,7 @@ class Description {
   }
 
   changed() {
+    ++this.asked  // an answer that is still to come knows nothing of this
     clearTimeout(this.timer)
     this.timer = setTimeout(() => this.check(), PAUSE_MS)
   }

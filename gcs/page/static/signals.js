@@ -30,7 +30,9 @@ export async function signals(page, summary, query, signal, begun) {
   const chosen = new Set((query.get('signals')?.split(',') ?? USUAL).filter(name => summary.signals.includes(name) || fields.has(name)))
   if (!chosen.size) chosen.add(summary.signals[0])
   const drawing = new Drawing(summary, query, signal, begun)
-  const again = () => drawing.draw([...chosen])
+  const again = () => drawing.draw([...chosen]).catch(error => {
+    if (!signal.aborted) announce(error.message, true)
+  })
   const box = name => h('label', { class: 'choice' }, h('input', {
     type: 'checkbox', checked: chosen.has(name), change: event => {
       chosen[event.target.checked ? 'add' : 'delete'](name)

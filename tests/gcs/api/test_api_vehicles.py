@@ -77,6 +77,10 @@ def test_an_aircraft_described_by_a_form_is_what_a_flight_is_identified_with(tmp
         assert "which aircraft flew this? Choose one on the flight's page, or name it: bixler-2, zagi" in said
         assert client.patch(f"/api/flights/{first}", json={"vehicle": "zagi"}).json()["vehicle"] == "zagi"
         assert result_of(client, second)["name"] == "Zagi"
+        # A comment that is corrected is no new choice of an aircraft.
+        client.patch(f"/api/flights/{second}", json={"vehicle": "bixler-2"})
+        client.patch(f"/api/flights/{second}", json={"vehicle": ""})
+        client.patch(f"/api/flights/{first}", json={"comment": "windy"})
         seen = client.get(f"/api/flights/{second}").json()["aircraft"]
         assert (seen["id"], seen["by_hand"]) == ("zagi", False)
         assert seen["why"] == f"as for flight {first}, whose vehicle had the same system id"
@@ -210,6 +214,25 @@ def test_a_flight_without_a_known_aircraft_shows_its_signals_all_the_same(tmp_pa
         assert "no aircraft is known" in summary["aircraft"]["problem"]
         seen = client.get(f"/api/flights/{flight}/signals", params={"names": "phi"}).json()["signals"]["phi"]
         assert seen["value"][1] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    "toml",
+    [
+        "sensors=3",
+        "calibration=3",
+        "[controls.elevator]\nservo=2\n[mass]\nmass=1\n[controls.rudder]\nservo=4\n[geometry]\nb=1\n",
+        "[mass]\nmass=1\n[geometry]\nb=1e200\nS=1\nc=1\n",
+        f"[mass]\nmass=1\n[geometry]\nb={'9' * 400}\nS=1\nc=1\n",
+        f"[mass]\nmass={'9' * 5000}\n",
+    ],
+)
+def test_a_text_that_no_aircraft_has_is_a_sentence(tmp_path: Path, toml: str) -> None:
+    with serving(Station(tmp_path).app) as client:
+        for draft in ({"toml": toml}, {"toml": toml, "form": {"name": "x"}}):
+            answer = client.post("/api/vehicles/check", json=draft)
+            assert answer.status_code == 200
+            assert answer.json()["problem"]
 
 
 def test_what_nobody_can_have_measured_is_no_number(tmp_path: Path) -> None:

@@ -35,8 +35,8 @@ def test_a_changed_aircraft_keeps_the_version_that_flights_name(tmp_path: Path) 
 
 def test_names_make_ids_that_are_safe_and_unlike(tmp_path: Path) -> None:
     shelf = VehicleShelf(tmp_path / "vehicles", "iitb-mav")
-    ids = [shelf.add(plane(name)).id for name in ("Möwe / 2", "Möwe / 2", "../..", "station", "飛行機")]
-    assert ids == ["mowe-2", "mowe-2-2", "aircraft", "station-2", "aircraft-2"]
+    ids = [shelf.add(plane(name)).id for name in ("Möwe / 2", "Möwe / 2", "../..", "station", "飛行機", "New")]
+    assert ids == ["mowe-2", "mowe-2-2", "aircraft", "station-2", "aircraft-2", "new-2"]
     assert next(one.id for one in shelf.all()) == "station"
     for name in ("../x", "my plane", "a@0", "", "MOWE-2", "x" * 90):
         with pytest.raises(CatalogueError, match="names no aircraft"):
