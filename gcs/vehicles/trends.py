@@ -62,10 +62,11 @@ def trend(name: str, estimates: Sequence[Estimate]) -> Trend:
     """What flights say together of one coefficient.
 
     Weighted mean with the scatter between flights by DerSimonian and Laird ("Meta-analysis in clinical trials",
-    Controlled Clinical Trials 7 (1986), eq. 8); Cochran's Q for constancy. A step is looked for at each place between two
-    flights: the difference of the two weighted means over its standard error. What flights on one side differ by beyond
-    their errors is added to each of them, and the errors are stretched where that does not suffice (R. T. Birge, Physical
-    Review 40 (1932) 207); Student's t with n - 2 degrees of freedom, its p value times the number of places (Bonferroni).
+    Controlled Clinical Trials 7 (1986), eq. 8); Cochran's Q for constancy. A step is looked for at each place between
+    two flights: the difference of the two weighted means over its standard error. What flights on one side differ by
+    beyond their errors is added to each of them, and the errors are stretched where that does not suffice (R. T.
+    Birge, Physical Review 40 (1932) 207); Student's t with n - 2 degrees of freedom, its p value times the number of
+    places (Bonferroni).
 
     Parameters
     ----------
