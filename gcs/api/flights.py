@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -167,7 +166,7 @@ def describe(service: Serving, flight_id: str, change: FlightNotesChange) -> Fli
         service.jobs.choice.require_listed(said["vehicle"])
     if "tags" in said:
         said["tags"] = tuple(dict.fromkeys(tag.strip() for tag in said["tags"] if tag.strip()))
-    service.catalogue.put_notes(flight_id, replace(service.catalogue.notes(flight_id), **said))
+    service.catalogue.change_notes(flight_id, **said)
     if "vehicle" in said and found.state != "recording":
         service.views.prepare(found)
     return _item(service, found)
@@ -215,13 +214,17 @@ def recording(
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
+_Names = Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")]
+_Moment = Annotated[float | None, Query(description="s from the start of the flight")]
+
+
 @router.get("/api/flights/{flight_id}/signals", responses={404: _PROBLEM, 409: _PROBLEM, 503: _PROBLEM})
 def signals(
     service: Serving,
     flight_id: str,
-    names: Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")],
-    start: Annotated[float | None, Query(description="s from the start of the flight")] = None,
-    end: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+    names: _Names,
+    start: _Moment = None,
+    end: _Moment = None,
     points: Annotated[int, Query(ge=2, le=100_000)] = 2000,
 ) -> SignalsView:
     """Signals for plotting, at most about `points` samples of each; the extremes of every stretch are kept."""
@@ -232,11 +235,7 @@ def signals(
 
 @router.get("/api/flights/{flight_id}/spectrum", responses={404: _PROBLEM, 409: _PROBLEM, 503: _PROBLEM})
 def spectrum(
-    service: Serving,
-    flight_id: str,
-    names: Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")],
-    start: Annotated[float | None, Query(description="s from the start of the flight")] = None,
-    end: Annotated[float | None, Query(description="s from the start of the flight")] = None,
+    service: Serving, flight_id: str, names: _Names, start: _Moment = None, end: _Moment = None
 ) -> SpectraView:
     """Power spectral densities of signals: vibration, sensors' noise, what the air does."""
     found = service.catalogue.flight(flight_id)

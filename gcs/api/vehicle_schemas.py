@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gcs.vehicles.document import NUMBER_NAMES, SENSOR_NAMES, Answers, BenchAnswer, ControlAnswer, ServoAnswer
 from gcs.vehicles.shelf import LARGEST
+from gcs.vehicles.trends import Change
 from sim_vehicle.vehicle.controls import CONTROL_NAMES
 
 _STRICT = ConfigDict(extra="forbid")
@@ -165,17 +166,6 @@ class EstimateView(BaseModel):
     std: float
 
 
-class ChangeView(BaseModel):
-    """A step of a coefficient: the first flight behind it, the weighted means on both sides, and its p value."""
-
-    flight: str
-    before: float
-    before_std: float
-    after: float
-    after_std: float
-    p: float
-
-
 class TrendView(BaseModel):
     """A coefficient over an aircraft's flights, oldest first; mean and std weighted by their errors.
 
@@ -189,7 +179,7 @@ class TrendView(BaseModel):
     std: float
     scatter: float
     constant_p: float | None
-    change: ChangeView | None
+    change: Change | None
 
 
 class InertiaRequest(BaseModel):

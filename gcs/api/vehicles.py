@@ -11,7 +11,6 @@ from fastapi.responses import Response
 from gcs.api.schemas import Problem
 from gcs.api.service import Serving
 from gcs.api.vehicle_schemas import (
-    ChangeView,
     EstimateView,
     FigureView,
     InertiaEstimate,
@@ -179,7 +178,7 @@ def _trend_view(found: Trend) -> TrendView:
         std=found.std,
         scatter=found.scatter,
         constant_p=found.constant_p,
-        change=None if found.change is None else ChangeView(**vars(found.change)),
+        change=found.change,
     )
 
 

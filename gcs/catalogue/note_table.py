@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from gcs.catalogue.database import Database
 
@@ -38,6 +39,11 @@ class NoteTable(Database):
         }
         return {one: found.get(one, FlightNotes()) for one in flight_ids}
 
+    def change_notes(self, flight_id: str, **said: Any) -> None:
+        """Keep what was said of a flight; what is not named stays as it is."""
+        with self._lock:
+            self.put_notes(flight_id, replace(self.notes(flight_id), **said))
+
     def put_notes(self, flight_id: str, notes: FlightNotes) -> None:
         """Keep what was said of a flight, in place of what was said before."""
         tags = json.dumps(list(notes.tags), ensure_ascii=False)
@@ -51,17 +57,25 @@ class NoteTable(Database):
                 (flight_id, notes.title, notes.comment, tags, notes.vehicle, self._clock()),
             )
 
-    def chosen_vehicle(self, system: int | None = None, source: str = "") -> tuple[str, str] | None:
-        """Aircraft and flight of the newest choice by hand, None if there is none.
+    def vehicle_before(self, system: int, source: str, start_ns: int) -> tuple[str, str] | None:
+        """Aircraft and id of the last flight not after that moment for which somebody chose, None if there is none.
 
-        system, source: of flights of that system which came that way ("live", "upload") alone; without them of all.
+        Of flights of that system which came the same way ("live", "upload").
         """
         rows = self._rows(
             "SELECT n.vehicle, n.flight_id FROM flight_notes n JOIN flights f ON f.id = n.flight_id"
-            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (? IS NULL OR (f.system = ? AND f.source = ?))"
-            " ORDER BY n.changed_ns DESC, n.rowid DESC LIMIT 1",
-            system,
+            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (f.system, f.source) = (?, ?) AND f.start_ns <= ?"
+            " ORDER BY f.start_ns DESC, f.id DESC LIMIT 1",
             system,
             source,
+            start_ns,
+        )
+        return (str(rows[0]["vehicle"]), str(rows[0]["flight_id"])) if rows else None
+
+    def vehicle_chosen_last(self) -> tuple[str, str] | None:
+        """Aircraft and flight of the newest choice by hand, None if there is none."""
+        rows = self._rows(
+            "SELECT n.vehicle, n.flight_id FROM flight_notes n JOIN flights f ON f.id = n.flight_id"
+            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL ORDER BY n.changed_ns DESC, n.rowid DESC LIMIT 1"
         )
         return (str(rows[0]["vehicle"]), str(rows[0]["flight_id"])) if rows else None

@@ -11,6 +11,9 @@ from gcs.errors import CatalogueError, VehicleError
 from gcs.vehicles.shelf import STATION, Shelved, VehicleShelf
 from sim_vehicle.errors import SimVehicleError
 
+# Of a flight that is going on: nothing is later.
+_NOW_NS = 2**63 - 1
+
 
 @dataclass(frozen=True)
 class Chosen:
@@ -34,21 +37,21 @@ class VehicleChoice:
 
     def of(self, flight: Flight) -> Chosen:
         """The aircraft of a flight of the catalogue, as `for_flight` has it."""
-        return self.for_flight(flight.id, flight.system, flight.source)
+        return self.for_flight(flight.id, flight.system, flight.source, flight.start_ns)
 
-    def for_flight(self, flight_id: str, system: int | None, source: str = "live") -> Chosen:
+    def for_flight(self, flight_id: str, system: int | None, source: str = "live", start_ns: int = _NOW_NS) -> Chosen:
         """The aircraft of a flight, which the catalogue need not know yet.
 
         Raises VehicleError, in words, where none is known, and VehicleFileError of a bad file.
 
-        By hand; else as for the last flight of the same system id for which somebody chose, among those that came by a
-        link or among uploads (a friend's log says nothing of what flies here); else the file that the service was
-        started with; else the only aircraft there is; else the one that was chosen last.
+        By hand; else as for the last flight before it of the same system id for which somebody chose, among those that
+        came by a link or among uploads (a friend's log says nothing of what flies here); else the file that the
+        service was started with; else the only aircraft there is; else the one that was chosen last.
         """
         if named := self._catalogue.notes(flight_id).vehicle:
             return Chosen(self._shelf.get(named), "chosen by hand", by_hand=True)
         if system is not None:
-            before = self._known(self._catalogue.chosen_vehicle(system, source))
+            before = self._known(self._catalogue.vehicle_before(system, source, start_ns))
             if before is not None:
                 return Chosen(before[0], f"as for flight {before[1]}, whose vehicle had the same system id")
         if self._shelf.has_station:
@@ -56,7 +59,7 @@ class VehicleChoice:
         there = self._shelf.all()
         if len(there) == 1:
             return Chosen(there[0], "the only one that there is")
-        last = self._known(self._catalogue.chosen_vehicle())
+        last = self._known(self._catalogue.vehicle_chosen_last())
         if last is not None:
             return Chosen(last[0], f"the one that was chosen last, for flight {last[1]}")
         if not there:

@@ -22,7 +22,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from
 STATION = "station"
 #: Largest text of a vehicle file, bytes; and how many aircraft and versions of one there may be.
 LARGEST = 100_000
-_MOST_VEHICLES, _MOST_VERSIONS = 500, 1000
+_MOST_VEHICLES, _MOST_VERSIONS, _MOST_FOLDERS = 500, 1000, 5000
 _REMOVED = "removed"
 _LONGEST_ID = 40
 _REFERENCE = re.compile(r"([a-z0-9-]{1,60})(?:@([1-9][0-9]{0,5}))?")
@@ -110,11 +110,14 @@ class VehicleShelf:
 
     def add(self, text: str) -> Shelved:
         """A new aircraft, its id made of its name. VehicleFileError if the text is no vehicle file."""
+        text = text.replace("\r\n", "\n")  # as it is read back
         vehicle = read_text(text)
         with self._lock:
             taken = {path.name for path in self._folder.iterdir()} if self._folder.is_dir() else set()
-            if len(taken) >= _MOST_VEHICLES:
+            if len(self._ids()) >= _MOST_VEHICLES:
                 raise VehicleError(f"there are {_MOST_VEHICLES} aircraft already; delete some")
+            if len(taken) >= _MOST_FOLDERS:  # flights name those that were deleted
+                raise VehicleError(f"{_MOST_FOLDERS} aircraft were described here, deleted ones too; no more are kept")
             stem = _slug(vehicle.name)
             name = next(name for name in numbered_ids(stem) if name not in {*taken, STATION, "new"})
             return self._write(name, 1, text)
@@ -122,6 +125,9 @@ class VehicleShelf:
     def change(self, name: str, text: str) -> Shelved:
         """A new version of an aircraft; the newest one where the text is the same. The old ones stay."""
         self._own(name)
+        if not self.is_listed(name):
+            raise VehicleError(f"{name} was deleted; POST /api/vehicles/{name}/restore takes that back")
+        text = text.replace("\r\n", "\n")
         read_text(text)
         with self._lock:
             newest = self.get(name)

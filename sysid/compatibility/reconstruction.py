@@ -341,8 +341,9 @@ def _result(
     floor = {name: np.sqrt(np.mean([part.noise[j] ** 2 for part in parts])) for j, name in enumerate(OUTPUTS)}
     incompatible = [n for n, fit in after.items() if fit.tic > TIC_LIMIT and fit.rms > _SIGMA_LIMIT * floor[n]]
     warnings = [f"{name} disagrees with the other sensors: rms {after[name].rms:.3g}" for name in incompatible]
-    if not converged:
-        warnings.append(f"data compatibility did not settle in {_MAX_ITERATIONS} iterations")
+    if not converged:  # a search that has run away says nothing of any sensor
+        words = f"data compatibility did not settle in {_MAX_ITERATIONS} iterations"
+        warnings = [f"{words}, so whether the sensors agree is not known"]
     values = {name: parameter.value for name, parameter in parameters.items()}
     states = [part_states(part.data, layout, values) | part.reconstructed() for part in parts]
     noise = {name: float(value) for name, value in sigma.items() if name in after}

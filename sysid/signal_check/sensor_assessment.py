@@ -41,6 +41,8 @@ def _verdict(name: str, result: CompatibilityResult, mistakes: Sequence[Mistake]
     wrong = [one for one in mistakes if name in one.signals]
     if wrong:
         return Verdict(name, "; ".join(one.sentence for one in wrong), "mistake")
+    if not result.converged:  # where a search has run away, its errors and what is left are no sensor's
+        return Verdict(name, f"{name}: not judged, since the data compatibility check did not settle", "unknown")
     if name in result.incompatible:
         gap, noise = result.after[name].rms, result.noise.get(name, math.nan)
         return Verdict(name, f"{name} disagrees with the other sensors by {gap:.2g} (noise {noise:.2g})", "mistake")

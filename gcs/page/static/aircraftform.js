@@ -278,7 +278,8 @@ class Description {
       this.toml = found.toml
       this.text.value = found.toml
     }
-    this.follows.replaceChildren(reading(found))
+    this.place.inert = this.typed  // what is changed in it meanwhile would be lost
+    this.follows.replaceChildren(reading(found), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
   }
 
   async submit(event) {

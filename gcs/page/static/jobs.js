@@ -155,7 +155,7 @@ function item(job, signal, add) {
   const path = `/api/jobs/${job.id}`
   const actions = () => h('p', { class: 'row' }, running(job)
     ? action('Cancel', async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
-    : [action('Run again', async () => { add(await post(`${path}/rerun`, {})); show() }),
+    : [action('Run again', async () => { add(await post(`${path}/rerun`, { vehicle: null })); show()  // with what the flight's aircraft is now }),
       action('Delete', async () => { await remove(path); element.remove(); announce(`${KINDS[job.kind]} deleted`) })])
   const show = () => element.replaceChildren(...contents(job), actions())
   show()

@@ -77,10 +77,6 @@ def test_an_aircraft_described_by_a_form_is_what_a_flight_is_identified_with(tmp
         assert "which aircraft flew this? Choose one on the flight's page, or name it: bixler-2, zagi" in said
         assert client.patch(f"/api/flights/{first}", json={"vehicle": "zagi"}).json()["vehicle"] == "zagi"
         assert result_of(client, second)["name"] == "Zagi"
-        # A comment that is corrected is no new choice of an aircraft.
-        client.patch(f"/api/flights/{second}", json={"vehicle": "bixler-2"})
-        client.patch(f"/api/flights/{second}", json={"vehicle": ""})
-        client.patch(f"/api/flights/{first}", json={"comment": "windy"})
         seen = client.get(f"/api/flights/{second}").json()["aircraft"]
         assert (seen["id"], seen["by_hand"]) == ("zagi", False)
         assert seen["why"] == f"as for flight {first}, whose vehicle had the same system id"
@@ -100,6 +96,19 @@ def test_an_aircraft_described_by_a_form_is_what_a_flight_is_identified_with(tmp
         assert "'x@9'" in problem(
             client.post(f"/api/flights/{first}/jobs", json={"kind": "identify", "vehicle": "x@9"}), 404
         )
+
+
+def test_a_later_choice_says_nothing_of_earlier_flights(tmp_path: Path) -> None:
+    station = Station(tmp_path)
+    ids = [station.record(1, 1, START + 60 * number * SECOND) for number in range(4)]
+    with serving(station.app) as client:
+        for name in ("Old", "Repaired"):
+            client.post("/api/vehicles", json={"form": {**FORM, "name": name}})
+        client.patch(f"/api/flights/{ids[0]}", json={"vehicle": "old"})
+        client.patch(f"/api/flights/{ids[2]}", json={"vehicle": "repaired"})
+        client.patch(f"/api/flights/{ids[0]}", json={"comment": "windy"})
+        flown = [client.get(f"/api/flights/{one}").json()["aircraft"]["id"] for one in ids]
+        assert flown == ["old", "old", "repaired", "repaired"]
 
 
 def test_what_people_say_of_a_flight_is_kept_found_and_goes_with_it(tmp_path: Path) -> None:

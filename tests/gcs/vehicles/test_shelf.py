@@ -29,7 +29,10 @@ def test_a_changed_aircraft_keeps_the_version_that_flights_name(tmp_path: Path) 
     shelf.remove("my-plane")
     assert shelf.all() == []
     assert shelf.get("my-plane@1").vehicle.mass.mass == 1.0
+    with pytest.raises(VehicleError, match="was deleted; POST"):
+        shelf.change("my-plane", plane(mass=1.3))
     assert shelf.restore("my-plane").version == 2
+    assert shelf.change("my-plane", plane(mass=1.2).replace("\n", "\r\n")).version == 2
     assert [one.id for one in shelf.all()] == ["my-plane"]
 
 

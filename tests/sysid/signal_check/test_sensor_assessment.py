@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sysid.compatibility.reconstruction import CompatibilityResult, OutputFit, Refusal, SensorError
@@ -20,6 +22,10 @@ def test_each_sensor_gets_a_verdict_in_words() -> None:
         np.zeros((3, 3)), [Refusal("accel_bias_y", "nothing turned", "aileron-doublet")], after, after, False,
         ["theta"], [], {"theta": 0.001}, 0.0, SensorLayout(), True,
     )  # fmt: skip
+    # A search that has run away says nothing of any sensor.
+    unsettled = verdicts(replace(result, converged=False))
+    assert {one.status for one in unsettled} == {"unknown"}
+    assert all("did not settle" in one.verdict for one in unsettled)
     told = {one.signal: (one.verdict, one.status) for one in verdicts(result)}
     assert told["alpha"] == ("alpha reads 1.080 ± 0.020 of true: corrected", "corrected")
     assert told["q"] == ("q reads 0.498 ± 0.011 deg/s low: corrected", "corrected")
