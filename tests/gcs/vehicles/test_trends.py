@@ -37,6 +37,22 @@ def test_flights_that_differ_by_chance_alone_have_not_changed(scatter: float) ->
     assert said <= 15
 
 
+@pytest.mark.parametrize(
+    ("count", "stds", "scatter"), [(6, (0.02, 0.5), 1.0), (13, (0.05, 0.2), 0.2), (8, (0.05, 0.2), 0.0)]
+)
+def test_nor_have_those_whose_flights_are_known_unequally_well(
+    count: int, stds: tuple[float, ...], scatter: float
+) -> None:
+    generator = np.random.default_rng(4)
+    said = 0
+    for _ in range(500):
+        std = generator.choice(stds, count)
+        values = 4.0 + np.hypot(std, scatter) * generator.standard_normal(count)
+        estimates = [Estimate(f"f{n}", "", n * DAY, float(values[n]), float(std[n])) for n in range(count)]
+        said += trend("CL_alpha", estimates).change is not None
+    assert said <= 10
+
+
 def test_mean_and_constancy_are_those_of_the_books() -> None:
     values, std = np.array([1.0, 1.2, 0.9, 1.05]), 0.1
     found = trend("x", flights(values, std))
