@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
@@ -26,10 +26,11 @@ OfJob = Annotated[str | None, Query(description="The job whose result is wanted;
     status_code=202,
     responses={**_MISSING, 409: {"model": Problem}, 503: {"model": Problem}},
 )
-def start_job(service: Serving, flight_id: str, request: JobRequest) -> JobView:
+def start_job(service: Serving, flight_id: str, wanted: JobRequest, request: Request) -> JobView:
     """Queue an identification or a discrepancy analysis; `log` begins with what is to be known of it beforehand."""
-    wanted = request.model_dump(by_alias=True, exclude_none=True)
-    return JobView.of(service.jobs.submit(flight_id, wanted).to_json())
+    asked = wanted.model_dump(by_alias=True, exclude_none=True)
+    owner = request.client.host if request.client else ""
+    return JobView.of(service.jobs.submit(flight_id, asked, owner).to_json())
 
 
 @router.get("/api/jobs/{job_id}", responses=_MISSING)
@@ -49,7 +50,7 @@ def cancel(service: Serving, job_id: str) -> JobView:
     status_code=202,
     responses={**_MISSING, 409: {"model": Problem}, 503: {"model": Problem}},
 )
-def rerun(service: Serving, job_id: str, changes: JobChanges | None = None) -> JobView:
+def rerun(service: Serving, job_id: str, request: Request, changes: JobChanges | None = None) -> JobView:
     """Queue a job once more, with other settings where the body names some; the first one stays as it is."""
     before = service.catalogue.job(job_id)
     changed = {} if changes is None else changes.model_dump(by_alias=True, exclude_unset=True)
@@ -59,7 +60,7 @@ def rerun(service: Serving, job_id: str, changes: JobChanges | None = None) -> J
     except ValidationError as error:
         found = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
         raise RequestValidationError(found) from error
-    return start_job(service, before.flight_id, wanted)
+    return start_job(service, before.flight_id, wanted, request)
 
 
 @router.delete("/api/jobs/{job_id}", status_code=204, responses={**_MISSING, 409: {"model": Problem}})

@@ -86,6 +86,7 @@ class SourceStatus(BaseModel):
     address: str
     bytes: int
     reads: int
+    refused: int = Field(description="Bytes beyond what one peer may send")
     last_received_ns: int
 
 
@@ -114,6 +115,7 @@ class LinkStatus(BaseModel):
     bytes: int
     reads: int
     dropped: int = Field(description="Datagrams for which the kernel had no room")
+    refused: int = Field(description="Bytes that peers sent beyond what one of them may send")
     bytes_sent: int
     send_errors: int
     connections: int
@@ -225,6 +227,7 @@ class JobView(BaseModel):
     created_ns: int
     started_ns: int | None
     ended_ns: int | None
+    owner: str = Field(description="Who asked for it: `station`, or the address of the client; empty where unknown")
     priority: int = Field(description="0: queued by the station itself; a person's jobs (1) come first")
     cpu_s: float | None = Field(description="Processor time that it took; null before it has ended")
     peak_bytes: int | None = Field(description="The most memory that it took")

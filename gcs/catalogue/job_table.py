@@ -23,7 +23,8 @@ class Job:
 
     state: queued, running, done, failed, skipped or cancelled. progress: 0..1. error: in words if it failed.
     priority: that of a person's is above that of one which the station queued by itself. cpu_s, peak_bytes: what its
-    last worker took, None where none has ended.
+    last worker took, None where none has ended. owner: who asked for it, `station` for the station itself, or the
+    client's address.
     """
 
     id: str
@@ -40,6 +41,7 @@ class Job:
     priority: int = BY_PERSON
     cpu_s: float | None = None
     peak_bytes: int | None = None
+    owner: str = ""
     log: list[str] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
@@ -50,14 +52,16 @@ class Job:
 class JobTable(Database):
     """Jobs, from queued to over."""
 
-    def add_job(self, flight_id: str, kind: str, request: dict[str, Any], priority: int = BY_PERSON) -> Job:
+    def add_job(
+        self, flight_id: str, kind: str, request: dict[str, Any], priority: int = BY_PERSON, owner: str = ""
+    ) -> Job:
         """Queue a job."""
         job_id = secrets.token_hex(6)
         with self._transaction() as db:
             db.execute(
-                "INSERT INTO jobs (id, flight_id, kind, request, state, progress, attempts, created_ns, priority)"
-                " VALUES (?, ?, ?, ?, 'queued', 0, 0, ?, ?)",
-                (job_id, flight_id, kind, dumps(request), self._clock(), priority),
+                "INSERT INTO jobs (id, flight_id, kind, request, state, progress, attempts, created_ns, priority,"
+                " owner) VALUES (?, ?, ?, ?, 'queued', 0, 0, ?, ?, ?)",
+                (job_id, flight_id, kind, dumps(request), self._clock(), priority, owner),
             )
         return self.job(job_id)
 

@@ -39,6 +39,7 @@ _LATER_COLUMNS = (
     ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
     ("jobs", "cpu_s", "REAL"),
     ("jobs", "peak_bytes", "INTEGER"),
+    ("jobs", "owner", "TEXT NOT NULL DEFAULT ''"),
     ("results", "verdict", "TEXT"),
     ("results", "reason", "TEXT"),
     ("models", "verdict", "TEXT"),

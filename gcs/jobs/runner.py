@@ -98,7 +98,7 @@ class JobRunner:
         if self._thread.ident is not None:
             self._thread.join(_STOP_TIMEOUT_S)
 
-    def submit(self, flight_id: str, request: dict[str, Any]) -> Job:
+    def submit(self, flight_id: str, request: dict[str, Any], owner: str = "") -> Job:
         """Queue a job after checking all that can be checked at once.
 
         request: "kind", and optionally "model", "structure", "prior" (the id of a model, or a model as JSON),
@@ -106,6 +106,7 @@ class JobRunner:
         "manoeuvres", "duration" (s), "gusts" (m/s), "limits" (by name) of a design,
         "vehicle" (an aircraft of the station, as id or id@version; without it the one that the flight is known to be);
         "automatic" where no person asked for it: a recording of nothing but the ground is then skipped, not failed.
+        owner: who asks for it, where it is not the station itself.
         Raises JobError, QueueFullError, CatalogueError, VehicleError where nobody knows which aircraft it was.
         """
         kind = request.get("kind")
@@ -132,7 +133,9 @@ class JobRunner:
         if chosen.vehicle.id != STATION:  # kept with the version it has now, whatever becomes of it
             request = {**request, "vehicle": chosen.vehicle.reference}
             notes.append(f"aircraft: {chosen.vehicle.vehicle.name}, version {chosen.vehicle.version} ({chosen.why})")
-        job = self._catalogue.add_job(flight_id, kind, request, priority)
+        job = self._catalogue.add_job(
+            flight_id, kind, request, priority, "station" if priority == BY_STATION else owner
+        )
         for note in filter(None, notes):
             self._catalogue.report_progress(job.id, 0.0, note)
         job = self._catalogue.job(job.id)

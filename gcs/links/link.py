@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from gcs.links.datagrams import Batch
-from gcs.links.sources import Sources
+from gcs.links.sources import Source, Sources
 from gcs.links.url import LinkUrl
 from gcs.text.oserrors import is_own, reason
 
@@ -27,13 +27,15 @@ _BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 class LinkCounters:
     """What went over a link since it was opened.
 
-    dropped: datagrams the kernel had no room for. connections: how often bytes could begin to flow; reconnects: those
-    of them behind a loss. send_errors: pieces that could not be sent, as nobody took them in time.
+    dropped: datagrams the kernel had no room for. refused: bytes that peers sent beyond what one may. connections: how
+    often bytes could begin to flow; reconnects: those of them behind a loss. send_errors: pieces that could not be
+    sent, as nobody took them in time.
     """
 
     bytes: int = 0
     reads: int = 0
     dropped: int = 0
+    refused: int = 0
     bytes_sent: int = 0
     send_errors: int = 0
     connections: int = 0
@@ -76,6 +78,13 @@ class Link(ABC):
         self.counters.reads += batch.ends.size
         self.counters.last_received_ns = int(batch.received_ns[-1])
         return batch
+
+    def _take(self, source: Source, batch: Batch) -> None:
+        """Put what a peer has sent behind what waits, as far as it may send that much."""
+        taken = source.take(batch, self.name)
+        self.counters.refused += len(batch.data) - (len(taken.data) if taken else 0)
+        if taken:
+            self._waiting.append(taken)
 
     @abstractmethod
     def _fetch(self, timeout_s: float) -> None:

@@ -8,8 +8,9 @@ another port, goes on under few names.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
+from gcs.links.allowance import REFUSED_MEMORY_S, Allowance
 from gcs.links.datagrams import Batch, Peer
 
 #: In front of the name of a source behind a link to another ground station: it brings commands, not telemetry.
@@ -22,7 +23,10 @@ MOST_PEERS = 32
 
 @dataclass
 class Source:
-    """One peer of a link: host and port, or device and baud. `heard`: monotonic time of its last bytes, s."""
+    """One peer of a link: host and port, or device and baud.
+
+    heard: monotonic time of its last bytes, s. refused: bytes beyond what one peer may send, which were left out.
+    """
 
     name: str
     peer: Peer
@@ -30,13 +34,24 @@ class Source:
     heard: float
     bytes: int = 0
     reads: int = 0
+    refused: int = 0
     last_received_ns: int = 0
+    refused_at: float = float("-inf")
+    _allowance: Allowance = field(default_factory=Allowance)
 
-    def count(self, batch: Batch) -> None:
-        """Add what came."""
-        self.bytes += len(batch.data)
-        self.reads += batch.ends.size
-        self.last_received_ns = int(batch.received_ns[-1])
+    def take(self, batch: Batch, link: str) -> Batch | None:
+        """What of a batch is within the peer's allowance, under the source's name; it is counted. link: its name."""
+        now = time.monotonic()
+        taken, refused = self._allowance.take(batch, now)
+        if refused:
+            self.refused += refused
+            self.refused_at = now
+        if taken is None:
+            return None
+        self.bytes += len(taken.data)
+        self.reads += taken.ends.size
+        self.last_received_ns = int(taken.received_ns[-1])
+        return taken if self.name == link else replace(taken, source=self.name)
 
 
 class Sources:
@@ -84,6 +99,11 @@ class Sources:
         """Every source heard, those that fell silent too."""
         return self._slots.copy()
 
+    def too_fast(self) -> list[Source]:
+        """Peers that have sent more than they may within the last seconds."""
+        since = time.monotonic() - REFUSED_MEMORY_S
+        return [source for source in self._slots.copy() if source.refused_at >= since]
+
     def to_json(self) -> list[dict[str, object]]:
         """The same as JSON."""
         return [
@@ -92,6 +112,7 @@ class Sources:
                 "address": slot.address,
                 "bytes": slot.bytes,
                 "reads": slot.reads,
+                "refused": slot.refused,
                 "last_received_ns": slot.last_received_ns,
             }
             for slot in self.all()

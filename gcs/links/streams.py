@@ -76,9 +76,7 @@ class StreamLink(Link):
                 if len(chunks) == 1:
                     deadline = min(deadline, time.monotonic() + GATHER_S)
         if chunks:
-            batch = Batch.of(chunks)
-            self._source.count(batch)
-            self._waiting.append(batch)
+            self._take(self._source, Batch.of(chunks))
 
     def _reconnect(self, timeout_s: float) -> bool:
         if not self._retry.due(timeout_s):

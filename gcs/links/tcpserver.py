@@ -70,10 +70,7 @@ class TcpServerLink(Link):
             if runs and not before:
                 deadline = min(deadline, time.monotonic() + GATHER_S)
         for peer, chunks in runs:
-            source = self.sources.of(peer, address_text(*peer))
-            batch = Batch.of(chunks, "" if source.name == self.name else source.name)
-            source.count(batch)
-            self._waiting.append(batch)
+            self._take(self.sources.of(peer, address_text(*peer)), Batch.of(chunks))
         self._forget_the_gone()
 
     def _ready_clients(self, timeout_s: float) -> list[_Client]:

@@ -8,7 +8,6 @@ import socket
 import struct
 import sys
 import time
-from dataclasses import replace
 
 from gcs.errors import LinkError
 from gcs.links.datagrams import Batch, DatagramReceiver, Peer
@@ -135,9 +134,7 @@ class UdpLink(Link):
         for peer, batch in arrived:
             if peer == self._own or not batch.data:
                 continue
-            source = self.sources.of(peer, address_text(*peer))
-            source.count(batch)
-            self._waiting.append(batch if source.name == self.name else replace(batch, source=source.name))
+            self._take(self.sources.of(peer, address_text(*peer)), batch)
 
     def _drain(self) -> list[tuple[Peer, Batch]]:
         """What waits in the socket."""

@@ -10,6 +10,7 @@ from dataclasses import asdict
 
 from gcs.clock import timesync
 from gcs.errors import in_words
+from gcs.links.allowance import BYTES_PER_S
 from gcs.links.datagrams import Batch
 from gcs.links.opening import Link
 from gcs.links.sources import FORWARD
@@ -217,12 +218,24 @@ class RecordingStation(Station):
     def problem(self) -> str:
         """What goes wrong now, in words; empty when all is well."""
         passing = self._forwarder.problem if self._forwarder is not None else ""
-        return self.state.problem or passing or self.state.suspicion or self._refused_link()
+        return self.state.problem or passing or self.state.suspicion or self._refused_link() or self._too_fast()
 
     def _refused_link(self) -> str:
         """Of a link that this computer refuses, why; where a peer is only waited for there is nothing to say."""
         broken = (link for link in (*self.links, *self.forward) if link.broken)
         return next((f"link {link.name}: {link.problem}" for link in broken), "")
+
+    def _too_fast(self) -> str:
+        """Of a peer that sends more than one may, who it is."""
+        peers = (source for link in (*self.links, *self.forward) for source in link.sources.too_fast())
+        return next(
+            (
+                f"{source.address} sends more than {BYTES_PER_S / 1e6:g} MB a second over {source.name};"
+                f" what is beyond is not recorded ({source.refused / 1e6:.1f} MB so far)"
+                for source in peers
+            ),
+            "",
+        )
 
     def live_flights(self) -> list[str]:
         """Ids of the flights being recorded now."""

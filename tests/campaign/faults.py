@@ -1,4 +1,4 @@
-"""Faults of the machine under a service: kills, full and read-only disks, clocks, a damaged catalogue, a bad network.
+"""Faults of the machine under a service: kills, full and read-only disks, clocks, a damaged catalogue, bad lines.
 
 Run: python tests/campaign/faults.py [--kills 25] [--only NAME] [--output FOLDER]
 Kills are of the service while it takes in an upload, runs a job, draws a report or deletes and restores flights (while
@@ -12,199 +12,27 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import random
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
-import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import httpx
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-from processes import free_port, run  # noqa: E402
+from fault_rig import Outcome, Served, broken_promises, flown, upload, wait_for  # noqa: E402
+from kill_faults import ACTIONS, kill_while  # noqa: E402
+from line_faults import bad_network, unplugged  # noqa: E402
+from processes import run  # noqa: E402
 from recorder_rig import LINK, Rig  # noqa: E402
 from traffic import SECOND, Vehicle  # noqa: E402
-
-from gcs.recording.reader import Recording  # noqa: E402
-
-SENDER = ROOT / "tests" / "support" / "numbered_sender.py"
-LONGEST_S = 300.0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One trial. what: what was seen. wrong: empty where nothing was."""
-
-    fault: str
-    seed: int
-    what: str
-    wrong: str = ""
-
-
-class Served:
-    """`gcs serve` on a data folder, which can be killed and started again."""
-
-    def __init__(self, data: Path, *options: object) -> None:
-        self._command = [str(Path(sys.executable).with_name("gcs")), "serve", "--port", "0", "--data", str(data),
-                         *map(str, options)]  # fmt: skip
-        self.url, self.error = "", ""
-        self.begin()
-
-    def begin(self) -> None:
-        self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line.startswith("serving on "):
-            self.error = self._process.communicate()[1]
-            raise RuntimeError(f"the service does not start: {self.error}")
-        self.url = line.split()[-1]
-        threading.Thread(target=self._process.stderr.read, daemon=True).start()  # type: ignore[union-attr]
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait()
-
-    def stop(self) -> None:
-        self._process.send_signal(signal.SIGTERM)
-        self._process.wait(60.0)
-
-    def get(self, path: str) -> Any:
-        return httpx.get(self.url + path, timeout=60.0).raise_for_status().json()
-
-
-def wait_for(probe: Callable[[], Any], what: str) -> Any:
-    """The first true answer of `probe`; RuntimeError when none comes in time."""
-    deadline = time.monotonic() + LONGEST_S
-    while not (answer := probe()):
-        if time.monotonic() > deadline:
-            raise RuntimeError(f"waited in vain for {what}")
-        time.sleep(0.1)
-    return answer
-
-
-def flown(folder: Path) -> bytes:
-    """A simulated flight as a recording."""
-    path = folder / "flown.mcap"
-    if not path.exists():
-        done = run("sim-vehicle", "fly", "--manoeuvre", "elevator-3211", "--seed", 3, "--record", path)
-        assert done.returncode == 0, done.stderr
-    return path.read_bytes()
-
-
-# Kills.
-
-
-def kill_while(action: str, seed: int, log: bytes) -> Outcome:
-    """Kill the service at a random moment of something, start it again, and look whether what it had said holds."""
-    chance = random.Random(f"{action} {seed}")
-    said: dict[str, list[str]] = {"flights": [], "jobs": []}
-    with tempfile.TemporaryDirectory(prefix="fault-") as name:
-        served = Served(Path(name) / "data", "--vehicle", "iitb-mav")
-        try:
-            said["flights"].append(_upload(served.url, log))
-            stopping = threading.Event()
-            worker = threading.Thread(target=_ACTIONS[action], args=(served.url, log, said, stopping))
-            worker.start()
-            time.sleep(chance.uniform(0.0, 3.0))
-            served.kill()
-            stopping.set()
-            worker.join()
-            served.begin()
-            wrong = _broken_promises(served, said)
-            left = [path.name for path in (Path(name) / "data").glob("upload-*")]
-            if left:
-                wrong.append(f"left behind: {left}")
-            what = f"{len(said['flights'])} flights and {len(said['jobs'])} jobs acknowledged"
-            return Outcome(f"kill in {action}", seed, what, "; ".join(wrong))
-        except RuntimeError as error:
-            return Outcome(f"kill in {action}", seed, "", str(error))
-        finally:
-            served.kill()
-
-
-def _upload(url: str, log: bytes) -> str:
-    answer = httpx.post(f"{url}/api/flights?name=flown.mcap", content=log, timeout=120.0)
-    return str(answer.raise_for_status().json()["id"])
-
-
-def _broken_promises(served: Served, said: dict[str, list[str]]) -> list[str]:
-    """What was acknowledged and does not hold."""
-    wrong = []
-    there = {flight["id"]: flight for flight in served.get("/api/flights?limit=1000")["flights"]}
-    for flight in said["flights"]:
-        if flight not in there:
-            wrong.append(f"flight {flight} is gone")
-        elif not httpx.get(f"{served.url}/api/flights/{flight}/recording", timeout=60.0).is_success:
-            wrong.append(f"the recording of {flight} is gone")
-    half = [name for name, flight in there.items() if flight["state"] == "recording"]
-    if half:
-        wrong.append(f"still being recorded: {half}")
-    for job in said["jobs"]:
-        over = wait_for(
-            lambda job=job: (view := served.get(f"/api/jobs/{job}"))["state"] not in ("queued", "running") and view,
-            f"job {job}",
-        )
-        if over["state"] == "failed" and not over["error"]:
-            wrong.append(f"job {job} failed without a word")
-    return wrong
-
-
-def _uploads(url: str, log: bytes, said: dict[str, list[str]], stopping: threading.Event) -> None:
-    while not stopping.is_set():
-        try:
-            said["flights"].append(_upload(url, log))
-        except httpx.HTTPError:
-            return
-
-
-def _jobs(url: str, log: bytes, said: dict[str, list[str]], stopping: threading.Event) -> None:
-    try:
-        for _ in range(2):
-            path = f"{url}/api/flights/{said['flights'][0]}/jobs"
-            answer = httpx.post(path, json={"kind": "identify", "method": "ee"}, timeout=60.0)
-            said["jobs"].append(str(answer.raise_for_status().json()["id"]))
-    except httpx.HTTPError:
-        return
-
-
-def _reports(url: str, log: bytes, said: dict[str, list[str]], stopping: threading.Event) -> None:
-    _jobs(url, log, said, stopping)
-    while not stopping.is_set():
-        try:
-            httpx.get(f"{url}/api/flights/{said['flights'][0]}/report", timeout=60.0)
-        except httpx.HTTPError:
-            return
-
-
-def _changes(url: str, log: bytes, said: dict[str, list[str]], stopping: threading.Event) -> None:
-    """Delete and restore flights, again and again: what was restored last is there."""
-    while not stopping.is_set():
-        flight = said["flights"][0]
-        try:
-            httpx.delete(f"{url}/api/flights/{flight}", timeout=60.0)
-            said["flights"] = []
-            restored = httpx.post(f"{url}/api/flights/{flight}/restore", timeout=60.0)
-            said["flights"] = [flight] if restored.is_success else []
-            if not restored.is_success:
-                return
-        except httpx.HTTPError:
-            return
-
-
-_ACTIONS = {"upload": _uploads, "job": _jobs, "report": _reports, "catalogue": _changes}
-
 
 # The disk.
 
@@ -226,13 +54,13 @@ def full_disk(seed: int, log: bytes) -> Outcome:
         ballast = folder / "ballast"
         served = Served(folder / "data", "--reserve", "1MB")
         try:
-            first = _upload(served.url, log)
+            first = upload(served.url, log)
             ballast.write_bytes(bytes(shutil.disk_usage(folder).free - 500_000))
             refused = httpx.post(f"{served.url}/api/flights?name=b.mcap", content=log, timeout=60.0)
             wrong = [] if refused.status_code == 507 else [f"an upload on a full disk: {refused.status_code}"]
             ballast.unlink()
-            second = _upload(served.url, log)
-            wrong += _broken_promises(served, {"flights": [first, second], "jobs": []})
+            second = upload(served.url, log)
+            wrong += broken_promises(served, {"flights": [first, second], "jobs": []})
             return Outcome("disk full", seed, refused.json()["detail"], "; ".join(wrong))
         finally:
             served.kill()
@@ -288,7 +116,7 @@ def damaged_catalogue(seed: int, log: bytes) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="fault-") as name:
         data = Path(name) / "data"
         served = Served(data, "--vehicle", "iitb-mav")
-        flights = [_upload(served.url, log) for _ in range(3)]
+        flights = [upload(served.url, log) for _ in range(3)]
         served.stop()
         database = data / "catalogue.sqlite"
         content = bytearray(database.read_bytes())
@@ -306,7 +134,7 @@ def damaged_catalogue(seed: int, log: bytes) -> Outcome:
             return Outcome("catalogue damaged", seed, "", repaired.stderr)
         try:
             served.begin()
-            wrong = wait_for(lambda: not _broken_promises(served, {"flights": flights, "jobs": []}), "the recordings")
+            wrong = wait_for(lambda: not broken_promises(served, {"flights": flights, "jobs": []}), "the recordings")
             return Outcome(
                 "catalogue damaged", seed, repaired.stdout.splitlines()[0], "" if wrong else "flights are gone"
             )
@@ -316,98 +144,20 @@ def damaged_catalogue(seed: int, log: bytes) -> Outcome:
             served.kill()
 
 
-@contextmanager
-def network(name: str) -> Iterator[None]:
-    """A namespace `name` whose 10.99.0.2 reaches this one's 10.99.0.1."""
-
-    def ip(*words: str) -> None:
-        subprocess.run(["ip", *words], check=True)
-
-    ip("netns", "add", name)
-    try:
-        ip("link", "add", f"{name}-a", "type", "veth", "peer", "name", f"{name}-b", "netns", name)
-        ip("addr", "add", "10.99.0.1/24", "dev", f"{name}-a")
-        ip("link", "set", f"{name}-a", "up")
-        ip("-n", name, "addr", "add", "10.99.0.2/24", "dev", f"{name}-b")
-        ip("-n", name, "link", "set", f"{name}-b", "up")
-        yield
-    finally:
-        ip("netns", "del", name)
-
-
-class Lossy:
-    """Passes datagrams on from `host`:`port`, but for a share that is lost."""
-
-    def __init__(self, host: str, target: tuple[str, int]) -> None:
-        self.lost = 0.0
-        self._chance = random.Random(1)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((host, 0))
-        self.port = int(self._socket.getsockname()[1])
-        self._target = target
-        threading.Thread(target=self._run, daemon=True).start()
-
-    def _run(self) -> None:
-        while True:
-            data = self._socket.recv(65536)
-            if self._chance.random() >= self.lost:
-                self._socket.sendto(data, self._target)
-
-
-def bad_network(seed: int, log: bytes) -> Outcome:
-    """A fifth of the datagrams lost, then the line cut for 4 s, then all is well: what is missing is counted."""
-    with ExitStack() as stack:
-        name = f"fault{os.getpid() % 10000}"
-        stack.enter_context(network(name))
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fault-")))
-        port = free_port()
-        served = Served(folder / "data", "--connect", f"udpin:127.0.0.1:{port}")
-        lossy = Lossy("10.99.0.1", ("127.0.0.1", port))
-        sender = subprocess.Popen(
-            ["ip", "netns", "exec", name, sys.executable, str(SENDER), str(lossy.port), "500", "10.99.0.1"],
-            stdout=subprocess.DEVNULL,
-        )
-        try:
-            wait_for(lambda: served.get("/api/health")["recording"], "a flight")
-            time.sleep(2.0)
-            lossy.lost = 0.2
-            time.sleep(6.0)
-            subprocess.run(["ip", "link", "set", f"{name}-a", "down"], check=True)
-            time.sleep(4.0)
-            lossy.lost = 0.0
-            subprocess.run(["ip", "link", "set", f"{name}-a", "up"], check=True)
-            time.sleep(4.0)
-            flights = len(served.get("/api/flights")["flights"])
-        finally:
-            sender.kill()
-            sender.wait()
-            served.stop()
-        (path,) = (folder / "data" / "flights").glob("*.mcap")
-        recording = Recording(path)
-        numbers = {int(number) for one in recording.columns("PING") for number in one["seq"]}
-        missing = max(numbers) - min(numbers) + 1 - len(numbers)
-        said = sum(recording.lost().values())
-        # HEARTBEATs are lost too. The frames' counter has but 256 values: of a long gap the rest by 256 is counted.
-        beats = 40
-        counted = any(abs(said + 256 * turns - missing) <= beats for turns in range(missing // 256 + 1))
-        wrong = [f"{flights} flights"] if flights != 1 else []
-        wrong += [] if counted and said > 500 else ["the losses are not counted"]
-        return Outcome("20 % lost, line cut", seed, f"{missing} PING missing, {said} frames counted", "; ".join(wrong))
-
-
 ONCE: dict[str, Callable[[int, bytes], Outcome]] = {
     "disk-full": full_disk,
     "disk-read-only": read_only,
     "clock": clock_jumps,
     "catalogue": damaged_catalogue,
     "network": bad_network,
+    "serial": unplugged,
 }
-SEEDS = {"clock": 10, "catalogue": 20}
+SEEDS = {"clock": 10, "catalogue": 20, "network": 3, "serial": 3}
 
 
 def trials(kills: int) -> Iterator[tuple[str, int, Callable[[bytes], Outcome]]]:
     """Every trial: name, seed, and how it is run."""
-    for action in _ACTIONS:
+    for action in ACTIONS:
         for seed in range(kills):
             yield f"kill-{action}", seed, lambda log, a=action, s=seed: kill_while(a, s, log)
     for name, fault in ONCE.items():

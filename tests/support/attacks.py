@@ -25,6 +25,7 @@ from gcs.recording.parts import Provenance
 from gcs.recording.storage import StorageOptions
 from gcs.station.capture import Capture
 
+_FLOOD = 50e6  # bytes a second
 _JSON = {"Content-Type": "application/json"}
 
 
@@ -181,6 +182,29 @@ def noise(target: Target) -> None:
         for number, _ in enumerate(target.until_over(0.0005)):
             with contextlib.suppress(OSError):
                 socks[number % 40].send(pieces[number % 200])
+
+
+def flood(target: Target) -> None:
+    """Large datagrams of random bytes from four ports, 400 megabits a second of them."""
+    with ProcessPoolExecutor(1) as processes:
+        ports = processes.submit(_flood, target.udp, target.seconds)
+        for _ in target.until_over(0.5):
+            pass
+        target.note = f"{ports.result() / 1e6:.0f} MB sent"
+
+
+def _flood(port: int, seconds: float) -> int:
+    """Send from four ports for so long; how many bytes."""
+    data, sent, began = np.random.default_rng(1).bytes(1400), 0, time.monotonic()
+    with ExitStack() as held:
+        socks = [held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(4)]
+        while time.monotonic() - began < seconds:
+            if sent > _FLOOD * (time.monotonic() - began):
+                time.sleep(0.0002)
+            for sock in socks:
+                with contextlib.suppress(OSError):
+                    sent += sock.sendto(data, ("127.0.0.1", port))
+    return sent
 
 
 def forward_copies(target: Target) -> None:
@@ -353,6 +377,7 @@ ATTACKS: dict[str, Callable[[Target], None]] = {
     "foreign-clock-50Hz": foreign_clock(50.0),
     "255-systems": many_systems,
     "noise": noise,
+    "flood": flood,
     "forward-copies": forward_copies,
     "forward-stranger": commands_from_anywhere,
     "bomb": bomb,

@@ -155,7 +155,8 @@ function item(job, signal, add) {
   const path = `/api/jobs/${job.id}`
   const actions = () => h('p', { class: 'row' }, running(job)
     ? action('Cancel', async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
-    : [action('Run again', async () => { add(await post(`${path}/rerun`, { vehicle: null })); show()  // with what the flight's aircraft is now }),
+    // Once more with what the flight's aircraft is now, not with the version that the first job used.
+    : [action('Run again', async () => { add(await post(`${path}/rerun`, { vehicle: null })); show() }),
       action('Delete', async () => { await remove(path); element.remove(); announce(`${KINDS[job.kind]} deleted`) })])
   const show = () => element.replaceChildren(...contents(job), actions())
   show()
@@ -180,12 +181,13 @@ function item(job, signal, add) {
 }
 
 const started = job => utc(new Date(job.created_ns / 1e6).toISOString())
+const by = job => job.owner === 'station' ? ', by the station itself' : job.owner && `, asked for from ${job.owner}`
 const running = job => job.state === 'queued' || job.state === 'running'
 
 function contents(job) {
   const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
   return [
-    h('p', {}, h('strong', {}, title), ` (${started(job)})`),
+    h('p', {}, h('strong', {}, title), ` (${started(job)}${by(job)})`),
     running(job) && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
     running(job) && h('p', {}, `${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`),
     job.error && remark('bad', h('p', {}, job.error)),

@@ -137,6 +137,7 @@ def test_jobs_are_cancelled_run_again_with_other_settings_and_deleted(bench: Ben
     again = client.post(f"/api/jobs/{first['id']}/rerun", json={"method": "oe", "from": 0.25}).json()
     assert again["request"] == {**first["request"], "method": "oe", "from": 0.25}
     assert again["id"] != first["id"]
+    assert first["owner"] == again["owner"] == "127.0.0.1"
     assert client.post(f"/api/jobs/{first['id']}/rerun").json()["request"] == first["request"]
     assert "from" in problem(client.post(f"/api/jobs/{first['id']}/rerun", json={"from": 5, "to": 3}), 422)
     assert "to" in problem(client.post(f"/api/jobs/{again['id']}/rerun", json={"to": 0.1}), 422)

@@ -21,6 +21,7 @@ from gcs.api import create_app
 from gcs.catalogue.intake import Leftover, Recovery
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.jobs.runner import JobRunner
+from gcs.links.datagrams import Batch
 from gcs.links.opening import UdpLink, open_link
 from gcs.station.station import RecordingStation
 
@@ -71,6 +72,21 @@ def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(
         wait_until(lambda: health("jobs wait: ValueError: out of order"))
         broken.clear()
         wait_until(lambda: client.get("/api/health").json()["status"] == "ok")
+
+
+def test_health_names_a_peer_that_sends_more_than_one_may(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    jobs = JobRunner(bench.settings, bench.catalogue, (sys.executable, "-c", WORKER))
+    with serving(create_app(bench.settings, bench.catalogue, bench.station, jobs)) as client:
+        assert client.get("/api/health").json()["status"] == "ok"
+        peer = bench.link.sources.of(("192.0.2.7", 5000), "192.0.2.7:5000")
+        bench.link._take(peer, Batch.of([(bytes(1_000_000), START)] * 22))
+        health = client.get("/api/health").json()
+        assert health["status"] == "degraded"
+        assert "192.0.2.7:5000 sends more than 8 MB a second" in health["problem"]
+        assert "(6.0 MB so far)" in health["problem"]
+        (link,) = client.get("/api/links").json()
+        assert link["refused"] == link["sources"][0]["refused"] == 6_000_000
 
 
 def test_health_tells_of_recordings_that_cannot_be_deleted_or_recovered(make_bench: Callable[..., Bench]) -> None:

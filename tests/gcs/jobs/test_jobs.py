@@ -256,9 +256,10 @@ def test_a_result_that_comes_after_its_job_was_cancelled_is_not_kept(bench: Benc
 def test_what_a_person_asks_for_comes_before_what_the_station_queued_itself(bench: Bench) -> None:
     runner = JobRunner(bench.settings, bench.catalogue)
     automatic = [runner.submit(bench.flight, {"kind": "identify", "automatic": True}) for _ in range(3)]
-    asked = runner.submit(bench.flight, {"kind": "identify"})
+    asked = runner.submit(bench.flight, {"kind": "identify"}, "somebody")
     taken = [bench.catalogue.take_job() for _ in range(2)]
     assert [job.id for job in taken if job is not None] == [asked.id, automatic[0].id]
+    assert [job.owner for job in taken if job is not None] == ["somebody", "station"]
 
 
 def test_the_queue_has_an_end_and_what_the_station_queues_leaves_room_for_a_person(bench: Bench) -> None:
