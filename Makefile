@@ -44,12 +44,12 @@ $(VENV)/.interop: $(VENV)/.ready
 	touch $@
 
 interop: $(VENV)/.interop $(VENV)/.docs
-	@command -v chromium >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium)
+	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
 	$(BIN)/python -m pytest tests/interop
 
 # The pictures of docs/page.md, made anew by the browser tests.
 page-pictures: $(VENV)/.interop
-	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_aircraft_page.py
+	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py
 
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'

@@ -66,8 +66,9 @@ def draw(url: str, flight: str) -> None:
     """Print the times until all plots of a flight's page are drawn, by the browser's own clock."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
     from browser import chromium
+    from playwright.sync_api import sync_playwright
 
-    with chromium() as browser:
+    with sync_playwright() as playwright, chromium(playwright) as browser:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         opened, zoomed = [], []
         for _ in range(ROUNDS):

@@ -148,7 +148,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         _tidy(settings)
         jobs = JobRunner(settings, catalogue)
         identify = _identify_when_over(settings, jobs)
-        views = FlightViews(settings, vehicle_of=jobs.choice.file_of)
+        views = FlightViews(settings, vehicle_of=jobs.choice.file_of, outlined=catalogue.put_outline)
 
         def when_over(flight: Flight) -> None:
             identify(flight)

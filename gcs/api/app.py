@@ -46,7 +46,7 @@ def create_app(
     """
 
     feed = live or LiveFeed(settings, recorder.live_vehicles)
-    seen = views or FlightViews(settings, vehicle_of=jobs.choice.file_of)
+    seen = views or FlightViews(settings, vehicle_of=jobs.choice.file_of, outlined=catalogue.put_outline)
     service = Service(settings, catalogue, recorder, jobs, time.monotonic(), others, feed, seen)
 
     @asynccontextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import date
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -16,10 +17,14 @@ from gcs.api.schemas import (
     FlightPage,
     FlightSummary,
     JobView,
+    Planned,
+    PlannedCoefficient,
     Problem,
     Series,
     SignalsView,
     SpectraView,
+    Spectrogram,
+    SpectrogramsView,
     Spectrum,
     Uploaded,
 )
@@ -30,11 +35,14 @@ from gcs.catalogue.note_table import FlightNotes
 from gcs.catalogue.result_table import FlightOutcome
 from gcs.errors import CatalogueError, GcsError, JobError
 from gcs.text.utctext import utc_text
+from gcs.vehicles.shelf import STATION
 from sim_vehicle.errors import SimVehicleError
 
 router = APIRouter(tags=["flights"])
 
 _PROBLEM = {"model": Problem}
+_DAY_NS = 86_400_000_000_000
+_LATEST_NS = 2**63 - 1 - _DAY_NS
 _UPLOAD_BODY = {
     "requestBody": {
         "required": True,
@@ -55,7 +63,13 @@ _UPLOAD_BODY = {
 def _items(service: Service, found: Sequence[Flight]) -> list[FlightItem]:
     ids = [flight.id for flight in found]
     notes, outcomes = service.catalogue.notes_of(ids), service.catalogue.outcomes_of(ids)
-    return [FlightItem.model_validate(_fields(flight, notes[flight.id], outcomes[flight.id])) for flight in found]
+    outlines = service.catalogue.outlines_of(ids)
+    return [
+        FlightItem.model_validate(
+            {**_fields(flight, notes[flight.id], outcomes[flight.id]), "outline": outlines.get(flight.id)}
+        )
+        for flight in found
+    ]
 
 
 def _item(service: Service, flight: Flight) -> FlightItem:
@@ -95,13 +109,32 @@ def flights(
     search: Annotated[
         str, Query(max_length=200, description="Words that stand in the id, the name or the start, as 2026-11-23 06:10")
     ] = "",
+    since: Annotated[date | None, Query(description="Those that began on this day (UTC) or later")] = None,
+    until: Annotated[date | None, Query(description="Those that began on this day (UTC) or before")] = None,
+    vehicle: Annotated[
+        str, Query(max_length=200, description="Those of an aircraft, by its id: chosen by hand, or named in a job")
+    ] = "",
     deleted: Annotated[bool, Query(description="Those that were deleted, and can be taken back, instead")] = False,
     ground: Annotated[bool, Query(description="What was recorded on the ground behind flights too")] = False,
 ) -> FlightPage:
     """Flights, newest first."""
-    found = service.catalogue.flights(limit + 1, after, search, discarded=deleted, ground=ground)
+    found = service.catalogue.flights(
+        limit + 1,
+        after,
+        search,
+        since_ns=None if since is None else _midnight_ns(since),
+        until_ns=None if until is None else _midnight_ns(until) + _DAY_NS,
+        vehicle=vehicle,
+        discarded=deleted,
+        ground=ground,
+    )
     page = found[:limit]
     return FlightPage(flights=_items(service, page), next=page[-1].id if len(found) > limit else None)
+
+
+def _midnight_ns(day: date) -> int:
+    """UTC ns at which a day begins, within what the catalogue's numbers hold."""
+    return max(min((day - date(1970, 1, 1)).days * _DAY_NS, _LATEST_NS), 0)
 
 
 @router.post(
@@ -154,6 +187,30 @@ def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:
     one = chosen.vehicle
     return ChosenVehicle(
         id=one.id, name=one.vehicle.name, version=one.version, by_hand=chosen.by_hand, why=chosen.why, problem=""
+    )
+
+
+@router.get("/api/flights/{flight_id}/planned", responses={404: _PROBLEM})
+def planned(service: Serving, flight_id: str) -> Planned:
+    """The newest plan of the same aircraft that was there when the flight began, held against its newest model."""
+    found = service.catalogue.flight(flight_id)
+    model = service.catalogue.result(flight_id, "identify")["model"]["coefficients"]
+    try:
+        one = service.jobs.choice.of(found).vehicle
+        plan = service.catalogue.plan_before(found, one.id, one.id == STATION)
+    except (GcsError, SimVehicleError):
+        plan = None
+    if plan is None:
+        raise CatalogueError(f"no flight of this aircraft was planned before flight {flight_id}")
+    promised = {entry["name"]: entry["std"] for entry in plan["json"]["coefficients"]}
+    return Planned(
+        flight=plan["flight_id"],
+        made=utc_text(plan["created_ns"]),
+        gusts=float(plan["json"].get("gusts") or 0.0),
+        coefficients=[
+            PlannedCoefficient(name=name, expected_std=std, reached_std=model.get(name, {}).get("std"))
+            for name, std in promised.items()
+        ],
     )
 
 
@@ -241,6 +298,16 @@ def spectrum(
     found = service.catalogue.flight(flight_id)
     spectra = service.views.spectra(found, _wanted(names), start, end)
     return SpectraView(flight=flight_id, signals={name: Spectrum(**entry) for name, entry in spectra.items()})
+
+
+@router.get("/api/flights/{flight_id}/spectrogram", responses={404: _PROBLEM, 409: _PROBLEM, 503: _PROBLEM})
+def spectrogram(
+    service: Serving, flight_id: str, names: _Names, start: _Moment = None, end: _Moment = None
+) -> SpectrogramsView:
+    """Spectra of signals over time: when something shook, and how the frequency moved with the propeller."""
+    found = service.catalogue.flight(flight_id)
+    made = service.views.spectrograms(found, _wanted(names), start, end)
+    return SpectrogramsView(flight=flight_id, signals={name: Spectrogram(**entry) for name, entry in made.items()})
 
 
 def _wanted(names: str) -> list[str]:

@@ -172,6 +172,14 @@ class ChosenVehicle(BaseModel):
     problem: str
 
 
+class Outline(BaseModel):
+    """One signal of a flight, its height or else its airspeed, as means of even stretches."""
+
+    name: str
+    unit: str
+    values: list[float | None]
+
+
 class FlightItem(BaseModel):
     """One flight of the catalogue. Times are UTC."""
 
@@ -195,6 +203,7 @@ class FlightItem(BaseModel):
     tags: list[str]
     vehicle: str | None = Field(description="Id of the aircraft that was chosen by hand, null for none")
     outcome: Outcome = Field(description="What came of it so far")
+    outline: Outline | None = Field(description="How it went, for a list; null before it has been read for plots")
 
 
 class Uploaded(FlightItem):
@@ -310,6 +319,42 @@ class SpectraView(BaseModel):
 
     flight: str
     signals: dict[str, Spectrum]
+
+
+class Spectrogram(BaseModel):
+    """Power spectral density of one signal over time: a row of `value` for each frequency, in dB; null is no power.
+
+    All are empty where the stretch has too few samples.
+    """
+
+    unit: str
+    time: list[float] = Field(description="Middles of the columns, s from the start of the flight, at even steps")
+    frequency: list[float] = Field(description="Hz, at even steps")
+    value: list[list[float | None]]
+
+
+class SpectrogramsView(BaseModel):
+    """Spectrograms of a flight's signals."""
+
+    flight: str
+    signals: dict[str, Spectrogram]
+
+
+class PlannedCoefficient(BaseModel):
+    """One coefficient: the standard error that the plan promised, and the one that the flight gave."""
+
+    name: str
+    expected_std: float | None
+    reached_std: float | None = Field(description="null where the flight could not identify it")
+
+
+class Planned(BaseModel):
+    """The plan that was there when a flight began, beside what came of it."""
+
+    flight: str = Field(description="The flight behind which it was planned")
+    made: str = Field(description="When, UTC")
+    gusts: float = Field(description="Turbulence that the plan counted on, m/s")
+    coefficients: list[PlannedCoefficient]
 
 
 class SignalsView(BaseModel):

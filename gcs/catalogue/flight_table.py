@@ -19,6 +19,11 @@ _SEARCHED = (
     "id || ' ' || name || ' ' || strftime('%Y-%m-%d %H:%M:%S', start_ns / 1000000000, 'unixepoch')"
     f" || ' ' || ifnull({_SAID}, '')"
 )
+_OF_VEHICLE = (
+    "(id IN (SELECT flight_id FROM flight_notes WHERE vehicle = ?) OR id IN (SELECT flight_id FROM jobs"
+    " WHERE json_valid(request) AND substr(json_extract(request, '$.vehicle') || '@', 1,"
+    " instr(json_extract(request, '$.vehicle') || '@', '@') - 1) = ?))"
+)
 # Those whose recordings are there.
 _KEPT = "deleted_ns IS NULL AND discarded_ns IS NULL"
 # How long a flight that somebody deleted can be taken back.
@@ -139,12 +144,17 @@ class FlightTable(NoteTable):
         after: str | None = None,
         search: str = "",
         *,
+        since_ns: int | None = None,
+        until_ns: int | None = None,
+        vehicle: str = "",
         discarded: bool = False,
         ground: bool = False,
     ) -> list[Flight]:
         """Newest first, after the one named.
 
         search: words in id, name, start (as `2026-11-23 06:10`, UTC), or in what people said of it, its aircraft too.
+        since_ns, until_ns: those that began then or later, and before. vehicle: those of an aircraft, by its id: chosen
+        by hand, or named in a job.
 
         discarded: those that were deleted, which can be taken back, instead of those that are there. ground: what was
         recorded on the ground behind flights too.
@@ -158,6 +168,15 @@ class FlightTable(NoteTable):
             last = self._known(after)
             conditions.append("(start_ns, id) < (?, ?)")
             values += [last.start_ns, last.id]
+        if since_ns is not None:
+            conditions.append("start_ns >= ?")
+            values.append(since_ns)
+        if until_ns is not None:
+            conditions.append("start_ns < ?")
+            values.append(until_ns)
+        if vehicle:
+            conditions.append(_OF_VEHICLE)
+            values += [vehicle, vehicle]
         for word in search.split():
             conditions.append(f"instr(lower({_SEARCHED}), lower(?))")  # both by SQLite, which leaves Ü as it is
             values.append(word)
@@ -247,7 +266,7 @@ class FlightTable(NoteTable):
             if due.fetchone() is None:
                 return False
             db.execute("DELETE FROM job_log WHERE job_id IN (SELECT id FROM jobs WHERE flight_id = ?)", (flight_id,))
-            for table in ("jobs", "results", "models", "flight_notes"):
+            for table in ("jobs", "results", "models", "flight_notes", "flight_outlines"):
                 db.execute(f"DELETE FROM {table} WHERE flight_id = ?", (flight_id,))
             db.execute("DELETE FROM flights WHERE id = ?", (flight_id,))
             db.execute("UPDATE flights SET follows = NULL WHERE follows = ?", (flight_id,))

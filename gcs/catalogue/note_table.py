@@ -1,4 +1,4 @@
-"""What people say of flights: a name, a comment, tags, and which aircraft it was."""
+"""What a list says of flights: a name, a comment, tags, which aircraft it was, and how it went in few points."""
 
 from __future__ import annotations
 
@@ -56,6 +56,17 @@ class NoteTable(Database):
                 " changed_ns = CASE WHEN vehicle = excluded.vehicle THEN changed_ns ELSE excluded.changed_ns END",
                 (flight_id, notes.title, notes.comment, tags, notes.vehicle, self._clock()),
             )
+
+    def put_outline(self, flight_id: str, outline: dict[str, Any]) -> None:
+        """Keep one signal of a flight in few points, by which a list shows how it went."""
+        with self._transaction() as db:
+            db.execute("INSERT OR REPLACE INTO flight_outlines VALUES (?, ?)", (flight_id, json.dumps(outline)))
+
+    def outlines_of(self, flight_ids: Sequence[str]) -> dict[str, dict[str, Any]]:
+        """Those that are kept, by flight."""
+        marks = ", ".join("?" for _ in flight_ids)
+        rows = self._rows(f"SELECT * FROM flight_outlines WHERE flight_id IN ({marks})", *flight_ids)
+        return {row["flight_id"]: json.loads(row["json"]) for row in rows}
 
     def vehicle_before(self, system: int, source: str, start_ns: int) -> tuple[str, str] | None:
         """Aircraft and id of the last flight not after that moment for which somebody chose, None if there is none.

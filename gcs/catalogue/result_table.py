@@ -7,8 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.job_table import JobTable
 from gcs.errors import CatalogueError
+
+# Jobs `j` with an aircraft in any version; the service's own is not named in jobs.
+_OF_AIRCRAFT = (
+    "(substr(json_extract(j.request, '$.vehicle'), 1, ?) = ?"
+    " OR (? AND ifnull(json_extract(j.request, '$.vehicle'), 'station') = 'station'))"
+)
+
+
+def _of_aircraft(vehicle: str, station: bool) -> tuple[object, ...]:
+    return len(vehicle) + 1, f"{vehicle}@", station
 
 
 @dataclass(frozen=True)
@@ -87,12 +98,8 @@ class ResultTable(JobTable):
             " FROM models m JOIN flights f ON f.id = m.flight_id JOIN jobs j ON j.id = m.job_id"
             " LEFT JOIN flight_notes n ON n.flight_id = f.id"
             " WHERE m.kind = 'identify' AND f.discarded_ns IS NULL"
-            " AND (substr(json_extract(j.request, '$.vehicle'), 1, ?) = ?"
-            " OR (? AND ifnull(json_extract(j.request, '$.vehicle'), 'station') = 'station'))"
-            " GROUP BY m.flight_id ORDER BY f.start_ns",
-            len(vehicle) + 1,
-            f"{vehicle}@",
-            station,
+            f" AND {_OF_AIRCRAFT} GROUP BY m.flight_id ORDER BY f.start_ns",
+            *_of_aircraft(vehicle, station),
         )
         return [
             {
@@ -103,6 +110,21 @@ class ResultTable(JobTable):
             }
             for row in rows
         ]
+
+    def plan_before(self, flight: Flight, vehicle: str, station: bool) -> dict[str, Any] | None:
+        """The newest plan of a flight of that aircraft which was there when the flight began, None where there is none.
+
+        station: as of `identified_with`. Gives flight (behind which it was planned), created_ns and the result.
+        """
+        rows = self._rows(
+            "SELECT r.flight_id, r.created_ns, r.json FROM results r JOIN jobs j ON j.id = r.job_id"
+            " JOIN flights f ON f.id = r.flight_id WHERE r.kind = 'design' AND r.created_ns <= ? AND r.flight_id != ?"
+            f" AND f.discarded_ns IS NULL AND {_OF_AIRCRAFT} ORDER BY r.number DESC LIMIT 1",
+            flight.start_ns,
+            flight.id,
+            *_of_aircraft(vehicle, station),
+        )
+        return None if not rows else {**dict(rows[0]), "json": json.loads(rows[0]["json"])}
 
     def models(self) -> list[dict[str, Any]]:
         """Every model, newest first, without its coefficients; of a discrepancy its verdict and effects too."""

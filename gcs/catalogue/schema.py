@@ -27,6 +27,7 @@ CREATE TABLE IF NOT EXISTS models (
 CREATE TABLE IF NOT EXISTS flight_notes (
     flight_id TEXT PRIMARY KEY, title TEXT NOT NULL, comment TEXT NOT NULL, tags TEXT NOT NULL, vehicle TEXT NOT NULL,
     changed_ns INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS flight_outlines (flight_id TEXT PRIMARY KEY, json TEXT NOT NULL);
 """
 # Columns that came later: table, name, and how it is declared.
 _LATER_COLUMNS = (

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from gcs.design.ardupilot import lua_script
-from gcs.design.prediction import Request, design
+from gcs.design.prediction import Design, Request, design
 from gcs.errors import GcsError
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
-from sysid.design.simulated_flight import RATE_HZ
+from sysid.design.simulated_flight import RATE_HZ, rehearse
+from sysid.identify import identify
+
+_SEED = 1  # of noise and gusts in the rehearsal
 
 
 def planned(
@@ -20,9 +23,9 @@ def planned(
 ) -> dict[str, Any]:
     """The JSON of schema design/1 with `files`: plan.json for the simulator and plan.lua for ArduPilot Plane.
 
-    asked: manoeuvres, duration [s], gusts [m/s], limits [deg, airspeed in per cent], each as it is or absent. A file
-    that cannot be made for this aircraft is left out, and a warning says why. Raises GcsError, SimVehicleError,
-    SysidError.
+    asked: manoeuvres, duration [s], gusts [m/s], limits [deg, airspeed in per cent], method (that which identified the
+    flight before), each as it is or absent. A file that cannot be made for this aircraft is left out, and a warning
+    says why. Raises GcsError, SimVehicleError, SysidError.
     """
     from gcs.text.jsontext import dumps
 
@@ -38,11 +41,42 @@ def planned(
         settings=[f"{name}=0" for name in unknown],
     )
     made = design(load_vehicle(vehicle), known, request, progress)
-    files, warnings = {"plan.json": dumps(made.plan_json(), indent=2)}, list(made.result["warnings"])
+    result = made.result
+    if asked.get("method") == "map":
+        progress(0.6, "flying the plan in the simulator, and identifying it as the flight before")
+        result = {**result, **_as_identified(made, request.gusts)}
+    files, warnings = {"plan.json": dumps(made.plan_json(), indent=2)}, list(result["warnings"])
     if unknown:
         warnings.append(f"the model does not know {', '.join(unknown)}: flown as 0, and planned to be found")
     try:
         files["plan.lua"] = lua_script(made.vehicle, made.model, made.plan, RATE_HZ)
     except (GcsError, SimVehicleError) as error:
         warnings.append(f"no script for ArduPilot: {error}")
-    return {**made.result, "warnings": warnings, "files": files}
+    return {**result, "warnings": warnings, "files": files}
+
+
+def _as_identified(made: Design, gusts: float) -> dict[str, Any]:
+    """Standard errors, and what is refused, of the plan flown in the simulator and identified with priors.
+
+    The bounds of `sysid.design.predict` know the sensors as the vehicle file has them. An estimate with priors counts
+    on what it does not say too (scale factors, servos, delays), which longer or larger manoeuvres make little smaller.
+    """
+    flight, _ = rehearse(made.vehicle, made.model, made.plan, seed=_SEED, gusts=gusts)
+    found = identify([flight], made.vehicle, structure=made.model, method="map")
+    known = found.model.coefficients
+    reasons = {one.name: one for one in found.refused}
+    kept, refused = [], [one for one in made.result["refused"] if one["name"] not in reasons]
+    for entry in made.result["coefficients"]:
+        std = known[entry["name"]].std if entry["name"] in known else None
+        if std is None:
+            why = reasons.get(entry["name"])
+            reason = why.reason if why else "the simulated flight could not identify it"
+            refused.append({"name": entry["name"], "reason": reason, "manoeuvre": why.manoeuvre if why else None})
+            continue
+        larger = std / entry["std"] if entry["std"] else 1.0
+        percent = None if entry["percent"] is None else entry["percent"] * larger
+        # Correlations are of the bounds.
+        kept.append(
+            {key: value for key, value in entry.items() if key != "correlated"} | {"std": std, "percent": percent}
+        )
+    return {"method": "map", "coefficients": kept, "refused": refused}

@@ -17,18 +17,14 @@ import tempfile
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gcs.catalogue.decimate import decimate
 from gcs.catalogue.flight_table import Flight
 from gcs.errors import CatalogueError, RecordingDeletedError, RecordingError, ServiceError, SignalMapError, in_words
+from gcs.jobs.keptsignal import KeptSignal
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.once import AskedOnce
-from gcs.jobs.spectrum import Array, power_spectral_density
 from gcs.settings import Settings
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError
@@ -38,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 _SUMMARY = "summary.json"
 # Of the folders: what an earlier one left is read anew.
-_FORMAT = 2
+_FORMAT = 3
 _NOTHING: Mapping[str, Any] = {
     "topics": {}, "lost": 0, "damage": [], "signals": [], "warnings": [], "modes": [], "texts": [], "fields": {},
 }  # fmt: skip
@@ -48,7 +44,7 @@ _LONGEST_S = 300.0
 _MOST_BYTES = 2_000_000_000
 # Most samples of one answer, and so many requests for a flight that nobody has read yet wait at a time.
 _MOST_SAMPLES = 500_000
-_MOST_SPECTRA, _MOST_MESSAGES = 20, 8
+_MOST_SPECTRA, _MOST_SPECTROGRAMS, _MOST_MESSAGES = 20, 6, 8
 # A field of a message, as SCALED_IMU.xacc or DEBUG_FLOAT_ARRAY.data[3].
 _FIELD = re.compile(r"[A-Z][A-Z0-9_]{0,60}\.[a-z0-9_]{1,60}(\[[0-9]{1,3}\])?")
 _MOST_WAITING = 8
@@ -60,6 +56,7 @@ class FlightViews:
 
     worker: the command that reads a recording. longest_s, memory_bytes: what that may take. vehicle_of: the vehicle
     file of a flight, None where nobody knows its aircraft; without it the one that the service was started with.
+    outlined: called with what of a flight that was read a list shows.
     """
 
     def __init__(
@@ -69,9 +66,11 @@ class FlightViews:
         longest_s: float = _LONGEST_S,
         memory_bytes: int | None = None,
         vehicle_of: Callable[[Flight], Path | None] | None = None,
+        outlined: Callable[[str, dict[str, Any]], None] = lambda flight_id, outline: None,
     ) -> None:
         self._settings = settings
         self._vehicle_of = vehicle_of or (lambda flight: Path(settings.vehicle) if settings.vehicle else None)
+        self._outlined = outlined
         self._reader = AskedOnce(worker, longest_s)
         self._memory_bytes = memory_bytes or memory_limit()
         self._lock = threading.Lock()
@@ -131,8 +130,18 @@ class FlightViews:
             raise SignalMapError(f"{len(names)} spectra are too many for one answer; it has {_MOST_SPECTRA} at most")
         return self._of_each(flight, names, lambda one: one.spectrum(start_s, end_s))
 
+    def spectrograms(
+        self, flight: Flight, names: list[str], start_s: float | None, end_s: float | None
+    ) -> dict[str, dict[str, Any]]:
+        """Spectra over time of a stretch by name; SignalMapError naming what the flight does not have."""
+        if len(names) > _MOST_SPECTROGRAMS:
+            raise SignalMapError(
+                f"{len(names)} spectrograms are too many for one answer; it has {_MOST_SPECTROGRAMS} at most"
+            )
+        return self._of_each(flight, names, lambda one: one.spectrogram(start_s, end_s))
+
     def _of_each(
-        self, flight: Flight, names: list[str], read: Callable[[_Kept], dict[str, Any]]
+        self, flight: Flight, names: list[str], read: Callable[[KeptSignal], dict[str, Any]]
     ) -> dict[str, dict[str, Any]]:
         found, folder = self._view(flight)
         entries = {entry["name"]: entry for entry in found["series"]}
@@ -148,7 +157,7 @@ class FlightViews:
                 raise SignalMapError(found["warnings"][0])
             raise SignalMapError(f"no signal {', '.join(missing) or 'named'}; this flight has {', '.join(entries)}")
         try:
-            return {name: read(_Kept(folder, entries[name])) for name in names}
+            return {name: read(KeptSignal(folder, entries[name])) for name in names}
         except (OSError, ValueError, EOFError) as error:
             self._forget(folder)
             raise CatalogueError(f"the plots of flight {flight.id} are made anew ({error}); ask again") from error
@@ -300,6 +309,8 @@ class FlightViews:
                     file.flush()
                     os.fsync(file.fileno())
                 target.rename(folder)
+                if found.get("outline"):
+                    self._outlined(flight.id, found["outline"])
         return found
 
     def _make_room(self, flight: Flight) -> None:
@@ -343,39 +354,3 @@ def _states_of_vehicle(name: Path) -> list[tuple[str, int, int]]:
 
 def _flight_of(folder: Path) -> str:
     return folder.name.rpartition("-")[0]
-
-
-@dataclass(frozen=True)
-class _Kept:
-    """One signal of a flight's folder, mapped rather than read. entry: what the summary says of it."""
-
-    folder: Path
-    entry: dict[str, Any]
-
-    def series(self, start_s: float | None, end_s: float | None, points: int) -> dict[str, Any]:
-        """A stretch of it, decimated."""
-        shown, samples = decimate(*self._stretch(start_s, end_s), points)
-        return {
-            "unit": self.entry["unit"],
-            "source": self.entry["source"],
-            "time": shown.tolist(),
-            "value": [value if np.isfinite(value) else None for value in samples.tolist()],
-        }
-
-    def spectrum(self, start_s: float | None, end_s: float | None) -> dict[str, Any]:
-        """The power spectral density of a stretch of it."""
-        frequency, density = power_spectral_density(*self._stretch(start_s, end_s))
-        unit = self.entry["unit"]
-        return {
-            "unit": f"({unit})²/Hz" if unit else "1/Hz",
-            "signal_unit": unit,
-            "frequency": frequency.tolist(),
-            "value": density.tolist(),
-        }
-
-    def _stretch(self, start_s: float | None, end_s: float | None) -> tuple[Array, Array]:
-        time = np.load(self.folder / self.entry["time"], mmap_mode="r", allow_pickle=False)
-        values = np.load(self.folder / self.entry["values"], mmap_mode="r", allow_pickle=False)
-        first = 0 if start_s is None else int(np.searchsorted(time, start_s, side="left"))
-        last = time.size if end_s is None else int(np.searchsorted(time, end_s, side="right"))
-        return time[first:last], values[first:last]

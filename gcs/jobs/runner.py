@@ -341,10 +341,19 @@ class JobRunner:
             "rule_out": request.get("rule_out", ()),
             "as_recorded": request.get("as_recorded", ()),
             "automatic": request.get("automatic", False),
-            "plan": {key: request[key] for key in ("manoeuvres", "duration", "gusts", "limits") if key in request},
+            "plan": {
+                **{key: request[key] for key in ("manoeuvres", "duration", "gusts", "limits") if key in request},
+                "method": self._identified_by(job.flight_id),
+            },
             "memory_bytes": self._memory_bytes,
             "output": folder / "result.json",
         }
+
+    def _identified_by(self, flight_id: str) -> str | None:
+        """The method of the newest identification of a flight, None where there is none."""
+        with contextlib.suppress(CatalogueError):
+            return str(self._catalogue.result(flight_id, "identify").get("method"))
+        return None
 
     def _recordings(self, flight_id: str) -> list[Path]:
         return self._catalogue.flight(flight_id).kept_files(self._settings.flights)

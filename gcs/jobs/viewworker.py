@@ -32,6 +32,7 @@ _MOST_TOPICS = 2000
 _MOST_BYTES = 1_000_000_000
 _MOST_NOTES, _LONGEST_NOTE = 200, 500
 _MOST_MESSAGES = 300
+_OUTLINED, _OUTLINE_POINTS = ("height", "altitude", "airspeed", "V"), 60
 _NO_VEHICLE = "which aircraft this was is not known, so no deflection of a surface is shown, and no calibrated channel"
 
 
@@ -70,6 +71,7 @@ def summary(order: dict[str, Any]) -> dict[str, Any]:
             signals, streams = _signals(recording, order["vehicle"], order["system"])
             found["series"] = _save(signals.signals, Path(order["target"]))
             found |= {"signals": list(signals.signals), "warnings": list(signals.warnings)}
+            found["outline"] = outline(signals.signals)
             found |= {
                 "modes": [asdict(one) for one in modes(recording, streams)],
                 "texts": [asdict(one) for one in texts(recording, streams)],
@@ -78,6 +80,21 @@ def summary(order: dict[str, Any]) -> dict[str, Any]:
         except (GcsError, SysidError, SimVehicleError) as error:
             found["warnings"] = [str(error)]
     return found
+
+
+def outline(signals: Mapping[str, Signal]) -> dict[str, Any] | None:
+    """Height, or else airspeed, as means of even stretches; None where it has neither, and in one without a value."""
+    name = next((one for one in _OUTLINED if one in signals and np.isfinite(signals[one].values).any()), None)
+    if name is None:
+        return None
+    signal = signals[name]
+    good = np.isfinite(signal.values)
+    edges = np.linspace(signal.time_s[good][0], signal.time_s[good][-1], _OUTLINE_POINTS + 1)
+    place = np.clip(np.searchsorted(edges, signal.time_s[good], side="right") - 1, 0, _OUTLINE_POINTS - 1)
+    counts = np.bincount(place, minlength=_OUTLINE_POINTS)
+    sums = np.bincount(place, signal.values[good], _OUTLINE_POINTS)
+    values = [round(total / count, 2) if count else None for total, count in zip(sums, counts, strict=True)]
+    return {"name": name, "unit": signal.unit, "values": values}
 
 
 def fields(order: dict[str, Any]) -> dict[str, Any]:

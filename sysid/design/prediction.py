@@ -36,7 +36,7 @@ from sysid.problem.model_structure import default_structure, helpful_manoeuvre, 
 from sysid.problem.predictor import Predictor
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import prepare
-from sysid.signals.record import OUTPUTS, SURFACES
+from sysid.signals.record import OUTPUTS
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _THRUST_STEP = 1e-4  # N, for a difference quotient
@@ -320,12 +320,15 @@ def _warnings(vehicle: Vehicle, model: Model, names: Sequence[str], flown: Flown
     for signal, (low, high) in model.validity.items():
         values = flown.truth["V" if signal == "airspeed" else signal] if signal in ("alpha", "airspeed") else None
         if values is not None and (values.min() < low or values.max() > high):
-            reach = f"{values.min():.3g} to {values.max():.3g}"
-            found.append(f"{signal} goes from {reach}; the prior model holds from {low:g} to {high:g}")
-    for j, (control, signal) in enumerate(zip(("elevator", "aileron", "rudder"), SURFACES, strict=True)):
+            unit, factor = ("deg", math.degrees(1.0)) if signal == "alpha" else ("m/s", 1.0)
+            reach = f"{factor * values.min():.3g} to {factor * values.max():.3g} {unit}"
+            holds = f"{factor * low:.3g} to {factor * high:.3g} {unit}"
+            found.append(f"{signal} goes from {reach}; the prior model holds from {holds}")
+    for j, control in enumerate(("elevator", "aileron", "rudder")):
         if control in vehicle.controls:
             low, high = vehicle.controls[control].limits
             moved = flown.command[:, j]
             if np.ptp(moved) > 0.0 and (moved.min() < low + _STOP or moved.max() > high - _STOP):
-                found.append(f"{control} reaches its stop ({signal} {low:g} to {high:g} rad); make it smaller")
+                stops = f"{math.degrees(low):.3g} to {math.degrees(high):.3g} deg"
+                found.append(f"{control} reaches its stop ({stops}); make it smaller")
     return found

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import re
 import socket
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from browser import Visitor, chromium
+from browser import Visitor
 from node_reader import NodeReader
 from patience import PATIENCE_S
 from playwright.sync_api import Browser
@@ -22,12 +21,6 @@ from traffic import Vehicle, wait_until
 
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as opened:
-        yield opened
 
 
 def described(servo: dict[str, Any]) -> dict[str, Any]:
@@ -114,13 +107,27 @@ def plan_next(visitor: Visitor, folder: Path) -> None:
     visitor.wait_for_text("h2", "Flight card: Thor", PATIENCE_S * 1000)
     row = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")
     assert 0.0 < float(row[2]) < 2.0 * float(row[4])
-    with page.expect_download() as download:
-        page.click("button:text-is('Plan for sim-vehicle (JSON)')")
     planned = folder / "plan.json"
-    planned.write_bytes(Path(download.value.path()).read_bytes())
+    planned.write_bytes(visitor.downloaded("button:text-is('Plan for sim-vehicle (JSON)')"))
     again = run("sim-vehicle", "fly", "--vehicle", "ultrastick25e", "--plan", planned, "--record", folder / "next.mcap")
     assert again.returncode == 0, again.stderr
     visitor.check("plan")
+
+
+def hold_against_plan(visitor: Visitor, log: Path) -> None:
+    """What was planned is flown and identified: promised and reached stand beside each other."""
+    page = visitor.page
+    visitor.open("#/flights")
+    page.set_input_files("input[type=file]", log)
+    page.click("button.main")
+    page.click("text=open it")
+    page.click("button:text-is('Identify')")
+    page.click("a:text-is('See the result')", timeout=PATIENCE_S * 1000)
+    page.click("summary:text-is('Planned and reached')")
+    row = visitor.text("details tr:has(code:text-is('CL_alpha'))").split("\t")
+    # The same manoeuvres in calm air: the plan counts on the sensors of the vehicle file.
+    assert 0.3 < float(row[2]) / float(row[1]) < 3.0
+    visitor.check("planned")
 
 
 def change_thor(visitor: Visitor) -> None:
@@ -132,15 +139,14 @@ def change_thor(visitor: Visitor) -> None:
     visitor.wait_for_text("main", "Version 2")
     page.click("a:text-is('1')")
     visitor.wait_for_text("main", "This is an older version.")
-    with page.expect_download() as download:
-        page.click("a:text-is('Vehicle file (TOML)')")
-    assert "mass = 1.959" in Path(download.value.path()).read_text(encoding="utf-8")
+    assert b"mass = 1.959" in visitor.downloaded("a:text-is('Vehicle file (TOML)')")
 
 
-@pytest.mark.parametrize("size", ["phone", "desktop"])
+@pytest.mark.parametrize(("program", "size"), [("browser", "phone"), ("browser", "desktop"), ("fox", "desktop")])
 def test_an_aircraft_is_described_by_the_form_and_a_log_identified_with_it(
-    size: str, browser: Browser, node: NodeReader, tmp_path: Path
+    program: str, size: str, request: pytest.FixtureRequest, node: NodeReader, tmp_path: Path
 ) -> None:
+    browser: Browser = request.getfixturevalue(program)
     log = tmp_path / "morning.tlog"
     flown = run(
         "sim-vehicle", "fly", "--vehicle", "ultrastick25e", "--manoeuvre", "multisine", "--seed", 4, "--record", log
@@ -151,6 +157,7 @@ def test_an_aircraft_is_described_by_the_form_and_a_log_identified_with_it(
         describe_thor(visitor)
         identify(visitor, url, log)
         plan_next(visitor, tmp_path)
+        hold_against_plan(visitor, tmp_path / "next.mcap")
         visitor.open("#/flights")
         visitor.wait_for_text("tbody", "Multisine in calm air")
         assert re.search("model (good|usable)", visitor.text("tbody"))

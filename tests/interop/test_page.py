@@ -10,8 +10,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from browser import SIZES, Visitor, chromium
-from ground import Ground
+from browser import Visitor
+from ground import Ground, flight_with
 from node_reader import NodeReader
 from patience import PATIENCE_S
 from playwright.sync_api import Browser
@@ -22,43 +22,6 @@ from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
 
 FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
-DEMO_S = 900.0
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Flights and results of `gcs demo`: two flights identified, two of an aircraft that hides a stall.
-
-    The variable DEMO_OUTPUT may name the folder of an earlier run.
-    """
-    kept = os.environ.get("DEMO_OUTPUT")
-    folder = Path(kept) if kept else tmp_path_factory.mktemp("demo")
-    if not (folder / "discrepancy.json").exists():
-        demo = start("gcs", ["demo", "--data", folder])
-        _, error = demo.communicate(timeout=DEMO_S)
-        assert demo.returncode == 0, error
-    return folder / "service"
-
-
-@pytest.fixture(scope="module")
-def ground(data: Path) -> Iterator[Ground]:
-    made = Ground(data, free_port(), free_port())
-    made.start()
-    yield made
-    made.stop()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture(params=list(SIZES))
-def visitor(request: pytest.FixtureRequest, browser: Browser, ground: Ground, node: NodeReader) -> Iterator[Visitor]:
-    made = Visitor(browser, ground.url, node.folder / "node_modules" / "axe-core" / "axe.min.js", request.param)
-    yield made
-    made.close()
 
 
 @pytest.fixture
@@ -72,11 +35,6 @@ def flying(ground: Ground) -> Iterator[None]:
         finally:
             simulator.kill()
             simulator.communicate(timeout=PATIENCE_S)
-
-
-def flight_with(ground: Ground, kind: str) -> str:
-    """The demonstration's flight with a result of that kind: the oldest, before those that fly meanwhile."""
-    return [str(model["flight_id"]) for model in ground.get("/api/models") if model["kind"] == kind][-1]
 
 
 def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground, flying: None) -> None:
@@ -174,61 +132,6 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     assert ground.get(f"/api/flights/{newest['flight_id']}")["id"] == newest["flight_id"]
 
 
-def test_zooming_asks_for_what_is_seen(visitor: Visitor, ground: Ground) -> None:
-    visitor.open(f"#/flights/{flight_with(ground, 'identify')}?signals=q")
-    visitor.wait_for_plots(1)
-    whole = visitor.text("output")
-    with visitor.page.expect_response(lambda answer: "/signals?" in answer.url) as asked:
-        visitor.page.click("button[aria-label='Zoom in']")
-    series = asked.value.json()["signals"]["q"]
-    wait_until(lambda: visitor.text("output") != whole)
-    low, high = (float(number) for number in re.findall(r"[\d.]+", visitor.text("output")))
-    assert low - 0.1 * (high - low) < series["time"][0] < series["time"][-1] < high + 0.1 * (high - low)
-    assert visitor.page.evaluate("location.hash").count("start=") == 1
-
-
-def test_values_are_read_at_a_cursor_that_all_plots_share(visitor: Visitor, ground: Ground) -> None:
-    flight = flight_with(ground, "identify")
-    visitor.open(f"#/flights/{flight}?signals=airspeed,q")
-    visitor.wait_for_plots(2)
-    plot = visitor.page.locator(".plot").first
-    plot.scroll_into_view_if_needed()
-    box = plot.bounding_box()
-    assert box is not None
-    visitor.page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 60)
-    wait_until(lambda: re.match(r"[\d.]+ s", visitor.text(".cursor")))
-    at = float(visitor.text(".cursor b").split()[0])
-    series = ground.get(f"/api/flights/{flight}/signals?names=airspeed&points=100000")["signals"]["airspeed"]
-    nearest = min(range(len(series["time"])), key=lambda i: abs(series["time"][i] - at))
-    shown = re.search(r"airspeed ([\d.]+) m/s", visitor.text(".cursor"))
-    assert shown is not None
-    around = series["value"][max(nearest - 10, 0) : nearest + 11]
-    assert min(around) - 0.01 <= float(shown[1]) <= max(around) + 0.01
-    assert visitor.page.locator(".cursor-line:not([hidden])").count() == 2
-    visitor.page.focus(".cursor")
-    visitor.page.keyboard.press("ArrowRight")
-    wait_until(lambda: float(visitor.text(".cursor b").split()[0]) > at)
-    visitor.check("cursor")
-
-
-@pytest.mark.parametrize(("way", "plots"), [("together", 2), ("xy", 2), ("spectrum", 3)])
-def test_signals_are_drawn_in_other_ways(visitor: Visitor, ground: Ground, way: str, plots: int) -> None:
-    visitor.open(f"#/flights/{flight_with(ground, 'identify')}?signals=p,q,theta")
-    visitor.wait_for_plots(3)
-    visitor.page.get_by_label("How they are drawn").select_option(way)
-    wait_until(lambda: visitor.page.locator(".plots figure").count() == plots)
-    visitor.wait_for_plots(plots)
-    assert f"as={way}" in visitor.page.evaluate("location.hash")
-    with visitor.page.expect_download() as download:
-        visitor.page.click("button:text-is('Values (CSV)')")
-    rows = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
-    assert rows[0].startswith(
-        "frequency_Hz,p [(rad/s)²/Hz]" if way == "spectrum" else "time_s,p [°/s],q [°/s],theta [°]"
-    )
-    assert len(rows) > 100
-    visitor.check()
-
-
 def test_a_model_stands_there_with_its_error_bars(visitor: Visitor, ground: Ground) -> None:
     flight = flight_with(ground, "identify")
     visitor.open(f"#/flights/{flight}/model")
@@ -297,6 +200,15 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         visitor.open("#/flights")
         visitor.page.fill("input[type=search]", "2020-09-14")  # the second of 120
         visitor.wait_for_text("tbody tr:only-child", "calm morning 1.tlog")
+        visitor.page.fill("input[type=search]", "")
+        visitor.page.get_by_label("From day (UTC)").fill("2020-09-20")
+        visitor.page.get_by_label("To day (UTC)").fill("2020-09-22")
+        visitor.page.get_by_label("To day (UTC)").blur()
+        wait_until(lambda: visitor.page.locator("tbody tr").count() == 3)
+        assert "since=2020-09-20&until=2020-09-22" in visitor.page.evaluate("location.hash")
+        visitor.page.get_by_label("From day (UTC)").fill("2021-09-20")
+        visitor.page.get_by_label("From day (UTC)").blur()
+        visitor.wait_for_text("main", "No flight fits all of this")
         visitor.check()
         visitor.open(f"#/flights/{flight}")
         form = visitor.page.locator("form:has(h3:text-is('Identify the model'))")

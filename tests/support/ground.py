@@ -48,3 +48,8 @@ class Ground:
         self.process.send_signal(signal.SIGTERM)
         self.process.communicate(timeout=PATIENCE_S)
         assert self.process.returncode == 0
+
+
+def flight_with(ground: Ground, kind: str) -> str:
+    """The demonstration's flight with a result of that kind: the oldest, before those that fly meanwhile."""
+    return [str(model["flight_id"]) for model in ground.get("/api/models") if model["kind"] == kind][-1]

@@ -1,4 +1,4 @@
-"""The MCAP and ROS 2 libraries that Foxglove and other viewers use, run by node."""
+"""The MCAP and ROS 2 libraries that Foxglove and other viewers use, and TypeScript's compiler, run by node."""
 
 from __future__ import annotations
 
@@ -38,6 +38,14 @@ class NodeReader:
         _run(["node", "read.mjs", str(recording), str(target)], self.folder)
         with target.open(encoding="utf-8") as lines:
             return [json.loads(line) for line in lines]
+
+    def check_types(self, project: Path) -> str:
+        """What TypeScript's compiler finds wrong with a project, a line each; nothing where all is well."""
+        command = ["node", str(self.folder / "node_modules/typescript/bin/tsc"), "--project", str(project)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert done.returncode in (0, 1, 2), done.stderr
+        assert bool(done.stdout) == bool(done.returncode), done.stderr
+        return done.stdout
 
 
 def _run(command: list[str], folder: Path) -> None:

@@ -21,7 +21,15 @@ export function aircraftForm({ toml, form, save, label, signal }) {
 
 class Description {
   constructor(toml, form, save, label, signal) {
-    Object.assign(this, { toml, form: form && structuredClone(form), save, signal, timer: 0, asked: 0, typed: false, inputs: {} })
+    this.toml = toml
+    this.form = form && structuredClone(form)
+    this.save = save
+    this.signal = signal
+    this.timer = 0
+    this.asked = 0
+    this.typed = false
+    /** @type {Record<string, HTMLInputElement>} */
+    this.inputs = {}
     this.follows = h('section', { 'aria-label': 'Check', 'aria-live': 'polite' })
     this.words = h('p', { role: 'status' })
     this.button = h('button', { class: 'main' }, label)
@@ -99,7 +107,10 @@ class Description {
           times_s: times.value.split(/[\s,;]+/).filter(Boolean).map(Number),
         })
         const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)), [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
-        for (const [name, value] of Object.entries(made)) this.inputs[name].value = this.form.numbers[name] = value
+        for (const [name, value] of Object.entries(made)) {
+          this.form.numbers[name] = value
+          this.inputs[name].value = String(value)
+        }
         this.changed()
         says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
       } catch (error) {

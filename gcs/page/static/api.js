@@ -44,6 +44,10 @@ export async function request(path, options = {}) {
   return answer
 }
 
+/** Parameters of a request; numbers may stand among them, and what is empty is left out. */
+export const asking = parameters => new URLSearchParams(Object.entries(parameters)
+  .filter(([, value]) => value !== '' && value !== null && value !== undefined).map(([name, value]) => [name, String(value)]))
+
 export const get = async (path, signal) => (await request(path, { signal })).json()
 
 const sent = method => async (path, body) => (await request(path, {

@@ -13,7 +13,7 @@ const [POINTS, FAR] = [1000, 3]
 
 /** The view that compares; the address keeps the models (ma, mb) and the flights (fa, fb), `a` names a flight. */
 export async function compare(page, parts, query, signal) {
-  const [models, found] = await Promise.all([get('/api/models', signal), findFlights('', signal)])
+  const [models, found] = await Promise.all([get('/api/models', signal), findFlights({}, signal)])
   await addNamed(found.flights, query, signal)
   page.append(h('h1', {}, 'Compare'))
   modelSection(page, models, query, signal)
@@ -23,7 +23,7 @@ export async function compare(page, parts, query, signal) {
 /** The flights that the address names, which may be older than those found. */
 async function addNamed(flights, query, signal) {
   const named = ['a', 'fa', 'fb'].map(key => query.get(key)).filter(id => id && !flights.some(one => one.id === id))
-  for (const id of new Set(named)) flights.push(...(await findFlights(id, signal)).flights.filter(one => one.id === id))
+  for (const id of new Set(named)) flights.push(...(await findFlights({ search: id }, signal)).flights.filter(one => one.id === id))
 }
 
 const comparable = flights => flights.filter(one => one.state !== 'recording' && !one.recording_deleted)

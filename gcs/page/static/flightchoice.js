@@ -1,6 +1,6 @@
 // Choosing among all flights: the newest stand there, others are found by words of their name, id or date.
 
-import { get } from './api.js'
+import { asking, get } from './api.js'
 import { announce } from './announce.js'
 import { field, h } from './dom.js'
 
@@ -10,26 +10,23 @@ const PAUSE_MS = 250
 /** How a flight is called in lists. */
 export const flightTitle = flight => flight.title || (flight.source === 'upload' ? flight.name : flight.id)
 
-/** The newest flights that match: { flights, next }; next says that there are more. */
-export function findFlights(search, signal, after) {
-  const asked = new URLSearchParams({ limit: SHOWN, ...(search && { search }), ...(after && { after }) })
-  return get(`/api/flights?${asked}`, signal)
-}
+/** The newest flights that match: { flights, next }; next says that there are more. wanted: as GET /api/flights has it. */
+export const findFlights = (wanted, signal) => get(`/api/flights?${asking({ limit: SHOWN, ...wanted })}`, signal)
 
 /** A field that looks for flights while one types; take: called with what findFlights gives, and the words. */
-export function flightSearch(take, signal, words = '') {
+export function flightSearch(take, signal) {
   let timer = 0
   let asked = 0
   const ask = async () => {
     const number = ++asked
     try {
-      const found = await findFlights(input.value, signal)
+      const found = await findFlights({ search: input.value }, signal)
       if (number === asked) take(found, input.value)
     } catch (error) {
       if (!signal.aborted) announce(error.message, true)
     }
   }
-  const input = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: words,
+  const input = h('input', { type: 'search', autocomplete: 'off', maxlength: 200,
     input: () => {
       clearTimeout(timer)
       timer = setTimeout(ask, PAUSE_MS)

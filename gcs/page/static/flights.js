@@ -1,11 +1,15 @@
 // The list of flights, and taking in logs.
 
-import { get, post, remove, upload } from './api.js'
+import { asking, get, post, remove, upload } from './api.js'
 import { announce } from './announce.js'
-import { field, h, remark, table } from './dom.js'
-import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
+import { field, h, remark, select, table } from './dom.js'
+import { findFlights, flightTitle } from './flightchoice.js'
 import { outcomeWords } from './flightnotes.js'
 import { duration, size, utc } from './format.js'
+import { keepQuery } from './router.js'
+import { sparkline } from './sparkline.js'
+
+const PAUSE_MS = 250
 
 /** What the list shows of one flight, its name a link. */
 function row(flight) {
@@ -13,25 +17,52 @@ function row(flight) {
   return [
     [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
       flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag' }, tag)])],
-    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
+    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), sparkline(flight.outline), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
   ]
 }
 
 /** The view of all flights. */
 export async function flights(page, parts, query, signal) {
   const list = h('div', { 'aria-live': 'off' })
-  const [after, search] = [query.get('after'), query.get('search') ?? '']
-  const take = (found, words) => list.replaceChildren(...content(found, words))
+  const wanted = Object.fromEntries(['search', 'since', 'until', 'vehicle', 'after'].map(name => [name, query.get(name) ?? '']))
+  let asked = 0
   const show = async () => {
-    const found = await findFlights(search, signal, after)
-    take(found, search)
+    const number = ++asked
+    const found = await findFlights(wanted, signal)
+    if (number === asked) list.replaceChildren(...content(found, wanted))
     return found
   }
-  const [first, deleted] = await Promise.all([show(), get('/api/flights?deleted=true&limit=200', signal)])
-  const many = first.next || after || search
+  const [first, deleted, aircraft] = await Promise.all([
+    show(), get('/api/flights?deleted=true&limit=200', signal), get('/api/vehicles', signal),
+  ])
+  const filtered = Object.values(wanted).some(Boolean)
   page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
-    ...(many ? [flightSearch(take, signal, search)] : []), list,
+    ...(first.flights.length > 1 || filtered ? [filters(wanted, aircraft, show, signal)] : []), list,
     ...(deleted.flights.length ? [bin(deleted.flights, show)] : []))
+}
+
+/** Words, days and an aircraft by which the list is narrowed while one types; the address keeps them. */
+function filters(wanted, aircraft, show, signal) {
+  let timer = 0
+  const changed = (name, value, pause = 0) => {
+    Object.assign(wanted, { [name]: value, after: '' })
+    clearTimeout(timer)
+    timer = setTimeout(() => {
+      keepQuery(asking(wanted))
+      show().catch(error => signal.aborted || announce(error.message, true))
+    }, pause)
+  }
+  const words = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: wanted.search, input: () => changed('search', words.value, PAUSE_MS) })
+  const day = name => {
+    const input = h('input', { type: 'date', value: wanted[name], change: () => changed(name, input.value) })
+    return input
+  }
+  const choices = [['', 'any'], ...aircraft.map(one => [one.id, one.name])]
+  if (wanted.vehicle && !aircraft.some(one => one.id === wanted.vehicle)) choices.push([wanted.vehicle, wanted.vehicle])
+  return h('div', { class: 'grid', role: 'search', 'aria-label': 'Flights' },
+    field('Find a flight', words, 'A part of its name, comment, tags, aircraft or date'),
+    aircraft.length ? field('Aircraft', select(choices, wanted.vehicle, value => changed('vehicle', value))) : '',
+    field('From day (UTC)', day('since')), field('To day (UTC)', day('until')))
 }
 
 /** What was deleted in the last day, and can be taken back. */
@@ -54,20 +85,23 @@ function bin(found, show) {
     h('ul', {}, found.map(row)), words)
 }
 
-function content(found, words) {
-  if (!found.flights.length && words) {
-    return [remark('note', h('p', {}, `No flight has “${words}” in its name or date.`))]
+function content(found, wanted) {
+  if (!found.flights.length && wanted.search && !wanted.since && !wanted.until && !wanted.vehicle) {
+    return [remark('note', h('p', {}, `No flight has “${wanted.search}” in its name or date.`))]
+  }
+  if (!found.flights.length && Object.values(wanted).some(Boolean)) {
+    return [remark('note', h('p', {}, 'No flight fits all of this: the words, the days and the aircraft.'))]
   }
   if (!found.flights.length) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
       + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
-  const head = ['Flight', 'Start (UTC)', 'Duration', 'Result', 'System', 'Size']
+  const head = ['Flight', 'Start (UTC)', 'Duration', 'Course', 'Result', 'System', 'Size']
   return [
     table('Flights, newest first', head, found.flights.map(row)),
     together(),
     found.next && h('p', {}, h('a', { class: 'button', 
-      href: `#/flights?${new URLSearchParams({ after: found.next, ...(words && { search: words }) })}` },
+      href: `#/flights?${asking({ ...wanted, after: found.next })}` },
       'Older flights')),
   ].filter(Boolean)
 }
@@ -76,7 +110,9 @@ function content(found, words) {
 function together() {
   const says = h('p', { role: 'status' })
   const each = (words, act) => async event => {
-    const boxes = [...document.querySelectorAll('tbody input[type=checkbox]:checked')]
+    /** @type {NodeListOf<HTMLInputElement>} */
+    const checked = document.querySelectorAll('tbody input[type=checkbox]:checked')
+    const boxes = [...checked]
     if (!boxes.length) {
       says.textContent = 'Choose flights in the list first.'
       return

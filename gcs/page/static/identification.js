@@ -1,9 +1,10 @@
 // The result of an identification: validation, coefficients, sensors, residuals.
 
-import { get } from './api.js'
+import { get, getIfThere } from './api.js'
+import { announce } from './announce.js'
 import { field, h, listing, remark, select, table, there } from './dom.js'
 import { coefficientTable, refusedTable, sensorTable } from './estimates.js'
-import { chance, estimate, NONE, number } from './format.js'
+import { chance, estimate, NONE, number, utc } from './format.js'
 import { nothingYet } from './jobs.js'
 import { download, opened } from './links.js'
 import { gaps, legendAbove, level, line, plot, shown, source, BLUE, RED } from './plots.js'
@@ -32,7 +33,7 @@ export function identification(page, result, summary, signal) {
       download(`/api/flights/${id}/identification`, `${summary.id}-identification.json`, 'Result (JSON)'),
       h('span', { id: 'model-download' }), h('a', { class: 'button', href: `#/compare?a=${id}` }, 'Compare')),
     h('h2', {}, 'Coefficients'), ...there(coefficientTable(result.model), refusedTable(result.refused)),
-    h('h2', {}, 'Sensors'), compatible(result), ...there(
+    h('div', { id: 'planned' }), h('h2', {}, 'Sensors'), compatible(result), ...there(
       sensorTable(result.sensor_errors), verdicts(result), compatibility(result)),
     h('h2', {}, 'Validation'),
     ...there(found ? table(`Figures of merit on ${found.flights.join(', ')}`,
@@ -43,6 +44,19 @@ export function identification(page, result, summary, signal) {
     h('h2', {}, 'How it was made'), ...there(segments(result)),
   )
   modelLink(page.querySelector('#model-download'), summary.id, 'identify', signal)
+  planned(page.querySelector('#planned'), id, signal).catch(error => signal.aborted || announce(error.message, true))
+}
+
+/** Put what the plan before this flight promised beside what it gave, where there was one. */
+async function planned(place, id, signal) {
+  const plan = await getIfThere(`/api/flights/${id}/planned`, signal)
+  if (!plan) return
+  const times = ({ expected_std: expected, reached_std: reached }) => expected > 0 && reached > 0 ? `${number(reached / expected, 2)} times` : NONE
+  place.append(h('details', {}, h('summary', {}, 'Planned and reached'),
+    h('p', {}, 'Planned on ', utc(plan.made), ' behind flight ', h('a', { href: `#/flights/${encodeURIComponent(plan.flight)}/plan` }, plan.flight),
+      `, for ${plan.gusts ? `turbulence of ${number(plan.gusts)} m/s` : 'calm air'}. More than planned: rougher air, smaller deflections, or sensors with more noise than the vehicle file says.`),
+    table('Standard errors', ['Coefficient', 'Planned ±', 'Reached ±', 'Reached over planned'], plan.coefficients.map(one => [
+      h('code', {}, one.name), number(one.expected_std, 2), one.reached_std === null ? 'not identified' : number(one.reached_std, 2), times(one)]))))
 }
 
 /** Put the download of the newest model of that flight and kind in a place. */

@@ -7,6 +7,7 @@ import { write } from './livetable.js'
 const DEGREES = 180 / Math.PI
 // A signal that has not come for so long, while others did, is missing.
 const MISSING_MS = 2000
+/** Names of the signal, title, unit, factor to it, decimals. @type {[string[], string, string, number, number][]} */
 const TILES = [
   [['airspeed', 'V'], 'Airspeed', 'm/s', 1, 1], [['alpha'], 'α', '°', DEGREES, 1], [['beta'], 'β', '°', DEGREES, 1],
   [['phi'], 'Roll', '°', DEGREES, 0], [['theta'], 'Pitch', '°', DEGREES, 0], [['psi'], 'Heading', '°', DEGREES, 0],
@@ -16,7 +17,9 @@ const PER_DEGREE = 2
 
 class Tile {
   constructor([names, title, unit, factor, decimals]) {
-    Object.assign(this, { names, factor, decimals })
+    this.names = names
+    this.factor = factor
+    this.decimals = decimals
     this.figure = h('span', {}, NONE)
     this.words = h('span', { class: 'unseen' })
     this.old = h('span', { class: 'mark', hidden: true }, 'old')
@@ -65,7 +68,11 @@ export class Instruments {
     this.draw(this.shown)
   }
 
-  /** Take the newest values by signal name, in SI. age: how old a signal's is, s. */
+  /**
+   * Take the newest values by signal name, in SI.
+   * @param {Record<string, number | null>} signals
+   * @param {(name: string) => number} [age] how old a signal's is, s
+   */
   show(signals, age = () => 0) {
     const now = Date.now()
     for (const [name, value] of Object.entries(signals)) this.known.set(name, { value: value ?? NaN, at: now - 1000 * age(name) })

@@ -16,7 +16,7 @@ const EVERY_MS = 1000
 /** The section of jobs of a flight; resolves to what puts a further job into its list. */
 export async function jobs(page, summary, signal) {
   const [models, others] = await Promise.all([
-    get('/api/models', signal), findFlights('', signal),
+    get('/api/models', signal), findFlights({}, signal),
   ])
   const list = h('ul', { class: 'jobs' })
   const none = h('p', {}, 'No job was started for this flight.')

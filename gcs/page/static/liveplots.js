@@ -12,7 +12,14 @@ const USUAL = [['airspeed'], ['alpha', 'beta'], ['phi', 'theta']]
 /** Plots of airspeed, flow angles and attitude, and of the signals that the user chooses. */
 export class LivePlots {
   constructor(query, signal) {
-    Object.assign(this, { query, signal, kept: new Map(), unitOf: {}, panels: [], newest: 0, dirty: false })
+    this.query = query
+    this.signal = signal
+    this.kept = new Map()
+    /** @type {Record<string, string>} */
+    this.unitOf = {}
+    this.panels = []
+    this.newest = 0
+    this.dirty = false
     this.chosen = new Set(query.get('signals')?.split(',').filter(Boolean) ?? [])
     this.place = h('div', { class: 'plots' }, h('p', {}, 'Signals are plotted here as soon as the vehicle sends them.'))
     this.choices = h('fieldset', { class: 'choices' }, h('legend', {}, 'Further signals to plot'))

@@ -9,7 +9,10 @@ export class LiveTable {
    * cell that needs none. named: makes the node of a row's name.
    */
   constructor(caption, head, short, named = name => h('code', {}, name)) {
-    Object.assign(this, { short, named, names: null, cells: [] })
+    this.short = short
+    this.named = named
+    this.names = null
+    this.cells = []
     const title = newId('caption')
     this.body = h('tbody', {})
     this.element = h('div', { class: 'wide wrapping', role: 'region', 'aria-labelledby': title, tabindex: 0, hidden: true },

@@ -27,6 +27,8 @@ export async function plan(page, result, summary, signal) {
   h('p', { class: 'row' }, h('button', { click: () => window.print() }, 'Print the card'),
     Object.entries(result.files).map(([name, text]) => h('button', { click: () => hand(new Blob([text]), name) }, FILES[name] ?? name))),
   h('h2', {}, 'What to expect'),
+  h('p', { class: 'hint' }, result.method === 'map' ? 'The plan was flown in the simulator and identified as this flight was: with what the vehicle file does not say of sensors and servos counted in.'
+    : 'The smallest standard errors that sensors as the vehicle file says them allow (Cramér–Rao).'),
   table('Standard errors to expect', ['Coefficient', 'Model so far', 'Expected ±', 'Per cent', 'This flight ±'], result.coefficients.map(one => [
     h('code', {}, one.name), number(one.value, 4), number(one.std, 2), one.percent === null ? '' : `${number(one.percent, 2)} %`, number(own[one.name], 2)])),
   result.refused.length && table('What it cannot identify', ['Coefficient', 'Why', 'Fly instead'], result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))

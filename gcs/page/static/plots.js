@@ -4,13 +4,19 @@ import { h } from './dom.js'
 
 export const BLUE = '#0b4fc4', RED = '#b3261e', GREEN = '#00695c', ORANGE = '#b45309', PURPLE = '#6a1b9a', BLACK = '#000'
 export const COLOURS = [BLUE, RED, GREEN, ORANGE, PURPLE, BLACK]
+const AXIS = {
+  axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
+  major_label_text_font_size: '14px', major_label_text_color: BLACK, axis_line_color: BLACK,
+}
 const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
 
 let loading = null
 
 /** BokehJS, loaded once. */
 export function bokeh() {
-  loading ??= document.querySelector('meta[name=plots]').content.split(' ')
+  /** @type {HTMLMetaElement} */
+  const meta = document.querySelector('meta[name=plots]')
+  loading ??= meta.content.split(' ')
     .reduce((before, address) => before.then(() => load(address)), Promise.resolve()).then(() => {
       window.Bokeh.set_log_level('error')
       return window.Bokeh
@@ -40,15 +46,21 @@ export async function plot(options) {
     ...(options.xRange ? { x_range: options.xRange } : {}), ...(options.yRange ? { y_range: options.yRange } : {}),
     ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 74,
   })
-  for (const axis of [...figure.xaxes, ...figure.yaxes]) {
-    Object.assign(axis, {
-      axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
-      major_label_text_font_size: '14px', major_label_text_color: BLACK, axis_line_color: BLACK,
-    })
-  }
+  for (const axis of [...figure.xaxes, ...figure.yaxes]) Object.assign(axis, AXIS)
   figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = '#bbb' })
   figure.outline_line_color = BLACK
   return figure
+}
+
+/** A further axis on the right, of a range of its own: { name, range }. */
+export async function furtherAxis(figure, label) {
+  const Bokeh = await bokeh()
+  const range = new Bokeh.DataRange1d({ renderers: [] })
+  const name = `further ${label}`
+  figure.extra_y_ranges = { ...figure.extra_y_ranges, [name]: range }
+  const axis = new Bokeh.LinearAxis({ y_range_name: name, axis_label: label })
+  figure.add_layout(Object.assign(axis, AXIS), 'right')
+  return { name, range }
 }
 
 /** Columns of numbers as a source that plots share; null becomes a gap. */
@@ -60,9 +72,9 @@ export async function source(columns) {
 export const gaps = columns => Object.fromEntries(Object.entries(columns).map(([name, values]) =>
   [name, values.map(value => value ?? NaN)]))
 
-/** A line of a source's columns; index: which colour and dash. */
-export const line = (figure, data, x, y, index, legend, width = 2.5) => figure.line({ field: x }, { field: y }, {
-  source: data, line_color: COLOURS[index % 6], line_width: width, line_dash: DASHES[index % 6],
+/** A line of a source's columns; index: which colour and dash. axis: a further one that it goes by. */
+export const line = (figure, data, x, y, index, legend, width = 2.5, axis = null) => figure.line({ field: x }, { field: y }, {
+  source: data, ...(axis ? { y_range_name: axis.name } : {}), line_color: COLOURS[index % 6], line_width: width, line_dash: DASHES[index % 6],
   ...(legend ? { legend_label: legend } : {}),
 })
 

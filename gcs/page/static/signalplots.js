@@ -3,24 +3,27 @@
 import { nearest } from './cursor.js'
 import { h } from './dom.js'
 import { number, shownUnit, signalName } from './format.js'
-import { bokeh, gaps, legendAbove, line, plot, shown, source } from './plots.js'
+import { bokeh, furtherAxis, gaps, legendAbove, line, plot, shown, source } from './plots.js'
 
 const GREEN_BAND = '#8fce9b'
 const MOST_MODES = 40
+const DEEPEST_DB = 60  // below the strongest
 
 /**
- * Plots over time, below each other.
- * found: series by name. together: those of one unit in one plot. used, modes: parts that were identified, shaded, and
+ * Plots over time, below each other; the signals of one plot that have another unit than its first go by an axis on the right.
+ * groups: the names of each plot. found: series by name. used, modes: parts that were identified, shaded, and
  * of the autopilot's modes, which begin at dotted lines.
  * moved: called with the range of a plot that was zoomed in.
  */
-export async function overTime(names, found, range, together, { used, modes }, moved, signal) {
+export async function overTime(groups, found, range, { used, modes }, moved, signal) {
   const Bokeh = await bokeh()
   const made = []
-  for (const group of together ? byUnit(names, found) : names.map(name => [name])) {
+  for (const group of groups) {
     const own = new Bokeh.Range1d(range)
-    const [unit, factor] = shownUnit(found[group[0]].unit)
-    const figure = await plot({ x: 'time, s', y: unit, xRange: own, height: group.length > 1 ? 300 : 200, select: true })
+    const units = [...new Set(group.map(name => shownUnit(found[name].unit)[0]))]
+    const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200, select: true })
+    const axes = { [units[0]]: null }
+    for (const unit of units.slice(1)) axes[unit] = await furtherAxis(figure, unit)
     for (const { start, end } of used) {
       figure.add_layout(new Bokeh.BoxAnnotation({ left: start, right: end, fill_color: GREEN_BAND, fill_alpha: 0.25, line_color: null, level: 'underlay' }))
     }
@@ -28,21 +31,27 @@ export async function overTime(names, found, range, together, { used, modes }, m
       figure.add_layout(new Bokeh.Span({ location: start, dimension: 'height', line_color: '#6a1b9a', line_dash: 'dotted', line_width: 2 }))
     }
     const kept = {}
+    const ofFirst = []
     for (const [index, name] of group.entries()) {
+      const [unit, factor] = shownUnit(found[name].unit)
       kept[name] = await source(columns(found[name], factor))
-      line(figure, kept[name], 'x', 'y', index, group.length > 1 ? signalName(name) : null)
+      const drawn = line(figure, kept[name], 'x', 'y', index, group.length > 1 ? named(name, units.length > 1 ? unit : '') : null, 2.5, axes[unit])
+      if (axes[unit]) axes[unit].range.renderers = [...axes[unit].range.renderers, drawn]
+      else ofFirst.push(drawn)
     }
+    // Each axis goes by its own lines alone.
+    figure.y_range.renderers = ofFirst
     if (group.length > 1) legendAbove(figure)
     const words = series => group.map(name => caption(name, series[name])).join('. ')
     const element = await shown(figure, words(found), signal)
-    element.prepend(h('h3', {}, `${group.map(signalName).join(', ')}${unit ? `, ${unit}` : ''}`))
+    element.prepend(h('h3', {}, `${group.map(name => units.length > 1 ? named(name, shownUnit(found[name].unit)[0]) : signalName(name)).join(', ')}${units.length === 1 && units[0] ? `, ${units[0]}` : ''}`))
     own.change.connect(() => moved(own))
-    const lines = () => group.map(name => ({ name, unit, time: kept[name].data.x, value: kept[name].data.y }))
+    const lines = () => group.map(name => ({ name, unit: shownUnit(found[name].unit)[0], time: kept[name].data.x, value: kept[name].data.y }))
     const take = series => {
-      for (const name of group) kept[name].data = columns(series[name], factor)
+      for (const name of group) kept[name].data = columns(series[name], shownUnit(found[name].unit)[1])
       element.say(words(series))
     }
-    made.push({ element, range: own, lines, take })
+    made.push({ element, names: group, range: own, lines, take })
   }
   return made
 }
@@ -63,9 +72,9 @@ export async function againstEachOther(names, found, signal) {
     figure.scatter({ field: 'x' }, { field: 'y' }, { source: data, size: 3, line_color: null, fill_color: '#0b4fc4', fill_alpha: 0.5 })
     const element = await shown(figure, `${signalName(name)} against ${signalName(first)}, ${found[first].time.length} moments`, signal)
     element.prepend(h('h3', {}, `${signalName(name)} against ${signalName(first)}`))
-    made.push({ element })
+    made.push({ element, names: [first, name] })
   }
-  return made.length ? made : [{ element: h('p', {}, 'Choose a second signal: it is drawn against the first one.') }]
+  return made.length ? made : [{ element: h('figure', {}, h('p', {}, 'Choose a second signal: it is drawn against the first one.')), names: [first] }]
 }
 
 /** Power spectral densities over frequency, both axes logarithmic. */
@@ -81,14 +90,46 @@ export async function spectra(names, found, signal) {
     const element = await shown(figure, frequency.length ? `Power spectral density of ${signalName(name)}; strongest at ${number(strongest)} Hz`
       : `${signalName(name)}: too few values in this stretch for a spectrum`, signal)
     element.prepend(h('h3', {}, `${signalName(name)}, ${unit}`))
-    made.push({ element })
+    made.push({ element, names: [name] })
+  }
+  return made
+}
+
+/** Power spectral densities over time: frequency upwards, the density as colour, with its scale beside it. */
+export async function spectrograms(names, found, signal) {
+  const Bokeh = await bokeh()
+  const made = []
+  for (const name of names) {
+    const { time, frequency, value, unit } = found[name]
+    const heading = h('h3', {}, `${signalName(name)}, ${unit}`)
+    if (!time.length) {
+      made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: too few values in this stretch for spectra`)), names: [name] })
+      continue
+    }
+    const [step, width] = [frequency[1] - frequency[0], time.length > 1 ? time[1] - time[0] : 1]
+    const [left, right] = [time[0] - width / 2, time.at(-1) + width / 2]
+    const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency.at(-1) + step / 2]
+    const levels = value.flat().filter(one => one !== null)
+    const most = levels.reduce((a, b) => Math.max(a, b), -Infinity)
+    const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256, low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most, nan_color: '#fff' })
+    const figure = await plot({ x: 'time, s', y: 'frequency, Hz', height: 300, yRange: [low, high], xRange: new Bokeh.Range1d({ start: left, end: right }) })
+    const image = { shape: [frequency.length, time.length], dtype: 'float64' }
+    const pixels = Bokeh.require('core/util/ndarray').ndarray(Float64Array.from(value.flat(), one => one ?? NaN), image)
+    const data = new Bokeh.ColumnDataSource({ data: { image: [pixels] } })
+    figure.image(mapper, { field: 'image' }, { value: left }, { value: low }, { value: right - left }, { value: high - low }, { source: data })
+    figure.add_layout(new Bokeh.ColorBar({ color_mapper: mapper, title: 'dB', width: 14, padding: 4, major_label_text_font_size: '13px', major_label_text_color: '#000', title_text_color: '#000' }), 'right')
+    const strongest = value.map((row, at) => [row.reduce((a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]]).reduce((a, b) => b[0] > a[0] ? b : a)
+    const element = await shown(figure, `Power spectral density of ${signalName(name)} over time; strongest at ${number(strongest[1])} Hz with ${number(strongest[0])} dB`, signal)
+    element.prepend(heading)
+    made.push({ element, names: [name] })
   }
   return made
 }
 
 const named = (name, unit) => `${signalName(name)}${unit ? `, ${unit}` : ''}`
 
-function byUnit(names, found) {
+/** The names by unit. */
+export function byUnit(names, found) {
   const groups = new Map()
   for (const name of names) {
     const unit = found[name].unit

@@ -20,6 +20,35 @@ def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) 
     assert [flight["id"] for flight in found["flights"]] == [made[1]]
 
 
+def test_flights_are_found_by_day_and_aircraft(bench: Bench, client: httpx.Client) -> None:
+    made = [bench.record(1, 1, START + 43_200 * day * SECOND) for day in range(4)]  # 8 h, 20 h, 8 h, 20 h
+    bench.catalogue.change_notes(made[1], vehicle="thor")
+    bench.catalogue.add_job(made[3], "identify", {"kind": "identify", "vehicle": "thor@2"})
+    bench.catalogue.add_job(made[2], "identify", {"kind": "identify", "vehicle": "thorax@2"})
+    bench.catalogue.add_job(made[0], "identify", {"kind": "identify"})
+
+    def found(**asked: str) -> list[str]:
+        return [one["id"] for one in client.get("/api/flights", params=asked).json()["flights"]]
+
+    assert found(since="2027-01-16") == [made[3], made[2]]
+    assert found(until="2027-01-15") == [made[1], made[0]]
+    assert found(since="2027-01-15", until="2027-01-15", vehicle="thor") == [made[1]]
+    assert found(vehicle="thor") == [made[3], made[1]]
+    assert found(since="0001-01-01", until="9999-12-31") == made[::-1]
+    assert found(vehicle="nobody") == []
+    assert "since" in problem(client.get("/api/flights", params={"since": "yesterday"}), 422)
+
+
+def test_a_flight_that_was_read_shows_in_the_list_how_it_went(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(7, 2, START)
+    assert client.get("/api/flights").json()["flights"][0]["outline"] is None
+    client.get(f"/api/flights/{flight}")
+    (item,) = client.get("/api/flights").json()["flights"]
+    assert item["outline"] is None  # neither height nor airspeed came
+    bench.catalogue.put_outline(flight, {"name": "height", "unit": "m", "values": [1.0, None]})
+    assert client.get("/api/flights").json()["flights"][0]["outline"]["values"] == [1.0, None]
+
+
 def test_a_flights_summary(bench: Bench, client: httpx.Client) -> None:
     flight = bench.record(7, 2, START)
     summary = client.get(f"/api/flights/{flight}").json()
@@ -95,6 +124,12 @@ def test_any_field_of_a_message_is_a_signal_too(bench: Bench, client: httpx.Clie
     assert found["ATTITUDE.roll"]["unit"] == "rad"
     assert found["SYSTEM_TIME.time_boot_ms"]["value"][0] == 5000
     assert client.get(f"/api/flights/{flight}/spectrum", params={"names": "ATTITUDE.roll"}).status_code == 200
+    over_time = client.get(f"/api/flights/{flight}/spectrogram", params={"names": "phi"}).json()["signals"]["phi"]
+    assert over_time["unit"] == "dB of 1 (rad)²/Hz"
+    assert len(over_time["value"]) == len(over_time["frequency"]) > 10
+    assert {len(row) for row in over_time["value"]} == {len(over_time["time"])}
+    many = ",".join(["phi", "theta", "psi", "p", "q", "r", "V"])
+    assert "too many" in problem(client.get(f"/api/flights/{flight}/spectrogram", params={"names": many}), 404)
     for name, words in (("GPS_RAW_INT.lat", "sent no GPS_RAW_INT"), ("ATTITUDE.x", "no signal ATTITUDE.x"),
                         ("../../etc.passwd", "no signal ../../etc.passwd")):  # fmt: skip
         assert words in problem(client.get(f"/api/flights/{flight}/signals", params={"names": name}), 404)

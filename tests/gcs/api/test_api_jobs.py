@@ -8,7 +8,7 @@ import httpx
 import pytest
 from api_bench import START, Bench, problem
 from serving import serving
-from traffic import wait_until
+from traffic import SECOND, wait_until
 
 
 @pytest.mark.parametrize(
@@ -164,3 +164,30 @@ def test_a_deleted_flight_is_gone_until_it_is_restored(bench: Bench, client: htt
     assert client.post(f"/api/flights/{flight}/restore").json()["id"] == flight
     assert client.get(f"/api/flights/{flight}").json()["messages"] > 0
     assert client.get(f"/api/flights/{flight}/recording").status_code == 200
+
+
+def test_what_a_plan_promised_stands_beside_what_the_flight_gave(bench: Bench, client: httpx.Client) -> None:
+    before, after = (bench.record(1, 1, START + 600 * number * SECOND) for number in range(2))
+    entry = {"name": "Cm_q", "value": -10.0, "std": 0.5, "percent": 5.0}
+    plan = {"schema": "design/1", "gusts": 0.3, "coefficients": [entry, {**entry, "name": "CL_q", "std": 0.2}]}
+    bench.catalogue.finish_job(bench.catalogue.add_job(before, "design", {"kind": "design"}), plan)
+    assert "no identify result" in problem(client.get(f"/api/flights/{after}/planned"), 404)
+    for flight in (before, after):
+        model = {"schema": "model/1", "name": "a", "coefficients": {"Cm_q": {"value": -9.0, "std": 0.4}}}
+        bench.catalogue.finish_job(bench.catalogue.add_job(flight, "identify", {"kind": "identify"}), {"model": model})
+    late = "no flight of this aircraft was planned"
+    for seconds in (900, 300):
+        with bench.catalogue._transaction() as db:
+            db.execute("UPDATE results SET created_ns = ? WHERE kind = 'design'", (START + seconds * SECOND,))
+        if seconds == 900:
+            assert late in problem(client.get(f"/api/flights/{after}/planned"), 404)  # flown before it was planned
+    found = client.get(f"/api/flights/{after}/planned").json()
+    assert (found["flight"], found["made"], found["gusts"]) == (before, "2027-01-15T08:05:00.000Z", 0.3)
+    assert found["coefficients"] == [
+        {"name": "Cm_q", "expected_std": 0.5, "reached_std": 0.4},
+        {"name": "CL_q", "expected_std": 0.2, "reached_std": None},
+    ]
+    assert late in problem(client.get(f"/api/flights/{before}/planned"), 404)
+    with bench.catalogue._transaction() as db:  # a plan of another aircraft
+        db.execute("UPDATE jobs SET request = ? WHERE kind = 'design'", ('{"vehicle": "thor@1"}',))
+    assert late in problem(client.get(f"/api/flights/{after}/planned"), 404)

@@ -77,6 +77,8 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/flights/{flight_id}/report",
         "PATCH /api/flights/{flight_id}",
         "GET /api/flights/{flight_id}/spectrum",
+        "GET /api/flights/{flight_id}/spectrogram",
+        "GET /api/flights/{flight_id}/planned",
         "GET /api/vehicles",
         "POST /api/vehicles",
         "POST /api/vehicles/check",

@@ -15,9 +15,11 @@ from traffic import wait_until
 from gcs.catalogue.flight_table import Flight
 from gcs.errors import CatalogueError, ServiceError, SignalMapError
 from gcs.jobs.flightviews import FlightViews
+from gcs.jobs.viewworker import outline
 from gcs.recording.storage import StorageOptions
 from gcs.recording.writer import McapWriter
 from gcs.settings import Settings
+from sysid.signals.flight import Signal
 
 # The usual worker, which notes that it was started.
 COUNTING = "import sys; open({path!r}, 'a').write('x'); import gcs.jobs.viewworker as worker; sys.exit(worker.main())"
@@ -230,3 +232,18 @@ def test_samples_that_are_gone_or_cut_off_are_made_anew(folder: Folder, content:
     with pytest.raises(CatalogueError, match="ask again"):
         folder.views.series(flight(), [name], None, None, 10)
     assert folder.views.series(flight(), [name], None, None, 10)[name]["time"]
+
+
+def test_the_outline_of_a_flight_is_its_height_in_few_points() -> None:
+    time = np.arange(6000) / 50.0
+    height = Signal(time, np.where(time < 60.0, 2.0 * time, np.nan), "m", "GLOBAL_POSITION_INT")
+    airspeed = Signal(time, np.full(time.size, 15.0), "m/s", "VFR_HUD")
+    found = outline({"airspeed": airspeed, "height": height})
+    assert found is not None
+    assert (found["name"], found["unit"], len(found["values"])) == ("height", "m", 60)
+    assert found["values"][0] == pytest.approx(1.0, abs=0.1)  # mean of the first second
+    assert found["values"] == sorted(found["values"])
+    other = outline({"airspeed": airspeed, "height": Signal(time, np.full(time.size, np.nan), "m", "")})
+    assert other is not None
+    assert other == {"name": "airspeed", "unit": "m/s", "values": [15.0] * 60}
+    assert outline({}) is None

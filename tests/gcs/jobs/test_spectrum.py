@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.jobs.spectrum import power_spectral_density
+from gcs.jobs.spectrum import power_spectral_density, spectrogram
 
 
 def test_white_noise_has_its_variance_spread_evenly() -> None:
@@ -41,3 +41,27 @@ def test_what_has_no_spectrum_has_none(time: np.ndarray, values: np.ndarray) -> 
     frequency, density = power_spectral_density(time, values)
     assert frequency.size == density.size
     assert np.all(np.isfinite(density))
+
+
+def test_a_spectrogram_shows_when_a_frequency_changes() -> None:
+    time = 30.0 + np.arange(6000) / 100.0
+    values = np.where(time < 60.0, 2.0 * np.sin(2 * np.pi * 5.0 * time), 0.5 * np.sin(2 * np.pi * 20.0 * time))
+    middle, frequency, density = spectrogram(time, values)
+    assert density.shape == (frequency.size, middle.size)
+    assert middle[0] > 30.0
+    assert middle[-1] < 90.0
+    assert np.ptp(np.diff(middle)) < 1e-9
+    strongest = frequency[np.argmax(density, axis=0)]
+    assert np.all(np.abs(strongest[middle < 58.0] - 5.0) < 0.5)
+    assert np.all(np.abs(strongest[middle > 62.0] - 20.0) < 0.5)
+    power = np.sum(density, axis=0) * frequency[0]
+    assert np.median(power[middle < 58.0]) == pytest.approx(2.0, rel=0.05)  # half of the square
+    assert np.median(power[middle > 62.0]) == pytest.approx(0.125, rel=0.05)
+
+
+def test_a_spectrogram_of_an_hour_has_few_columns_and_of_nothing_none() -> None:
+    time = np.arange(180_000) / 50.0
+    middle, frequency, density = spectrogram(time, np.random.default_rng(1).standard_normal(time.size))
+    assert 150 <= middle.size <= 300
+    assert density.shape == (frequency.size, middle.size)
+    assert all(part.size == 0 for part in spectrogram(time[:20], time[:20]))
