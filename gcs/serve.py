@@ -7,7 +7,7 @@ import resource
 import shutil
 import signal
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from types import FrameType
 
@@ -106,12 +106,12 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     return queue
 
 
-def _vehicle_of(jobs: JobRunner) -> Callable[[str, int | None], str]:
-    """The vehicle file of a flight that is being recorded, "" for the service's own or none."""
+def _vehicle_of(jobs: JobRunner, boards: Mapping[int, str]) -> Callable[[str, int | None], str]:
+    """The vehicle file of a flight that is being recorded, "" for the service's own or none. boards: by system."""
 
     def file(flight_id: str, system: int | None) -> str:
         try:
-            chosen = jobs.choice.for_flight(flight_id, system).vehicle
+            chosen = jobs.choice.for_flight(flight_id, system, board=boards.get(system or 0)).vehicle
         except (GcsError, SimVehicleError):
             return ""
         return "" if chosen.id == STATION else str(chosen.vehicle.path)
@@ -177,7 +177,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         with _links(settings.connect) as links, _links(tuple(url for url, _ in forwards)) as forward:
             rules = {link.name: rule for link, (_, rule) in zip(forward, forwards, strict=True)}
             voice = StationVoice(settings.link.own_key)
-            live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs))
+            live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs, recorder.state.boards))
             if settings.link.require_signed:
                 recorder.hear_believed = live.offer
             station = RecordingStation(

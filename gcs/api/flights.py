@@ -97,6 +97,7 @@ def _fields(flight: Flight, notes: FlightNotes, outcome: FlightOutcome) -> dict[
         "end_reason": flight.end_reason,
         "follows": flight.follows,
         "parts": flight.parts,
+        "board": flight.board,
         "recording_deleted": None if flight.deleted_ns is None else utc_text(flight.deleted_ns),
     }
 

@@ -198,6 +198,9 @@ class FlightItem(BaseModel):
     follows: str | None = Field(description="The flight that this is ground data behind, null for a flight")
     parts: int = Field(description="Files of the recording, more than one if it was split by size")
     recording_deleted: str | None = Field(description="When the recording was deleted to make room, null while kept")
+    board: str | None = Field(
+        description="A hash of the autopilot board's own number (AUTOPILOT_VERSION), null where it did not say it"
+    )
     title: str = Field(description="What a person calls it, empty for none")
     comment: str
     tags: list[str]

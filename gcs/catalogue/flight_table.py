@@ -43,6 +43,7 @@ class Flight:
     discarded_ns: when somebody deleted the flight (UTC, ns), which can be taken back for a while; None else.
     follows: the flight behind which this was recorded on the ground, None for a flight, "" where nobody who is believed
     was heard. settled: 1 where somebody has deleted an identification of it, and the station makes none by itself.
+    board: a hash of the autopilot board's own number, None where it did not say it.
     """
 
     id: str
@@ -62,6 +63,7 @@ class Flight:
     discarded_ns: int | None = None
     follows: str | None = None
     settled: int = 0
+    board: str | None = None
 
     def files(self, folder: Path) -> list[Path]:
         """All files of the recording, in order."""

@@ -17,6 +17,7 @@ from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue
 from gcs.errors import RecordingError, in_words
 from gcs.flights.sender import GCS
+from gcs.mavlink.boards import board_of
 from gcs.recording.joined import by_recording
 from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
@@ -50,7 +51,19 @@ def describe(paths: list[Path], flight_id: str, name: str, source: str, state: s
         messages=sum(recording.counts().values()),
         bytes=sum(path.stat().st_size for path in paths),
         vehicle_s=vehicle_seconds(paths, system),
+        board=_board(recording, system),
     )
+
+
+def _board(recording: Recording, system: int | None) -> str | None:
+    """The autopilot board that flew it, the one that was said last; None where it did not say."""
+    said = [
+        board_of(np.asarray([uid], "<u8").tobytes(), np.asarray(uid2, np.uint8).tobytes())
+        for columns in recording.columns("AUTOPILOT_VERSION")
+        if columns.system == system
+        for uid, uid2 in zip(columns["uid"], columns["uid2"], strict=True)
+    ]
+    return said[-1] if said else None
 
 
 def vehicle_of(recording: Recording) -> int | None:

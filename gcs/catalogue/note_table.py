@@ -68,17 +68,29 @@ class NoteTable(Database):
         rows = self._rows(f"SELECT * FROM flight_outlines WHERE flight_id IN ({marks})", *flight_ids)
         return {row["flight_id"]: json.loads(row["json"]) for row in rows}
 
-    def vehicle_before(self, system: int, source: str, start_ns: int) -> tuple[str, str] | None:
+    def vehicle_before(
+        self, system: int, source: str, start_ns: int, board: str | None = None
+    ) -> tuple[str, str] | None:
         """Aircraft and id of the last flight not after that moment for which somebody chose, None if there is none.
 
-        Of flights of that system which came the same way ("live", "upload").
+        Of flights of that system which came the same way ("live", "upload"), but not of those known to have another
+        autopilot board.
         """
+        same = "(f.system, f.source) = (?, ?)"
+        if board is None:
+            return self._chosen_before(same, start_ns, system, source)
+        return self._chosen_before(f"{same} AND ifnull(f.board, ?) = ?", start_ns, system, source, board, board)
+
+    def vehicle_of_board(self, board: str, start_ns: int) -> tuple[str, str] | None:
+        """The same of flights with that autopilot board, whatever their system, whichever way they came."""
+        return self._chosen_before("f.board = ?", start_ns, board)
+
+    def _chosen_before(self, condition: str, start_ns: int, *values: object) -> tuple[str, str] | None:
         rows = self._rows(
             "SELECT n.vehicle, n.flight_id FROM flight_notes n JOIN flights f ON f.id = n.flight_id"
-            " WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND (f.system, f.source) = (?, ?) AND f.start_ns <= ?"
+            f" WHERE n.vehicle != '' AND f.discarded_ns IS NULL AND {condition} AND f.start_ns <= ?"
             " ORDER BY f.start_ns DESC, f.id DESC LIMIT 1",
-            system,
-            source,
+            *values,
             start_ns,
         )
         return (str(rows[0]["vehicle"]), str(rows[0]["flight_id"])) if rows else None

@@ -37,6 +37,7 @@ _LATER_COLUMNS = (
     ("flights", "discarded_ns", "INTEGER"),
     ("flights", "follows", "TEXT"),
     ("flights", "settled", "INTEGER NOT NULL DEFAULT 0"),
+    ("flights", "board", "TEXT"),
     ("jobs", "priority", "INTEGER NOT NULL DEFAULT 1"),
     ("jobs", "cpu_s", "REAL"),
     ("jobs", "peak_bytes", "INTEGER"),

@@ -29,6 +29,7 @@ _QUEUE_BYTES = 1 << 20
 # Threads of a library that waits in a loop for matrices of size ten cost more than the matrices.
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _LOOK_S = 0.25
+_ASK_AGAIN_S = 5.0
 _LOST_S = 2.0
 # A process that has not looked at a batch for so long stands still.
 _BEHIND_S = 10.0
@@ -89,6 +90,7 @@ class LiveFeed:
         # The flight that is followed, None for none, and with the vehicle that was sent to the process with it.
         self.flight: str | None = None
         self._followed = Flight()
+        self._ask_again_s = 0.0
         # The name in the vehicle file that estimates go by.
         self.vehicle: str | None = None
         # Why the vehicle file that was given does not count, while none does.
@@ -223,8 +225,13 @@ class LiveFeed:
         live = self._flights()
         flight = self.flight if self.flight in live else next(iter(live), None)
         system = None if flight is None else live[flight]
-        if (flight or "", system) != (self._followed.id, self._followed.system):
+        another = (flight or "", system) != (self._followed.id, self._followed.system)
+        # Somebody may choose its aircraft while it flies, or its board be known only now.
+        if another or (flight is not None and time.monotonic() > self._ask_again_s):
+            self._ask_again_s = time.monotonic() + _ASK_AGAIN_S
             followed = Flight() if flight is None else Flight(flight, system, self._vehicle_of(flight, system))
+            if followed == self._followed:
+                return
             self.flight, self._followed = flight, followed
             with self._changed:
                 self._put(pack_flight(followed))

@@ -39,8 +39,8 @@ class LiveFlight:
         if len(self.moving_s) >= _MOVING_S:
             self.follows = None
 
-    def entry(self, state: str, reason: str) -> Flight:
-        """How the catalogue is to list it."""
+    def entry(self, state: str, reason: str, board: str | None) -> Flight:
+        """How the catalogue is to list it. board: the autopilot board that flies it, None where it does not say."""
         return Flight(
             id=self.id,
             file=self.writer.path.name,
@@ -55,6 +55,7 @@ class LiveFlight:
             end_reason=reason,
             parts=len(self.writer.parts),
             follows=self.follows,
+            board=board,
         )
 
     def statistics(self, reason: str) -> Metadata:

@@ -358,8 +358,12 @@ class FlightRecorder:
 
     def _list(self, live: LiveFlight) -> None:
         """Write to the catalogue how the flight stands."""
-        self._ledger.put(live.entry("recording", ""))
+        self._ledger.put(live.entry("recording", "", self._board(live)))
         live.catalogued_ns = live.end_ns
+
+    def _board(self, live: LiveFlight) -> str | None:
+        """The autopilot board that flies it; of a restarted vehicle with another board the one that was heard last."""
+        return self.state.boards.get(live.segmenter.system or 0)
 
     def _end(self, live: LiveFlight, reason: str) -> None:
         self._live.remove(live)
@@ -380,7 +384,7 @@ class FlightRecorder:
                 clocks |= clock_metadata(name, [state for state in states if state.system == live.segmenter.system])
             return {**live.statistics(reason), **clocks}
 
-        self._ledger.end(live, reason, ending)
+        self._ledger.end(live, reason, self._board(live), ending)
 
     def _end_due(self, now_ns: int) -> None:
         for live in list(self._live):
@@ -467,6 +471,12 @@ class FlightRecorder:
         """
         with self._lock:
             return {live.id: live.segmenter.system for live in self._live if live.follows is None}
+
+    def unknown_boards(self) -> list[int]:
+        """Vehicles being recorded that have not said which autopilot board they have."""
+        with self._lock:
+            systems = {live.segmenter.system for live in self._live}
+        return sorted(system for system in systems if system is not None and system not in self.state.boards)
 
     def statistics(self, link: str, now_ns: int) -> dict[str, object]:
         """Statistics of a link as JSON."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
@@ -14,6 +15,7 @@ from gcs.links.allowance import BYTES_PER_S
 from gcs.links.datagrams import Batch
 from gcs.links.opening import Link
 from gcs.links.sources import FORWARD
+from gcs.mavlink.boards import version_request
 from gcs.mavlink.dialect import Dialect
 from gcs.station.forwarding import Forwarder
 from gcs.station.forwardrules import ForwardRule
@@ -30,6 +32,8 @@ _DRAIN_S = 1.0
 _LAST_LOOK_S = 0.01
 _AFTER_ERROR_S = 0.01
 _MOST_ERRORS = 100
+# A vehicle is asked so often, once a second, which board it has; one that does not say is left in peace.
+_MOST_QUESTIONS = 3
 
 _log = logging.getLogger(__name__)
 
@@ -150,10 +154,14 @@ class Station:
                 self._tick(self._clock())
                 if time.monotonic() >= next_heartbeat:
                     next_heartbeat = max(next_heartbeat + _HEARTBEAT_S, time.monotonic())
-                    self._say(self.voice.heartbeat())
-                    self._say(self.voice.frame(timesync.request(self._clock())))
+                    self._say_hello()
             except Exception as error:
                 self._report(error)
+
+    def _say_hello(self) -> None:
+        """What the station says once a second."""
+        self._say(self.voice.heartbeat())
+        self._say(self.voice.frame(timesync.request(self._clock())))
 
     def send_to_stations(self, frames: Sequence[bytes]) -> None:
         """Send something of this station's own to the other ground stations; nothing of it is passed on from here."""
@@ -201,8 +209,16 @@ class RecordingStation(Station):
             forward_key=forward_key,
         )
         self._recorder = recorder
+        self._asked: Counter[int] = Counter()
         for link in self.links:
             link.watched = link.watched or recorder.hear_believed is not None
+
+    def _say_hello(self) -> None:
+        super()._say_hello()
+        for system in self._recorder.unknown_boards():
+            if self._asked[system] < _MOST_QUESTIONS:
+                self._asked[system] += 1
+                self._say(self.voice.frame(version_request(system)))
 
     def stop(self) -> None:
         """End the threads, then every flight."""

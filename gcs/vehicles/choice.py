@@ -37,21 +37,33 @@ class VehicleChoice:
 
     def of(self, flight: Flight) -> Chosen:
         """The aircraft of a flight of the catalogue, as `for_flight` has it."""
-        return self.for_flight(flight.id, flight.system, flight.source, flight.start_ns)
+        return self.for_flight(flight.id, flight.system, flight.source, flight.start_ns, flight.board)
 
-    def for_flight(self, flight_id: str, system: int | None, source: str = "live", start_ns: int = _NOW_NS) -> Chosen:
-        """The aircraft of a flight, which the catalogue need not know yet.
+    def for_flight(
+        self,
+        flight_id: str,
+        system: int | None,
+        source: str = "live",
+        start_ns: int = _NOW_NS,
+        board: str | None = None,
+    ) -> Chosen:
+        """The aircraft of a flight, which the catalogue need not know yet. board: as of `Flight`.
 
         Raises VehicleError, in words, where none is known, and VehicleFileError of a bad file.
 
-        By hand; else as for the last flight before it of the same system id for which somebody chose, among those that
-        came by a link or among uploads (a friend's log says nothing of what flies here); else the file that the
-        service was started with; else the only aircraft there is; else the one that was chosen last.
+        By hand; else as for the last flight before it with the same autopilot board for which somebody chose; else as
+        for the last one of the same system id, among those that came by a link or among uploads (a friend's log says
+        nothing of what flies here), unless it had another board; else the file that the service was started with; else
+        the only aircraft there is; else the one that was chosen last.
         """
         if named := self._catalogue.notes(flight_id).vehicle:
             return Chosen(self._shelf.get(named), "chosen by hand", by_hand=True)
+        if board is not None:
+            before = self._known(self._catalogue.vehicle_of_board(board, start_ns))
+            if before is not None:
+                return Chosen(before[0], f"as for flight {before[1]}, which had the same autopilot board")
         if system is not None:
-            before = self._known(self._catalogue.vehicle_before(system, source, start_ns))
+            before = self._known(self._catalogue.vehicle_before(system, source, start_ns, board))
             if before is not None:
                 return Chosen(before[0], f"as for flight {before[1]}, whose vehicle had the same system id")
         if self._shelf.has_station:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import httpx
 from patience import PATIENCE_S
-from processes import free_port, run, service
+from processes import free_port, run, service, start
 from traffic import wait_until
 
 from gcs.vehicles.document import renamed, with_points_inside
@@ -55,3 +56,28 @@ def test_live_estimates_go_by_the_aircraft_that_a_flight_is_known_to_be(tmp_path
         assert second["vehicle"] == "heavy"
         # The same motion of twice the mass takes twice the lift.
         assert 1.8 < lift(second) / lift(first) < 2.2
+        flights = client.get("/api/flights").json()["flights"]
+        (board,) = {one["board"] for one in flights}  # the station asked for it
+        assert re.fullmatch("[0-9a-f]{16}", board)
+        aircraft = client.get(f"/api/flights/{flights[0]['id']}").json()["aircraft"]
+        assert aircraft["why"] == f"as for flight {flight['id']}, which had the same autopilot board"
+
+
+def test_an_aircraft_chosen_in_flight_counts_at_once(tmp_path: Path) -> None:
+    port = free_port()
+    arguments = ("--connect", f"udpin:127.0.0.1:{port}", "--data", tmp_path / "data", "--vehicle", "iitb-mav")
+    with (
+        service(*arguments, "--no-identify") as url,
+        httpx.Client(base_url=url, timeout=PATIENCE_S) as client,
+    ):
+        craft = load_vehicle("aerosonde")
+        text = with_points_inside(craft.path.read_text(encoding="utf-8"), craft)
+        assert client.post("/api/vehicles", json={"toml": text}).status_code == 201
+        wait_until(lambda: client.get("/api/live").json()["process"]["state"] == "running")
+        out = f"udpout:127.0.0.1:{port}"
+        with start("sim-vehicle", ["fly", "--manoeuvre", "cruise", "--duration", 600, "--out", out]) as flying:
+            flight = wait_until(lambda: client.get("/api/live").json()["flight"])
+            wait_until(lambda: client.get("/api/live").json()["vehicle"] == "iitb-mav")
+            assert client.patch(f"/api/flights/{flight}", json={"vehicle": "aerosonde"}).status_code == 200
+            wait_until(lambda: client.get("/api/live").json()["vehicle"] == "aerosonde")
+            flying.kill()
