@@ -13,6 +13,7 @@ from types import FrameType
 
 import uvicorn
 
+from gcs.allocator import give_memory_back
 from gcs.api import create_app
 from gcs.api.connections import MOST, BoundedProtocol, limited
 from gcs.catalogue.flight_table import Flight
@@ -136,6 +137,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
 
     announce: called once with the URL at which the service answers.
     """
+    give_memory_back()
     protocol = _connections()
     if settings.vehicle is not None:
         for warning in load_vehicle(settings.vehicle).warnings:

@@ -149,6 +149,9 @@ def discrepancy(
 
     craft = load_flown(vehicle, paths, system)
     baseline = read_model(model)
+    unknown = baseline.refused()
+    for name in unknown:  # they are estimated with the others; without a value nothing flies
+        baseline = baseline.with_coefficient(name, 0.0)
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)
@@ -166,7 +169,9 @@ def discrepancy(
         )
     clean: dict[str, Any] = {**finite_json(found), "senders": senders_of(flights)}
     models = [model] if model.is_file() else []
-    clean["warnings"] = list(dict.fromkeys([*repeated(flights, judges), *craft.warnings, *clean.get("warnings", [])]))
+    lacking = [f"the model has no value of {', '.join(unknown)}: taken as 0, to begin with"] if unknown else []
+    said = [*repeated(flights, judges), *lacking, *craft.warnings, *clean.get("warnings", [])]
+    clean["warnings"] = list(dict.fromkeys(said))
     clean["made"] = made(
         {
             "vehicle": craft.name,

@@ -9,13 +9,16 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
-from gcs.api.schemas import JobChanges, JobRequest, JobView, ModelItem, Problem
+from gcs.api.schemas import JobChanges, JobRequest, JobView, ModelItem, PlanUpload, Problem
 from gcs.api.service import Serving
+from gcs.errors import JobError
 
 router = APIRouter(tags=["estimation"])
 
 # By the name of the result, the kind of job that makes it.
 _KINDS = {"identification": "identify", "discrepancy": "discrepancy"}
+# Where ArduPilot looks for scripts on its card.
+_SCRIPT = "APM/scripts/flight_test.lua"
 _PAGE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
 OfJob = Annotated[str | None, Query(description="The job whose result is wanted; the newest without it")]
@@ -88,6 +91,23 @@ def design(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any
     """The newest plan of a next flight, of schema design/1, or that of one job; its forms for a board stand in it."""
     service.catalogue.flight(flight_id)
     return service.catalogue.result(flight_id, "design", job)
+
+
+@router.post("/api/flights/{flight_id}/design/upload", responses={**_MISSING, 409: {"model": Problem}})
+def upload_design(service: Serving, flight_id: str, job: OfJob = None) -> PlanUpload:
+    """Write the plan's script to the card of the flight's vehicle, which must be on, on the ground, and run ArduPilot.
+
+    It is flown once the board has been started anew, armed, with the switch that the script names.
+    """
+    flight = service.catalogue.flight(flight_id)
+    script = service.catalogue.result(flight_id, "design", job)["files"].get("plan.lua")
+    if script is None:
+        raise JobError("no script was made for ArduPilot; the plan's warnings say why")
+    if flight.system is None:
+        raise JobError(f"flight {flight_id} holds no message of a vehicle")
+    content = script.encode()
+    service.recorder.put_file(flight.system, _SCRIPT, content)
+    return PlanUpload(system=flight.system, path=_SCRIPT, bytes=len(content))
 
 
 @router.get("/api/flights/{flight_id}/report", response_class=HTMLResponse, responses=_MISSING)

@@ -28,6 +28,7 @@ _HEARTBEAT_S = 10.0
 _MOST_FOLLOWING = 64
 _FRESH_NS = 2_000_000_000
 _NO_VEHICLE = "no aircraft is known: describe it under Aircraft, or start the service with --vehicle FILE"
+_DESCRIBED = "it begins with a flight, whose aircraft the station then knows or you choose on the flight's page"
 _STARTING = "the first estimates come a few seconds after the first messages"
 
 
@@ -85,7 +86,9 @@ def snapshot(service: Service) -> dict[str, Any]:
     vehicle = service.settings.vehicle
     why = None
     if state.identification is None:
-        why = _NO_VEHICLE if vehicle is None and feed.vehicle is None else feed.problem or _STARTING
+        why = feed.problem or _STARTING
+        if vehicle is None and feed.vehicle is None:
+            why = _DESCRIBED if service.jobs.choice.shelf.ids() else _NO_VEHICLE
     return {
         "schema": "live/1",
         "flight": feed.flight,

@@ -331,6 +331,7 @@ class Spectrogram(BaseModel):
     """
 
     unit: str
+    signal_unit: str
     time: list[float] = Field(description="Middles of the columns, s from the start of the flight, at even steps")
     frequency: list[float] = Field(description="Hz, at even steps")
     value: list[list[float | None]]
@@ -341,6 +342,14 @@ class SpectrogramsView(BaseModel):
 
     flight: str
     signals: dict[str, Spectrogram]
+
+
+class PlanUpload(BaseModel):
+    """A plan's script on a vehicle's card."""
+
+    system: int
+    path: str
+    bytes: int
 
 
 class PlannedCoefficient(BaseModel):

@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.design.ardupilot import lua_script
 from gcs.design.prediction import Design, Request, design
-from gcs.errors import GcsError
+from gcs.errors import GcsError, SettingsError
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -40,7 +40,15 @@ def planned(
         # What no flight has shown yet is what a next one is for: it takes part, and is flown as if it were not there.
         settings=[f"{name}=0" for name in unknown],
     )
-    made = design(load_vehicle(vehicle), known, request, progress)
+    try:
+        made = design(load_vehicle(vehicle), known, request, progress)
+    except SimVehicleError as error:
+        if not unknown:
+            raise
+        raise SettingsError(
+            f"{error}; the model has no value of {', '.join(unknown)}: identify a flight that shows them, with measured"
+            " moments of inertia, and plan behind that"
+        ) from error
     result = made.result
     if asked.get("method") == "map":
         progress(0.6, "flying the plan in the simulator, and identifying it as the flight before")

@@ -48,6 +48,7 @@ class KeptSignal:
             level = np.round(10.0 * np.log10(density), 1)
         return {
             "unit": f"dB of 1 ({unit})²/Hz" if unit else "dB of 1/Hz",
+            "signal_unit": unit,
             "time": middle.tolist(),
             "frequency": frequency.tolist(),
             "value": [[value if np.isfinite(value) else None for value in row] for row in level.tolist()],

@@ -72,7 +72,7 @@ def spectrogram(time_s: Array, values: Array) -> tuple[Array, Array, Array]:
     begin, step, even = _evenly(time_s, values)
     if not even.size:
         return np.empty(0), np.empty(0), np.empty((0, 0))
-    length = int(min(max(even.size // 16, _FEWEST), even.size, _LONGEST_SHORT))
+    length = int(min(max(even.size // 8, _FEWEST), even.size, _LONGEST_SHORT))
     # The window is named, not given as weights: scipy takes the segment's length from those.
     frequency, middle, density = of_segments(even, 1.0 / step, "hann", length, length // 2, detrend=detrend)
     together = -(-middle.size // _MOST_COLUMNS)

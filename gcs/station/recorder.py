@@ -472,6 +472,11 @@ class FlightRecorder:
         with self._lock:
             return {live.id: live.segmenter.system for live in self._live if live.follows is None}
 
+    def is_armed(self, system: int) -> bool:
+        """Whether a vehicle that is being recorded is armed."""
+        with self._lock:
+            return any(live.segmenter.system == system and live.segmenter.armed for live in self._live)
+
     def unknown_boards(self) -> list[int]:
         """Vehicles being recorded that have not said which autopilot board they have."""
         with self._lock:

@@ -10,13 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
 from gcs.clock import timesync
-from gcs.errors import in_words
+from gcs.errors import JobError, in_words
 from gcs.links.allowance import BYTES_PER_S
 from gcs.links.datagrams import Batch
 from gcs.links.opening import Link
 from gcs.links.sources import FORWARD
 from gcs.mavlink.boards import version_request
 from gcs.mavlink.dialect import Dialect
+from gcs.station.boardfiles import BoardFiles
 from gcs.station.forwarding import Forwarder
 from gcs.station.forwardrules import ForwardRule
 from gcs.station.linkstats import merged
@@ -89,6 +90,7 @@ class Station:
         )
         self._take = take
         self._listen = listen
+        self._overhear: Callable[[str, Batch], None] = lambda source, batch: None
         self._tick = tick
         self._clock = clock
         self._stopping = threading.Event()
@@ -140,8 +142,10 @@ class Station:
             finally:
                 if self._forwarder is not None:
                     self._forwarder.offer(source, batch, from_vehicle=not prefix)
-                if self._listen is not None and not prefix:
-                    self._listen(source, batch)
+                if not prefix:
+                    if self._listen is not None:
+                        self._listen(source, batch)
+                    self._overhear(source, batch)
         except Exception as error:
             self._report(error)
             self._stopping.wait(_AFTER_ERROR_S)  # it may come back at once, for ever
@@ -210,6 +214,8 @@ class RecordingStation(Station):
         )
         self._recorder = recorder
         self._asked: Counter[int] = Counter()
+        self._files = BoardFiles(self.voice, self._say)
+        self._overhear = self._files.hear
         for link in self.links:
             link.watched = link.watched or recorder.hear_believed is not None
 
@@ -260,6 +266,14 @@ class RecordingStation(Station):
     def landed(self) -> str | None:
         """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         return self._recorder.landed()
+
+    def put_file(self, system: int, path: str, content: bytes) -> None:
+        """Write a file to the card of a vehicle that stands on the ground. Raises JobError, in words."""
+        if system not in self.state.vehicles:
+            raise JobError(f"no vehicle with system id {system} is heard; switch it on, and ask again")
+        if self._recorder.is_armed(system):
+            raise JobError("the vehicle is armed: files are written to it on the ground alone; disarm it first")
+        self._files.put(system, path, content)
 
     def live_vehicles(self) -> dict[str, int | None]:
         """As of the recorder: the flights being recorded now, and the system that flies each."""

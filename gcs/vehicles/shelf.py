@@ -69,12 +69,12 @@ class VehicleShelf:
 
     def is_listed(self, name: str) -> bool:
         """Whether the aircraft is there and was not removed."""
-        return (name == STATION and self.has_station) or name in self._ids()
+        return (name == STATION and self.has_station) or name in self.ids()
 
     def all(self) -> list[Shelved]:
         """The newest version of every aircraft, the station's own first, then by name. Unreadable ones are left out."""
         found = []
-        for name in ([STATION] if self._station is not None else []) + self._ids():
+        for name in ([STATION] if self._station is not None else []) + self.ids():
             try:
                 found.append(self.get(name))
             except (SimVehicleError, CatalogueError):
@@ -97,7 +97,7 @@ class VehicleShelf:
             return load_vehicle(self._station).path
         versions = self.versions(name)
         if not versions or (version is not None and version not in versions):
-            known = ", ".join(([STATION] if self._station is not None else []) + self._ids()) or "none yet"
+            known = ", ".join(([STATION] if self._station is not None else []) + self.ids()) or "none yet"
             raise CatalogueError(f"there is no aircraft {reference!r}; this station knows: {known}")
         return self._folder / name / f"{version or versions[-1]}.toml"
 
@@ -114,7 +114,7 @@ class VehicleShelf:
         vehicle = read_text(text)
         with self._lock:
             taken = {path.name for path in self._folder.iterdir()} if self._folder.is_dir() else set()
-            if len(self._ids()) >= _MOST_VEHICLES:
+            if len(self.ids()) >= _MOST_VEHICLES:
                 raise VehicleError(f"there are {_MOST_VEHICLES} aircraft already; delete some")
             if len(taken) >= _MOST_FOLDERS:  # flights name those that were deleted
                 raise VehicleError(f"{_MOST_FOLDERS} aircraft were described here, deleted ones too; no more are kept")
@@ -157,7 +157,8 @@ class VehicleShelf:
         if "@" in name or not self.versions(name):
             raise CatalogueError(f"there is no aircraft {name!r}; GET /api/vehicles lists them")
 
-    def _ids(self) -> list[str]:
+    def ids(self) -> list[str]:
+        """Of the aircraft that are described here, but for the station's own file."""
         if not self._folder.is_dir():
             return []
         there = (path for path in self._folder.iterdir() if path.is_dir() and not (path / _REMOVED).exists())

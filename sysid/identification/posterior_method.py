@@ -29,6 +29,7 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ACCEL
+from sysid.uncertainty.inertia import inertia_shares
 
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
@@ -146,6 +147,9 @@ def refusals_of(
         for name in found.unexcited
     ]
     joint, identified = found.joint, set(found.joint.names)
+    # What is guessed of the inertia moves all moment coefficients of an axis together: their ratios, and the modes, are
+    # known all the same, and the bars say the rest.
+    shared = inertia_shares(found.systematic()) if estimated_inertia else {}
     for i, name in enumerate(joint.names):
         if name not in structure.coefficients:
             continue
@@ -156,11 +160,11 @@ def refusals_of(
             reason = found.not_believed[name]
         elif set(parse_term(name).factors) <= _STATIC and (beyond := not_believed(name, value)) is not None:
             reason = beyond
-        elif std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+        elif (own := np.sqrt(max(std**2 - shared.get(name, 0.0) ** 2, 0.0))) > REFUSED_SHARE * max(
+            abs(value), usual_size(name)
+        ):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
-            if estimated_inertia and name.startswith(("Cl_", "Cm_", "Cn_")):
-                reason += "; measure the moments of inertia"
-        elif std > PRIOR_SHARE * found.prior_std[name]:
+        elif own > PRIOR_SHARE * found.prior_std[name]:
             reason = "the flight adds nothing to what was known before"
         else:
             continue

@@ -11,6 +11,7 @@ from sysid.compatibility.selection import Refusal
 from sysid.problem.model_structure import usual_size
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
 from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
+from sysid.uncertainty.inertia import inertia_shares
 from sysid.validation.statistics import Validation
 
 # The derivatives that an axis is flown for.
@@ -19,6 +20,7 @@ _MAIN = {
     "Cl": ("Cl_beta", "Cl_p", "Cl_da"), "Cn": ("Cn_beta", "Cn_r", "Cn_dr"),
 }  # fmt: skip
 # Dampings: below zero on every aircraft that is not stalled.
+_OTHER_AIRCRAFT = "look at the vane, the mass and the airspeed: is it the vehicle file of another aircraft?"
 _NEGATIVE = ("Cm_q", "Cl_p", "Cn_r")
 _OF_GROUP = {"longitudinal": LONGITUDINAL, "lateral": LATERAL}
 
@@ -72,13 +74,22 @@ def _refused(seen: SeenEstimate) -> Iterator[Reason]:
 
 def _loose(seen: SeenEstimate) -> Iterator[Reason]:
     for axis in AXES:
-        wide = [
-            f"{name} to ±{entry.std:.2g}"
-            for name, entry in seen.main(axis).items()
-            if entry.value and entry.std and entry.std > LIMITS.loose * max(abs(entry.value), 0.5 * usual_size(name))
-        ]
+        wide: list[str] = []
+        guessed: list[str] = []
+        for name, entry in seen.main(axis).items():
+            if entry.value and entry.std and entry.std > LIMITS.loose * max(abs(entry.value), 0.5 * usual_size(name)):
+                (guessed if _inertia_share(entry) > 0.5 else wide).append(f"{name} to ±{entry.std:.2g}")
         if wide:
             yield Reason(CARE, f"known no better than {', '.join(wide)}", "longer or larger test inputs", (axis,))
+        if guessed:
+            text = f"known no better than {', '.join(guessed)}, for the moments of inertia are not measured"
+            yield Reason(CARE, text, "swing the aircraft as a pendulum", (axis,))
+
+
+def _inertia_share(entry: Coefficient) -> float:
+    """Share of a coefficient's variance that the moments of inertia have."""
+    of_inertia = inertia_shares({"": entry.extra.get("systematic", {})})[""]
+    return (of_inertia / entry.std) ** 2 if entry.std else 0.0
 
 
 def _no_aircraft(seen: SeenEstimate) -> Iterator[Reason]:
@@ -95,7 +106,7 @@ def _no_aircraft(seen: SeenEstimate) -> Iterator[Reason]:
             low, high = LIMITS.lift_slope
             if name == "CL_alpha" and not low - away < entry.value < high + away:
                 text = f"CL_alpha of {entry.value:.2g} is that of no wing ({low:g} to {high:g})"
-                yield Reason(POOR, text, "look at the vane, the mass and the airspeed", LONGITUDINAL)
+                yield Reason(POOR, text, _OTHER_AIRCRAFT, LONGITUDINAL)
 
 
 def _structure(seen: SeenEstimate) -> Iterator[Reason]:

@@ -31,10 +31,11 @@ def test_a_model_is_called_by_what_was_found(verdict: str | None, effects: list[
         "name": "mine",
         "verdict": verdict,
         "effects": effects,
+        "created_ns": 1_800_000_000_000_000_000,
     }
     command = ["node", "-e", PROGRAM, str(MODULE), json.dumps(model)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
-    assert done.stdout.strip() == told
+    assert done.stdout.strip() == f"{told} 2027-01-15 08:00"
 
 
 @pytest.mark.parametrize(

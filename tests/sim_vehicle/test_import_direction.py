@@ -15,7 +15,19 @@ MAY_IMPORT = {
 }
 # The parts of gcs (docs/architecture.md): each may import those named before it.
 PARTS = (
-    *("errors", "version", "text", "mavlink", "links", "clock", "recording", "settings", "flights", "analysis"),
+    *(
+        "errors",
+        "version",
+        "allocator",
+        "text",
+        "mavlink",
+        "links",
+        "clock",
+        "recording",
+        "settings",
+        "flights",
+        "analysis",
+    ),
     *(
         "importers",
         "formats",

@@ -62,8 +62,25 @@ async function one(page, reference, action, signal) {
       h('a', { class: 'button', href: `#/aircraft/new?copy=${encodeURIComponent(reference)}` }, 'Copy'),
       download(`/api/vehicles/${encodeURIComponent(reference)}/toml`, `${id}.toml`, 'Vehicle file (TOML)'),
       found.editable && h('button', { click: event => discard(event.target, id, found.name) }, 'Delete')),
-    reading(found.reading), surfaceCheck(found.reading.form?.controls ?? {}, signal)))
+    newest && h('p', {}, 'Next: take in a log of it under ', h('a', { href: '#/flights' }, 'Flights'), ', or let it fly on a link.'),
+    described(found.reading.form), reading(found.reading), surfaceCheck(found.reading.form?.controls ?? {}, signal)))
   page.append(await trends(id, signal))
+}
+
+const UNITS = { kg: 'kg', m: 'm', m2: 'm²', kgm2: 'kg m²', n: 'N', mps: 'm/s' }
+const NAMES = { mass: 'Mass', span: 'Span', area: 'Wing area', chord: 'Mean chord', max_thrust: 'Largest static thrust', propeller: 'Propeller', speed: 'Cruise speed' }
+
+/** What was entered into the form; nothing where the form cannot show the file. */
+function described(form) {
+  if (!form) return null
+  const numbers = Object.entries(form.numbers).map(([key, value]) => {
+    const at = key.lastIndexOf('_')
+    const name = key.slice(0, at)
+    return [NAMES[name] ?? name.replace('_std', ' to ±'), `${value} ${UNITS[key.slice(at + 1)] ?? ''}`.trim()]
+  })
+  const controls = Object.entries(form.controls).map(([name, control]) => [name[0].toUpperCase() + name.slice(1),
+    control.servos.map(one => `servo ${one.servo}: ${one.pwm_us.join(', ')} µs`).join('; ')])
+  return h('details', {}, h('summary', {}, 'As it was described'), table('Measured and typed', ['What', 'Value'], [...numbers, ...controls]))
 }
 
 async function discard(button, id, name) {

@@ -40,7 +40,7 @@ class Description {
       'What the form does not ask (timing, gusts, further sensors) stands here; a change here shows in the form'))
     if (!form) whole.open = true
     this.element = h('form', { submit: event => this.submit(event), novalidate: true, class: 'description' },
-      this.place, whole, h('p', { class: 'row' }, this.button), this.words, this.follows)
+      this.place, this.follows, whole, h('p', { class: 'row' }, this.button), this.words)
     this.draw()
     this.check()
   }
@@ -290,7 +290,8 @@ class Description {
       this.text.value = found.toml
     }
     this.place.inert = this.typed  // what is changed in it meanwhile would be lost
-    this.follows.replaceChildren(reading(found), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
+    const begun = !this.form || Boolean(this.form.name || Object.keys(this.form.numbers).length)
+    this.follows.replaceChildren(reading(found, begun), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
   }
 
   async submit(event) {

@@ -3,9 +3,9 @@
 import { h, listing, remark, table } from './dom.js'
 import { number } from './format.js'
 
-/** What a vehicle file says, and the picture that shows a wrong unit. */
-export function reading(found) {
-  if (found.problem) return remark('bad', h('p', {}, found.problem))
+/** What a vehicle file says, and the picture that shows a wrong unit. begun: whether anything was entered yet. */
+export function reading(found, begun = true) {
+  if (found.problem) return remark(begun ? 'bad' : 'note', h('p', {}, begun ? found.problem : `What follows from the form stands here as you fill it in; so far: ${found.problem}`))
   const picture = h('img', { class: 'sketch', src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(found.sketch)}`,
     alt: `${found.name} from above and from the front, to scale, beside a sheet of A4` })
   const row = figure => [figure.name, `${number(figure.value)} ${shown(figure.unit)}`.trim(), `${figure.usual[0]} to ${figure.usual[1]}`,

@@ -35,6 +35,7 @@ export class Drawing {
     this.way = ''
     this.place = h('div', { class: 'plots' })
     this.cursor = new Cursor()
+    this.shaded = h('p', { class: 'hint' }, summary.used.length ? 'Shaded green: the parts that the model was made from.' : '')
     this.span = h('output', { class: 'span' })
   }
 
@@ -74,7 +75,7 @@ export class Drawing {
       if (way === '') draggable(element, index, (from, to) => this.join(from, to))
     }
     this.place.replaceChildren(...this.shown.map(({ element }) => element))
-    this.cursor.element.hidden = !this.timed
+    this.cursor.element.hidden = this.shaded.hidden = !this.timed
     this.cursor.show(this.timed ? this.shown : [])
     this.showSpan()
   }

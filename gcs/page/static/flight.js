@@ -34,7 +34,10 @@ export async function flight(page, [id, tab = ''], query, signal) {
   } else if (tab === 'plan') {
     await plan(page, await getIfThere(`${path}/design`, signal), summary, signal)
   } else {
-    const again = change => 'vehicle' in change && location.reload()  // its signals are others with another aircraft
+    const again = change => {
+      if ('vehicle' in change) location.reload()  // its signals are others with another aircraft
+      if ('title' in change) page.querySelector('h1').textContent = `Flight ${flightTitle(summary)}`
+    }
     page.append(...[outcomeLine(summary), ...facts(summary, path)].filter(Boolean), await flightNotes(summary, path, signal, again))
     const work = h('div', {})
     const list = jobs(work, summary, signal)

@@ -47,9 +47,9 @@ export async function flightNotes(summary, path, signal, done) {
   comment.value = summary.comment
   const tags = h('input', { type: 'text', value: summary.tags.join(', '), change: () => keep({ tags: tags.value.split(',').map(tag => tag.trim()).filter(Boolean) }) })
   const { aircraft } = summary
-  const itself = aircraft.id && !aircraft.by_hand ? aircraft.name : 'found by itself'
+  const itself = aircraft.id && !aircraft.by_hand ? aircraft.name : 'the station chooses'
   const why = aircraft.by_hand || aircraft.problem ? 'What it is identified with' : `${aircraft.why[0].toUpperCase()}${aircraft.why.slice(1)}`
-  const choices = [['', itself], ...known.map(one => [one.id, one.name])]
+  const choices = [['', `${itself} (by itself)`], ...known.map(one => [one.id, one.name])]
   if (aircraft.by_hand && !known.some(one => one.id === aircraft.id)) choices.push([aircraft.id, `${aircraft.name} (deleted)`])
   const vehicle = select(choices, aircraft.by_hand ? aircraft.id : '', value => keep({ vehicle: value }))
   return h('section', { class: 'notes', 'aria-label': 'About this flight' },

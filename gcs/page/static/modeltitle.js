@@ -1,5 +1,7 @@
 // How a model is called in lists: the flight it comes from, and what was done for it.
 
+import { utc } from './format.js'
+
 /** What an analysis made of the model that it was given. */
 function judged({ verdict, effects }) {
   if (verdict === 'missing_effect') return `${effects.join(' and ')} added`
@@ -11,5 +13,6 @@ function judged({ verdict, effects }) {
 /** flight, kind and verdict; the name of the model too where `named`. */
 export function modelTitle(model, named = false) {
   const what = model.kind === 'discrepancy' ? judged(model) : 'identified'
-  return `${named && model.name ? `${model.name}, ` : ''}${model.flight_name}, ${what}`
+  const when = utc(new Date(model.created_ns / 1e6).toISOString()).slice(0, 16)
+  return `${named && model.name ? `${model.name}, ` : ''}${model.flight_name}, ${what} ${when}`
 }

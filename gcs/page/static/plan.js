@@ -26,12 +26,33 @@ export async function plan(page, result, summary, signal) {
   result.warnings.length && remark('note', listing(result.warnings)),
   h('p', { class: 'row' }, h('button', { click: () => window.print() }, 'Print the card'),
     Object.entries(result.files).map(([name, text]) => h('button', { click: () => hand(new Blob([text]), name) }, FILES[name] ?? name))),
+  result.files['plan.lua'] ? ontoBoard(summary) : '',
   h('h2', {}, 'What to expect'),
   h('p', { class: 'hint' }, result.method === 'map' ? 'The plan was flown in the simulator and identified as this flight was: with what the vehicle file does not say of sensors and servos counted in.'
     : 'The smallest standard errors that sensors as the vehicle file says them allow (Cramér–Rao).'),
   table('Standard errors to expect', ['Coefficient', 'Model so far', 'Expected ±', 'Per cent', 'This flight ±'], result.coefficients.map(one => [
     h('code', {}, one.name), number(one.value, 4), number(one.std, 2), one.percent === null ? '' : `${number(one.percent, 2)} %`, number(own[one.name], 2)])),
   result.refused.length && table('What it cannot identify', ['Coefficient', 'Why', 'Fly instead'], result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))
+}
+
+/** Writes the plan's script to the vehicle's card, and says what to do next. */
+function ontoBoard(summary) {
+  const says = h('p', { role: 'status' })
+  const button = h('button', { click: async () => {
+    button.disabled = true
+    says.className = ''
+    says.textContent = 'The vehicle takes the script …'
+    try {
+      const { path, bytes } = await post(`/api/flights/${encodeURIComponent(summary.id)}/design/upload`, {})
+      says.textContent = `${bytes.toLocaleString('en')} bytes are on its card as ${path}, checked by the board itself. Set SCR_ENABLE to 1 and RCn_OPTION of a switch to 300, start the board anew, and flip the switch at a safe height.`
+    } catch (error) {
+      says.className = 'remark bad'
+      says.textContent = error.message
+    } finally {
+      button.disabled = false
+    }
+  } }, 'Write the script to the vehicle (ArduPilot)')
+  return h('div', {}, h('p', { class: 'row' }, button), says)
 }
 
 const FILES = { 'plan.json': 'Plan for sim-vehicle (JSON)', 'plan.lua': 'Script for ArduPilot Plane (Lua)' }

@@ -100,8 +100,10 @@ export async function spectrograms(names, found, signal) {
   const Bokeh = await bokeh()
   const made = []
   for (const name of names) {
-    const { time, frequency, value, unit } = found[name]
-    const heading = h('h3', {}, `${signalName(name)}, ${unit}`)
+    const { time, frequency, signal_unit } = found[name]
+    const [unit, factor] = shownUnit(signal_unit)
+    const value = found[name].value.map(row => row.map(one => one === null ? null : one + 20 * Math.log10(factor)))
+    const heading = h('h3', {}, `${signalName(name)}, dB of 1 ${unit ? `(${unit})²` : ''}/Hz`)
     if (!time.length) {
       made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: too few values in this stretch for spectra`)), names: [name] })
       continue

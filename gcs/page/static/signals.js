@@ -54,8 +54,8 @@ export async function signals(page, summary, query, signal, begun) {
       h('fieldset', { class: 'choices' }, h('legend', {}, 'Signals to plot'), summary.signals.map(box)),
       anyField(summary.fields, groups.flat(), box)),
     h('div', { class: 'row' }, h('label', {}, 'Drawn ', way), layouts(query)),
-    drawing.controls(), summary.used.length ? h('p', { class: 'hint' }, 'Shaded green: the parts that the model was made from.') : '',
-    drawing.cursor.element, drawing.place, events(summary, drawing))
+    drawing.controls(), drawing.shaded,
+    h('div', {}, drawing.cursor.element, drawing.place), events(summary, drawing))
   await again()
 }
 

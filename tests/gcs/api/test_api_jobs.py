@@ -170,7 +170,13 @@ def test_what_a_plan_promised_stands_beside_what_the_flight_gave(bench: Bench, c
     before, after = (bench.record(1, 1, START + 600 * number * SECOND) for number in range(2))
     entry = {"name": "Cm_q", "value": -10.0, "std": 0.5, "percent": 5.0}
     plan = {"schema": "design/1", "gusts": 0.3, "coefficients": [entry, {**entry, "name": "CL_q", "std": 0.2}]}
-    bench.catalogue.finish_job(bench.catalogue.add_job(before, "design", {"kind": "design"}), plan)
+    assert "no design result" in problem(client.post(f"/api/flights/{before}/design/upload"), 404)
+    bench.catalogue.finish_job(bench.catalogue.add_job(before, "design", {"kind": "design"}), {**plan, "files": {}})
+    assert "no script was made" in problem(client.post(f"/api/flights/{before}/design/upload"), 409)
+    files = {"plan.lua": "-- fly"}
+    bench.catalogue.finish_job(bench.catalogue.add_job(before, "design", {"kind": "design"}), {**plan, "files": files})
+    bench.recorder.state.vehicles.clear()
+    assert "no vehicle with system id 1 is heard" in problem(client.post(f"/api/flights/{before}/design/upload"), 409)
     assert "no identify result" in problem(client.get(f"/api/flights/{after}/planned"), 404)
     for flight in (before, after):
         model = {"schema": "model/1", "name": "a", "coefficients": {"Cm_q": {"value": -9.0, "std": 0.4}}}

@@ -79,6 +79,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/flights/{flight_id}/spectrum",
         "GET /api/flights/{flight_id}/spectrogram",
         "GET /api/flights/{flight_id}/planned",
+        "POST /api/flights/{flight_id}/design/upload",
         "GET /api/vehicles",
         "POST /api/vehicles",
         "POST /api/vehicles/check",

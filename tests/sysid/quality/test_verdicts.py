@@ -123,6 +123,7 @@ def test_a_lift_slope_of_no_wing_and_a_damping_that_drives_are_too_poor() -> Non
     lift = with_model(model(CL_0=(0.3, 0.01), CL_alpha=(0.037, 0.002)))
     assert (lift.verdict, lift.axes) == (POOR, ("CL",))
     assert "no wing" in lift.reasons[0].text
+    assert "another aircraft" in lift.reasons[0].advice
     roll = with_model(model(Cl_p=(0.4, 0.02), Cl_beta=(-0.1, 0.01), Cl_da=(-0.2, 0.01), CY_beta=(-0.5, 0.01)))
     assert (roll.of_axis("Cl"), roll.of_axis("CY"), roll.verdict) == (POOR, "good", CARE)
     unsure = with_model(model(Cl_p=(0.01, 0.02), Cl_beta=(-0.1, 0.01), Cl_da=(-0.2, 0.01)))
