@@ -77,7 +77,7 @@ def coefficients(model: Result) -> str:
     caption = "Coefficients. σ is statistical, given the vehicle file"
     if not known:
         return table(caption, head[:-1], [row[:-1] for row in rows])
-    return table(f"{caption}; systematic: root sum of squares of the next table", head, rows)
+    return table(f"{caption}; systematic: root sum of squares of what the next table has beside the bars", head, rows)
 
 
 def systematic(model: Result) -> str:

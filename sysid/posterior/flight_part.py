@@ -33,6 +33,8 @@ _HALF_SAMPLES = 2.6
 # By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
+# Samples of what an estimate cannot do without, in a part of a flight.
+_FEWEST = 10
 _THRUST_HALF_S = 0.1
 
 _CONTROLS = {signal: control for control, signal in DEFLECTION_SIGNALS.items()} | {"throttle": "throttle"}
@@ -144,11 +146,14 @@ def make_part(
     read = {name: finite(signals, name, begin, end) for name in (*MEASURED, *ESSENTIAL)}
     inertial = [name for name in IMU if name in signals.signals]
     needed = (*inertial, *ESSENTIAL)
-    missing = [name for name in needed if read[name][0].size < 10]
-    if missing or not inertial:
+    counts = {name: read[name][0].size for name in needed}
+    absent = [name for name in needed if not counts[name]] if inertial else list(IMU)
+    few = [f"{counts[name]} samples of {name}" for name in needed if 0 < counts[name] < _FEWEST]
+    if absent or few:
+        lacking = [*([f"no {', '.join(absent)}"] if absent else []), *([f"only {', '.join(few)}"] if few else [])]
         raise SignalError(
-            f"{signals.name}: no {', '.join(missing or IMU)} from {begin:.1f} to {end:.1f} s: coefficients need the"
-            " accelerometers, the gyros, roll and pitch, and the airspeed"
+            f"{signals.name}: {' and '.join(lacking)} from {begin:.1f} to {end:.1f} s: coefficients need the"
+            f" accelerometers, the gyros, roll and pitch, and the airspeed, {_FEWEST} samples of each at least"
         )
     earliest = begin - 1.0
     begin = max(begin, *(read[name][0][0] for name in needed))

@@ -73,7 +73,8 @@ export function difference(a, b) {
 function coefficients(models) {
   const [a, b] = models.map(model => Object.fromEntries(estimated(model)))
   const all = Object.keys({ ...a, ...b })
-  const far = all.filter(name => Math.abs(difference(a[name], b[name]) ?? 0) > FAR)
+  const both = all.filter(name => difference(a[name], b[name]) !== null)
+  const far = both.filter(name => Math.abs(difference(a[name], b[name])) > FAR)
   const rows = all.map(name => {
     const there = [a[name], b[name]].filter(Boolean)
     const z = difference(a[name], b[name])
@@ -82,8 +83,8 @@ function coefficients(models) {
       there.length === 2 ? bars(there, false) : '', Math.abs(z ?? 0) > FAR ? h('strong', {}, `${apart} far`) : apart]
   })
   return [
-    h('p', {}, far.length ? `${far.length} of ${all.length} differ by more than ${FAR} standard errors: ${far.join(', ')}.`
-      : `None of ${all.length} differs by more than ${FAR} standard errors.`),
+    h('p', {}, far.length ? `${far.length} of the ${both.length} that both know differ by more than ${FAR} standard errors: ${far.join(', ')}.`
+      : `None of the ${both.length} that both know differs by more than ${FAR} standard errors.`),
     h('p', { class: 'hint' }, 'Standard errors of the difference, the flights being independent. Drawing: first above, '
       + 'second below, 95 % intervals.'),
     table('Coefficients of both models', ['Coefficient', 'First', 'Second', '95 % intervals', 'Difference, σ'], rows),

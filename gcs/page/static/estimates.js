@@ -46,7 +46,8 @@ export function coefficientTable(model) {
   const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ', 'Systematic']
   return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file add',
     head, estimated(model).map(([name, entry]) => {
-      const moved = Object.values(entry.systematic ?? {}).filter(Number.isFinite)
+      // What the vehicle file states of its own errors is in σ already.
+      const moved = Object.entries(entry.systematic ?? {}).filter(([cause, value]) => !cause.endsWith('_std') && Number.isFinite(value)).map(([, value]) => value)
       return [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
         moved.length ? number(Math.hypot(...moved), 2) : NONE]
