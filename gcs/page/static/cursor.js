@@ -9,7 +9,7 @@ export class Cursor {
     this.plots = []
     this.time = null
     this.element = h('output', { class: 'cursor', tabindex: 0, 'aria-live': 'off', 'aria-label': 'Values at the cursor',
-      keydown: event => this.key(event) }, 'Point at a plot, or focus this line and press an arrow key, to read values.')
+      keydown: event => this.key(event) }, 'Point at a plot, or focus this line and press an arrow key, to read values. Drag along one with the mouse to see that stretch alone.')
   }
 
   /** plots: of { element, lines: [{ name, unit, time, value }], range }, one for each figure. */

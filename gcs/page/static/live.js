@@ -38,7 +38,7 @@ export async function live(page, parts, query, signal) {
     newest = null
     view.disconnected(error.message)
   }
-  page.append(h('h1', {}, 'Live'), view.banner, view.warnings.element, ...view.instruments.elements, ...view.plots.elements,
+  page.append(h('h1', {}, 'Live'), view.banner, view.first, view.warnings.element, ...view.instruments.elements, ...view.plots.elements,
     ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
@@ -52,6 +52,8 @@ class LiveView {
     this.clock = h('p', { class: 'clock' })
     this.result = h('a', { class: 'button', hidden: true }, 'See what came of it')
     this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.result)
+    this.first = h('section', { class: 'panel', hidden: true, 'aria-label': 'With a log' }, h('p', {}, 'With a log on a card no vehicle is needed here: ',
+      h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ', h('a', { href: '#/flights' }, 'take the log in'), ', and press Identify on its page.'))
     this.warnings = new Warnings()
     this.instruments = new Instruments()
     this.plots = new LivePlots(query, signal)
@@ -92,6 +94,7 @@ class LiveView {
     if (this.broken) return
     const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
     const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : this.data.state]
+    this.first.hidden = this.data.state !== 'waiting' || Boolean(this.data.landed)
     this.result.hidden = !this.data.landed || late
     if (this.data.landed) this.result.href = `#/flights/${encodeURIComponent(this.data.landed)}`
     this.instruments.stale(late || this.data.state !== 'live')
