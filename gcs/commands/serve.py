@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import sys
 from pathlib import Path
 
 NAME = "serve"
@@ -88,5 +89,17 @@ def run(args: argparse.Namespace) -> int:
         keep_days=args.keep_days,
         keep_bytes=None if args.keep_size is None else parse_size(args.keep_size, "--keep-size"),
     )
-    serve(settings, lambda url: print(f"serving on {url}", flush=True))
+    serve(settings, _announce)
     return 0
+
+
+def _announce(url: str) -> None:
+    """Say where the service answers; to somebody at a terminal as a code for a phone too. The token is in none."""
+    from gcs.text.reach import own_addresses, qr_code, reachable
+
+    print(f"serving on {url}", flush=True)
+    others = reachable(url, own_addresses())
+    for other in others:
+        print(f"from other devices on this network: {other}", flush=True)
+    if others and sys.stdout.isatty():
+        print(qr_code(others[0]), flush=True)
