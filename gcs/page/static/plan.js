@@ -22,6 +22,8 @@ export async function plan(page, result, summary, signal) {
   const own = await reached(summary, signal)
   page.append(...there(h('section', { class: 'card' }, h('h2', {}, `Flight card: ${result.vehicle}`),
     h('p', {}, `${number(result.duration_s)} s, ${result.gusts ? `turbulence of ${number(result.gusts)} m/s` : 'calm air'}, with model ${result.model}.`),
+    h('p', {}, `Level and trimmed${Number.isFinite(result.trim?.V) ? ` at ${number(result.trim.V)} m/s` : ''}, in calm air, with height to lose; let the aircraft settle before each part and touch nothing meanwhile. `
+      + 'The script below moves the surfaces itself, at a switch. By hand doublets and 3-2-1-1 can be flown; a multisine cannot.'),
     listing(result.plan.segments.map(step)), h('p', {}, `Expect ${reach(result)}.`)),
   result.warnings.length && remark('note', listing(result.warnings)),
   h('p', { class: 'row' }, h('button', { click: () => window.print() }, 'Print the card'),
@@ -31,7 +33,8 @@ export async function plan(page, result, summary, signal) {
   h('p', { class: 'hint' }, result.method === 'map' ? 'The plan was flown in the simulator and identified as this flight was: with what the vehicle file does not say of sensors and servos counted in.'
     : 'The smallest standard errors that sensors as the vehicle file says them allow (Cramér–Rao).'),
   table('Standard errors to expect', ['Coefficient', 'Model so far', 'Expected ±', 'Per cent', 'This flight ±'], result.coefficients.map(one => [
-    h('code', {}, one.name), number(one.value, 4), number(one.std, 2), one.percent === null ? '' : `${number(one.percent, 2)} %`, number(own[one.name], 2)])),
+    h('code', {}, one.name), number(one.value, 4), `${number(one.std, 2)}${own[one.name] && one.std > 1.1 * own[one.name] ? ' (wider than this flight’s)' : ''}`,
+    one.percent === null ? '' : `${number(one.percent, 2)} %`, number(own[one.name], 2)])),
   result.refused.length && table('What it cannot identify', ['Coefficient', 'Why', 'Fly instead'], result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))
 }
 
