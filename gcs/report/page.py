@@ -163,7 +163,7 @@ def _turbulence(result: Result) -> str:
 def _validation_words(result: Result) -> str:
     found = result.get("validation")
     if not found:
-        return '<p class="verdict">Not judged: no flight was given to validate on (--validate).</p>'
+        return '<p class="verdict">Not judged: no other flight was named to validate on.</p>'
     good = found.get("acceptable")
     outliers = found.get("outliers")
     # TIC forgives what is short: a fit that is good by it may be off by many times the noise where a surface steps.

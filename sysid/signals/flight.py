@@ -79,7 +79,8 @@ class FlightSignals:
         if missing:
             there = ", ".join(self.signals)
             raise SignalError(
-                f"{self.name}: no signal {', '.join(missing)}: have the vehicle send it; the recording has {there}"
+                f"{self.name}: no signal {', '.join(missing)}: have the vehicle send or log it; the recording has"
+                f" {there}"
             )
 
 

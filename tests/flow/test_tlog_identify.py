@@ -211,7 +211,7 @@ def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     write_tlog(mute, rows[:600], "HIGHRES_IMU", 0.0, lambda message: message.get_type() != "VFR_HUD")
     assert main(["check", str(mute), *vehicle]) == 1
     said = capsys.readouterr().out
-    assert said.startswith("quality: too poor, because\n  mute: no signal airspeed: have the vehicle send it")
+    assert said.startswith("quality: too poor, because\n  mute: no signal airspeed: have the vehicle send or log it")
 
     assert main(["info", str(mute), *vehicle]) == 0
     assert capsys.readouterr().out.startswith("quality: too poor, because\n  mute: no signal airspeed")
