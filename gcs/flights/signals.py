@@ -284,7 +284,8 @@ def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:
             f"{message} has gaps, though it comes at {rate_hz:.1f} Hz on average: {wanted_hz:g} Hz are wanted all"
             " through; check the link"
         )
-    return f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are wanted: have the vehicle send or log it more often"
+    pace = f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are wanted"
+    return f"{pace}: have the vehicle send or log it more often"
 
 
 def is_steady(signal: Signal, rate_hz: float, duration_s: float) -> bool:
