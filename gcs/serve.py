@@ -7,7 +7,7 @@ import resource
 import shutil
 import signal
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from types import FrameType
 
@@ -16,6 +16,7 @@ import uvicorn
 from gcs.allocator import give_memory_back
 from gcs.api import create_app
 from gcs.api.connections import MOST, BoundedProtocol, limited
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
@@ -37,7 +38,6 @@ from gcs.station.station import RecordingStation
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
 from gcs.text.sparing_log import log_sparingly
-from gcs.vehicles.shelf import STATION
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
@@ -107,14 +107,14 @@ def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight
     return queue
 
 
-def _vehicle_of(jobs: JobRunner, boards: Mapping[int, str]) -> Callable[[str, int | None], str]:
-    """The vehicle file of a flight that is being recorded, "" for the service's own or none. boards: by system."""
+def _vehicle_of(jobs: JobRunner, recorder: FlightRecorder) -> Callable[[str, int | None], str | None]:
+    """The vehicle file of a flight that is being recorded, "" for the service's own, None where nobody knows it."""
 
-    def file(flight_id: str, system: int | None) -> str:
+    def file(flight_id: str, system: int | None) -> str | None:
         try:
-            chosen = jobs.choice.for_flight(flight_id, system, board=boards.get(system or 0)).vehicle
+            chosen = jobs.choice.for_flight(flight_id, system, board=recorder.board_of(system)).vehicle
         except (GcsError, SimVehicleError):
-            return ""
+            return None
         return "" if chosen.id == STATION else str(chosen.vehicle.path)
 
     return file
@@ -179,7 +179,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
         with _links(settings.connect) as links, _links(tuple(url for url, _ in forwards)) as forward:
             rules = {link.name: rule for link, (_, rule) in zip(forward, forwards, strict=True)}
             voice = StationVoice(settings.link.own_key)
-            live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs, recorder.state.boards))
+            live = LiveFeed(settings, recorder.live_vehicles, vehicle_of=_vehicle_of(jobs, recorder))
             if settings.link.require_signed:
                 recorder.hear_believed = live.offer
             station = RecordingStation(

@@ -30,19 +30,19 @@ from gcs.api.schemas import (
 )
 from gcs.api.service import Service, Serving
 from gcs.api.upload import receive_upload
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.note_table import FlightNotes
 from gcs.catalogue.result_table import FlightOutcome
 from gcs.errors import CatalogueError, GcsError, JobError
 from gcs.text.utctext import utc_text
-from gcs.vehicles.shelf import STATION
 from sim_vehicle.errors import SimVehicleError
 
 router = APIRouter(tags=["flights"])
 
 _PROBLEM = {"model": Problem}
 _DAY_NS = 86_400_000_000_000
-_LATEST_NS = 2**63 - 1 - _DAY_NS
+_LATEST_NS = 2**63 - 1
 _UPLOAD_BODY = {
     "requestBody": {
         "required": True,
@@ -123,8 +123,8 @@ def flights(
         limit + 1,
         after,
         search,
-        since_ns=None if since is None else _midnight_ns(since),
-        until_ns=None if until is None else _midnight_ns(until) + _DAY_NS,
+        since_ns=None if since is None else _midnight_ns(since, 0),
+        until_ns=None if until is None else _midnight_ns(until, 1),
         vehicle=vehicle,
         discarded=deleted,
         ground=ground,
@@ -133,9 +133,9 @@ def flights(
     return FlightPage(flights=_items(service, page), next=page[-1].id if len(found) > limit else None)
 
 
-def _midnight_ns(day: date) -> int:
-    """UTC ns at which a day begins, within what the catalogue's numbers hold."""
-    return max(min((day - date(1970, 1, 1)).days * _DAY_NS, _LATEST_NS), 0)
+def _midnight_ns(day: date, later: int) -> int:
+    """UTC ns at which a day begins, so many days later, within what the catalogue's numbers hold."""
+    return max(min(((day - date(1970, 1, 1)).days + later) * _DAY_NS, _LATEST_NS), 0)
 
 
 @router.post(
@@ -195,12 +195,10 @@ def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:
 def planned(service: Serving, flight_id: str) -> Planned:
     """The newest plan of the same aircraft that was there when the flight began, held against its newest model."""
     found = service.catalogue.flight(flight_id)
-    model = service.catalogue.result(flight_id, "identify")["model"]["coefficients"]
-    try:
-        one = service.jobs.choice.of(found).vehicle
-        plan = service.catalogue.plan_before(found, one.id, one.id == STATION)
-    except (GcsError, SimVehicleError):
-        plan = None
+    job, result = service.catalogue.job_and_result(flight_id, "identify")
+    model = result["model"]["coefficients"]
+    vehicle = str(service.catalogue.job(job).request.get("vehicle") or STATION).partition("@")[0]
+    plan = service.catalogue.plan_before(found, vehicle)
     if plan is None:
         raise CatalogueError(f"no flight of this aircraft was planned before flight {flight_id}")
     promised = {entry["name"]: entry["std"] for entry in plan["json"]["coefficients"]}

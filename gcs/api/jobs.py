@@ -106,7 +106,7 @@ def upload_design(service: Serving, flight_id: str, job: OfJob = None) -> PlanUp
     if flight.system is None:
         raise JobError(f"flight {flight_id} holds no message of a vehicle")
     content = script.encode()
-    service.recorder.put_file(flight.system, _SCRIPT, content)
+    service.recorder.put_file(flight.system, _SCRIPT, content, flight.board)
     return PlanUpload(system=flight.system, path=_SCRIPT, bytes=len(content))
 
 

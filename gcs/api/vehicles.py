@@ -22,12 +22,13 @@ from gcs.api.vehicle_schemas import (
     VehicleReading,
     VehicleView,
 )
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.errors import ServiceError, VehicleError
 from gcs.text.utctext import utc_text
 from gcs.vehicles.document import answers_of, with_answers
 from gcs.vehicles.figures import figures
 from gcs.vehicles.inertia import by_bifilar, by_swing, period, ruler, scale
-from gcs.vehicles.shelf import STATION, Shelved, read_text
+from gcs.vehicles.shelf import Shelved, read_text
 from gcs.vehicles.sketch import sketch
 from gcs.vehicles.trends import Estimate, Trend, trend
 from sim_vehicle.errors import VehicleFileError
@@ -158,7 +159,7 @@ def trends(service: Serving, vehicle_id: str) -> list[TrendView]:
     """Coefficients of an aircraft over its flights: have they changed? Of a flight its newest identification counts."""
     name = service.jobs.choice.shelf.get(vehicle_id).id
     found: dict[str, list[Estimate]] = {}
-    for model in service.catalogue.identified_with(name, name == STATION):
+    for model in service.catalogue.identified_with(name):
         for coefficient, entry in model["coefficients"].items():
             value, std = entry.get("value"), entry.get("std")
             if value is not None and std:

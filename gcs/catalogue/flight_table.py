@@ -7,6 +7,7 @@ import sqlite3
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from gcs.catalogue.aircraft_rule import OF_AIRCRAFT, of_aircraft
 from gcs.catalogue.note_table import NoteTable
 from gcs.errors import CatalogueError, RecordingDeletedError
 from gcs.recording.parts import part_path
@@ -20,9 +21,8 @@ _SEARCHED = (
     f" || ' ' || ifnull({_SAID}, '')"
 )
 _OF_VEHICLE = (
-    "(id IN (SELECT flight_id FROM flight_notes WHERE vehicle = ?) OR id IN (SELECT flight_id FROM jobs"
-    " WHERE json_valid(request) AND substr(json_extract(request, '$.vehicle') || '@', 1,"
-    " instr(json_extract(request, '$.vehicle') || '@', '@') - 1) = ?))"
+    "(id IN (SELECT flight_id FROM flight_notes WHERE vehicle = ?)"
+    f" OR id IN (SELECT flight_id FROM jobs j WHERE json_valid(request) AND {OF_AIRCRAFT}))"
 )
 # Those whose recordings are there.
 _KEPT = "deleted_ns IS NULL AND discarded_ns IS NULL"
@@ -178,7 +178,7 @@ class FlightTable(NoteTable):
             values.append(until_ns)
         if vehicle:
             conditions.append(_OF_VEHICLE)
-            values += [vehicle, vehicle]
+            values += [vehicle, *of_aircraft(vehicle)]
         for word in search.split():
             conditions.append(f"instr(lower({_SEARCHED}), lower(?))")  # both by SQLite, which leaves Ü as it is
             values.append(word)

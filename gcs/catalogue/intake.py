@@ -18,6 +18,7 @@ from gcs.catalogue.store import Catalogue
 from gcs.errors import RecordingError, in_words
 from gcs.flights.sender import GCS
 from gcs.mavlink.boards import board_of
+from gcs.mavlink.frameparts import AUTOPILOT
 from gcs.recording.joined import by_recording
 from gcs.recording.parts import part_of
 from gcs.recording.reader import Recording
@@ -60,10 +61,10 @@ def _board(recording: Recording, system: int | None) -> str | None:
     said = [
         board_of(np.asarray([uid], "<u8").tobytes(), np.asarray(uid2, np.uint8).tobytes())
         for columns in recording.columns("AUTOPILOT_VERSION")
-        if columns.system == system
+        if (columns.system, columns.component) == (system, AUTOPILOT)
         for uid, uid2 in zip(columns["uid"], columns["uid2"], strict=True)
     ]
-    return said[-1] if said else None
+    return next((board for board in reversed(said) if board is not None), None)
 
 
 def vehicle_of(recording: Recording) -> int | None:

@@ -60,7 +60,10 @@ class NoteTable(Database):
     def put_outline(self, flight_id: str, outline: dict[str, Any]) -> None:
         """Keep one signal of a flight in few points, by which a list shows how it went."""
         with self._transaction() as db:
-            db.execute("INSERT OR REPLACE INTO flight_outlines VALUES (?, ?)", (flight_id, json.dumps(outline)))
+            db.execute(
+                "INSERT OR REPLACE INTO flight_outlines SELECT id, ? FROM flights WHERE id = ?",
+                (json.dumps(outline), flight_id),
+            )
 
     def outlines_of(self, flight_ids: Sequence[str]) -> dict[str, dict[str, Any]]:
         """Those that are kept, by flight."""

@@ -7,19 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gcs.catalogue.aircraft_rule import OF_AIRCRAFT, of_aircraft
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.job_table import JobTable
 from gcs.errors import CatalogueError
-
-# Jobs `j` with an aircraft in any version; the service's own is not named in jobs.
-_OF_AIRCRAFT = (
-    "(substr(json_extract(j.request, '$.vehicle'), 1, ?) = ?"
-    " OR (? AND ifnull(json_extract(j.request, '$.vehicle'), 'station') = 'station'))"
-)
-
-
-def _of_aircraft(vehicle: str, station: bool) -> tuple[object, ...]:
-    return len(vehicle) + 1, f"{vehicle}@", station
 
 
 @dataclass(frozen=True)
@@ -88,18 +79,18 @@ class ResultTable(JobTable):
         of_it = [part for part in parts if str(part.get("flight", "")).removesuffix(".mcap") == flight_id]
         return [{"start": float(part["start"]), "end": float(part["end"])} for part in of_it]
 
-    def identified_with(self, vehicle: str, station: bool) -> list[dict[str, Any]]:
+    def identified_with(self, vehicle: str) -> list[dict[str, Any]]:
         """Newest identification of each flight that was made with an aircraft of that id, in any version, oldest first.
 
-        station: whether it is the service's own, which jobs do not name. Each: flight, title, start_ns, coefficients.
+        Each: flight, title, start_ns, coefficients.
         """
         rows = self._rows(
             "SELECT m.flight_id, f.start_ns, ifnull(n.title, '') AS title, m.json, max(m.number) AS newest"
             " FROM models m JOIN flights f ON f.id = m.flight_id JOIN jobs j ON j.id = m.job_id"
             " LEFT JOIN flight_notes n ON n.flight_id = f.id"
             " WHERE m.kind = 'identify' AND f.discarded_ns IS NULL"
-            f" AND {_OF_AIRCRAFT} GROUP BY m.flight_id ORDER BY f.start_ns",
-            *_of_aircraft(vehicle, station),
+            f" AND {OF_AIRCRAFT} GROUP BY m.flight_id ORDER BY f.start_ns",
+            *of_aircraft(vehicle),
         )
         return [
             {
@@ -111,18 +102,18 @@ class ResultTable(JobTable):
             for row in rows
         ]
 
-    def plan_before(self, flight: Flight, vehicle: str, station: bool) -> dict[str, Any] | None:
+    def plan_before(self, flight: Flight, vehicle: str) -> dict[str, Any] | None:
         """The newest plan of a flight of that aircraft which was there when the flight began, None where there is none.
 
-        station: as of `identified_with`. Gives flight (behind which it was planned), created_ns and the result.
+        Gives flight (behind which it was planned), created_ns and the result.
         """
         rows = self._rows(
             "SELECT r.flight_id, r.created_ns, r.json FROM results r JOIN jobs j ON j.id = r.job_id"
             " JOIN flights f ON f.id = r.flight_id WHERE r.kind = 'design' AND r.created_ns <= ? AND r.flight_id != ?"
-            f" AND f.discarded_ns IS NULL AND {_OF_AIRCRAFT} ORDER BY r.number DESC LIMIT 1",
+            f" AND f.discarded_ns IS NULL AND {OF_AIRCRAFT} ORDER BY r.number DESC LIMIT 1",
             flight.start_ns,
             flight.id,
-            *_of_aircraft(vehicle, station),
+            *of_aircraft(vehicle),
         )
         return None if not rows else {**dict(rows[0]), "json": json.loads(rows[0]["json"])}
 

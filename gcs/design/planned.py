@@ -13,6 +13,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.design.simulated_flight import RATE_HZ, rehearse
+from sysid.errors import SysidError
 from sysid.identify import identify
 
 _SEED = 1  # of noise and gusts in the rehearsal
@@ -52,7 +53,11 @@ def planned(
     result = made.result
     if asked.get("method") == "map":
         progress(0.6, "flying the plan in the simulator, and identifying it as the flight before")
-        result = {**result, **_as_identified(made, request.gusts)}
+        try:
+            result = {**result, **_as_identified(made, request.gusts)}
+        except SysidError as error:
+            doubt = f"the plan, flown in the simulator, could not be identified ({error}): these are the lowest bounds"
+            result = {**result, "warnings": [*result["warnings"], doubt]}
     files, warnings = {"plan.json": dumps(made.plan_json(), indent=2)}, list(result["warnings"])
     if unknown:
         warnings.append(f"the model does not know {', '.join(unknown)}: flown as 0, and planned to be found")

@@ -21,7 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from gcs.catalogue.flight_table import Flight
-from gcs.errors import CatalogueError, RecordingDeletedError, RecordingError, ServiceError, SignalMapError, in_words
+from gcs.errors import (
+    CatalogueError,
+    CatalogueFileError,
+    RecordingDeletedError,
+    RecordingError,
+    ServiceError,
+    SignalMapError,
+    in_words,
+)
 from gcs.jobs.keptsignal import KeptSignal
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.once import AskedOnce
@@ -310,7 +318,10 @@ class FlightViews:
                     os.fsync(file.fileno())
                 target.rename(folder)
                 if found.get("outline"):
-                    self._outlined(flight.id, found["outline"])
+                    try:
+                        self._outlined(flight.id, found["outline"])
+                    except CatalogueFileError as error:  # the plots are there all the same
+                        _log.warning("how flight %s went is not in the list: %s", flight.id, error)
         return found
 
     def _make_room(self, flight: Flight) -> None:

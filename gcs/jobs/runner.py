@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from gcs.analysis.flight_part import part_problem
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.job_table import BY_PERSON, BY_STATION, Job
 from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, QueueFullError, in_words
@@ -27,7 +28,7 @@ from gcs.jobs.limits import memory_limit
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
 from gcs.vehicles.choice import Chosen, VehicleChoice
-from gcs.vehicles.shelf import STATION, VehicleShelf
+from gcs.vehicles.shelf import VehicleShelf
 from sim_vehicle.effects import effect_called
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import model_from_json

@@ -76,9 +76,11 @@ def spectrogram(time_s: Array, values: Array) -> tuple[Array, Array, Array]:
     # The window is named, not given as weights: scipy takes the segment's length from those.
     frequency, middle, density = of_segments(even, 1.0 / step, "hann", length, length // 2, detrend=detrend)
     together = -(-middle.size // _MOST_COLUMNS)
-    count = middle.size // together
-    density = density[1:, : count * together].reshape(frequency.size - 1, count, together).mean(axis=2)
-    return begin + middle[: count * together].reshape(count, together).mean(axis=1), frequency[1:], density
+    edges = np.arange(0, middle.size, together)
+    counts = np.diff(np.append(edges, middle.size))  # the last one is of what is left
+    means = np.add.reduceat(density[1:], edges, axis=1) / counts
+    apart = float(middle[1] - middle[0]) if middle.size > 1 else 0.0
+    return begin + middle[0] + apart * (edges + 0.5 * (together - 1)), frequency[1:], means
 
 
 def _evenly(time_s: Array, values: Array) -> tuple[float, float, Array]:

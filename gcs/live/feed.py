@@ -61,7 +61,8 @@ class LiveState:
 class LiveFeed:
     """Runs the live process. flights: gives the id of each flight being recorded, in the order in which they began, and
     the system that flies it, None while that is not known. worker: the command that runs the process. vehicle_of: the
-    vehicle file of a flight by its id and system, "" for the one that the service was started with.
+    vehicle file of a flight by its id and system, "" for the one that the service was started with, None where it is
+    not known.
 
     on_estimate: called with each identification report and the flight's time, s, from a thread of this feed.
     """
@@ -71,7 +72,7 @@ class LiveFeed:
         settings: Settings,
         flights: Callable[[], Mapping[str, int | None]],
         worker: Sequence[str] = (sys.executable, "-m", "gcs.live.worker"),
-        vehicle_of: Callable[[str, int | None], str] = lambda flight, system: "",
+        vehicle_of: Callable[[str, int | None], str | None] = lambda flight, system: "",
     ) -> None:
         self._vehicle_of = vehicle_of
         self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
@@ -229,7 +230,10 @@ class LiveFeed:
         # Somebody may choose its aircraft while it flies, or its board be known only now.
         if another or (flight is not None and time.monotonic() > self._ask_again_s):
             self._ask_again_s = time.monotonic() + _ASK_AGAIN_S
-            followed = Flight() if flight is None else Flight(flight, system, self._vehicle_of(flight, system))
+            vehicle = None if flight is None else self._vehicle_of(flight, system)
+            if vehicle is None:  # not known, or not now: what was known of the same flight holds
+                vehicle = "" if another else self._followed.vehicle
+            followed = Flight() if flight is None else Flight(flight, system, vehicle)
             if followed == self._followed:
                 return
             self.flight, self._followed = flight, followed

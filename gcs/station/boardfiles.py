@@ -5,6 +5,7 @@ What was written is asked for again as the board's own checksum: a file that arr
 
 from __future__ import annotations
 
+import contextlib
 import io
 import queue
 import threading
@@ -13,14 +14,13 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pymavlink import mavftp
 from pymavlink.dialects.v20 import common
 
 from gcs.errors import JobError
-from gcs.links.datagrams import Batch
-from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.frameparts import AUTOPILOT
-from gcs.mavlink.framing import Framer
+from gcs.mavlink.framing import Frames
 from gcs.station.own_sender import COMPONENT, SYSTEM, StationVoice
 
 _FTP = common.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
@@ -30,6 +30,7 @@ _OPCODE, _SIZE, _ASKED, _DATA = 3, 4, 5, 12
 _ACK = 128
 _LONGEST_S = 60.0
 _MOST_BYTES = 200_000
+_MOST_WAITING = 500
 _ATTEMPTS = 3
 # pymavlink's, but for the time for which nothing may come before an answer counts as lost, s: 3.7 there.
 _SETTINGS = (
@@ -54,28 +55,28 @@ class _Line:
 
     source_system, source_component = SYSTEM, COMPONENT
 
-    def __init__(self, voice: StationVoice, say: Callable[[bytes], None], system: int) -> None:
+    def __init__(
+        self, voice: StationVoice, say: Callable[[bytes], None], system: int, may_go_on: Callable[[], bool]
+    ) -> None:
         self.mav = self
-        self._voice, self._say, self._system = voice, say, system
-        self._framers: dict[str, Framer] = {}
-        self._dialect = Dialect.load()
-        self._heard: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._voice, self._say, self._system, self._may_go_on = voice, say, system, may_go_on
+        self._heard: queue.Queue[Any] = queue.Queue(_MOST_WAITING)
         self.deadline = time.monotonic() + _LONGEST_S
         # The board's answer to the last question for a checksum.
         self.checksum: int | None = None
 
-    def hear(self, source: str, batch: Batch) -> None:
-        """Take what a link brought."""
-        framer = self._framers.get(source) or self._framers.setdefault(source, Framer(self._dialect))
-        _, frames = framer.feed(batch.data)
-        for i in range(len(frames)):
-            if frames.msgid[i] != _FTP or frames.sysid[i] != self._system or frames.message[i] < 0:
+    def hear(self, frames: Frames) -> None:
+        """Take what the vehicle's autopilot answers to this station."""
+        for i in np.flatnonzero(frames.msgid == _FTP).tolist():
+            if (frames.sysid[i], frames.compid[i]) != (self._system, AUTOPILOT) or frames.message[i] < 0:
                 continue
             start = int(frames.payload_offset[i])
             sent = frames.buffer[start : start + int(frames.payload_length[i])].tobytes()
             whole = sent.ljust(3 + _PAYLOAD_BYTES, b"\0")  # MAVLink 2 does not send trailing zeros
-            message = common.MAVLink_file_transfer_protocol_message(*whole[:3], list(whole[3:]))
-            self._heard.put(message)
+            if (whole[1], whole[2]) == (SYSTEM, COMPONENT):
+                message = common.MAVLink_file_transfer_protocol_message(*whole[:3], list(whole[3:]))
+                with contextlib.suppress(queue.Full):  # more than a board answers: some are lost, as on the way
+                    self._heard.put_nowait(message)
 
     def file_transfer_protocol_send(self, network: int, system: int, component: int, payload: bytes) -> None:
         """As pymavlink's."""
@@ -86,6 +87,8 @@ class _Line:
         """As pymavlink's, of FILE_TRANSFER_PROTOCOL alone. JobError when all of it takes too long."""
         if time.monotonic() > self.deadline:
             raise JobError(_SILENT)
+        if not self._may_go_on():
+            raise JobError("the vehicle was armed, or is not heard any more: the file is not complete; write it again")
         try:
             message = self._heard.get(timeout=float(given.get("timeout") or 0.1))
         except queue.Empty:
@@ -104,23 +107,24 @@ class BoardFiles:
         self._turn = threading.Lock()
         self._line: _Line | None = None
 
-    def hear(self, source: str, batch: Batch) -> None:
-        """Take what a link brought; costs nothing while no file is written."""
+    def hear(self, frames: Frames) -> None:
+        """Take frames of the vehicles' side that may be believed; costs nothing while no file is written."""
         line = self._line
         if line is not None:
-            line.hear(source, batch)
+            line.hear(frames)
 
-    def put(self, system: int, path: str, content: bytes) -> None:
+    def put(self, system: int, path: str, content: bytes, may_go_on: Callable[[], bool]) -> None:
         """Write a file to the card of a vehicle's autopilot; a folder that is missing is made.
 
-        Raises JobError, in words: the vehicle does not answer, refuses, or holds something else afterwards.
+        may_go_on: asked again and again meanwhile. Raises JobError, in words: the vehicle does not answer, refuses, or
+        holds something else afterwards.
         """
         if len(content) > _MOST_BYTES:
             raise JobError(f"the file has {len(content)} bytes, more than the {_MOST_BYTES} that a script may have")
         if not self._turn.acquire(blocking=False):
             raise JobError("another file is on its way to a vehicle; ask again in a minute")
         try:
-            line = self._line = _Line(self._voice, self._say, system)
+            line = self._line = _Line(self._voice, self._say, system, may_go_on)
             for _ in range(_ATTEMPTS):  # of a question whose answer is lost the client says so, and does not ask again
                 client = mavftp.MAVFTP(line, system, AUTOPILOT, mavftp.MAVFTPSettings(_SETTINGS))
                 client.cmd_mkdir([path.rpartition("/")[0]])  # refused where it is there already

@@ -29,7 +29,6 @@ class _Ended:
 
     live: LiveFlight
     reason: str
-    board: str | None
     ending: Callable[[], Metadata]
 
 
@@ -62,13 +61,12 @@ class FlightLedger:
         """Have the catalogue know how a flight stands; returns at once."""
         self._order(flight)
 
-    def end(self, live: LiveFlight, reason: str, board: str | None, ending: Callable[[], Metadata]) -> None:
+    def end(self, live: LiveFlight, reason: str, ending: Callable[[], Metadata]) -> None:
         """Have a recording completed and listed; returns at once. Nothing may be written to it any more.
 
-        board: the autopilot board, None where it is not known. ending: called by the ledger's thread for the metadata
-        of what is known only at the end.
+        ending: called by the ledger's thread for the metadata of what is known only at the end.
         """
-        self._order(_Ended(live, reason, board, ending))
+        self._order(_Ended(live, reason, ending))
 
     def settle(self) -> None:
         """Wait until all that was ordered has been done, or tried where the catalogue refuses."""
@@ -124,7 +122,7 @@ class FlightLedger:
         if lost and live.writer.counts.bytes == lost:
             self._forget(live)
             return
-        entry = live.entry("complete", reason, ended.board)
+        entry = live.entry("complete", reason)
         self._unlisted[live.id] = replace(entry, vehicle_s=self._vehicle_seconds(live.writer.parts, entry.system))
         _log.info("flight %s ends (%s)", live.id, reason)
 

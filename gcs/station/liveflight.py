@@ -12,6 +12,8 @@ from gcs.station.segmentation import FlightSegmenter
 
 # So many seconds in which it moves; a gust or a step of GPS is no flight.
 _MOVING_S = 3
+# First and longest pause between two questions for the board.
+_ASK_NS, _ASK_SELDOM_NS = 1_000_000_000, 60_000_000_000
 #: What a recording follows in which nobody was heard who is believed.
 NOBODY = ""
 
@@ -21,6 +23,8 @@ class LiveFlight:
     """A flight that is being recorded. Times are UTC ns; catalogued_ns: how far the catalogue knows it.
 
     follows: the flight that this is ground data behind, as long as the vehicle neither was armed nor moved.
+    board: of the autopilot, None while it has not said it; ask_ns: when to ask it next, and ask_again_ns how long after
+    that again.
     """
 
     id: str
@@ -31,6 +35,9 @@ class LiveFlight:
     catalogued_ns: int = 0
     follows: str | None = None
     moving_s: set[int] = field(default_factory=set)
+    board: str | None = None
+    ask_ns: int = 0
+    ask_again_ns: int = _ASK_NS
 
     def look_for_motion(self, frames: Frames, newest_ns: int) -> None:
         """Take what the vehicle has sent: once it moves, this is a flight of its own."""
@@ -39,8 +46,16 @@ class LiveFlight:
         if len(self.moving_s) >= _MOVING_S:
             self.follows = None
 
-    def entry(self, state: str, reason: str, board: str | None) -> Flight:
-        """How the catalogue is to list it. board: the autopilot board that flies it, None where it does not say."""
+    def is_to_ask(self, now_ns: int) -> bool:
+        """Whether the vehicle is to be asked now which board it has; each time the next one is due twice as late."""
+        if self.board is not None or self.segmenter.system is None or now_ns < self.ask_ns:
+            return False
+        self.ask_ns = now_ns + self.ask_again_ns
+        self.ask_again_ns = min(2 * self.ask_again_ns, _ASK_SELDOM_NS)
+        return True
+
+    def entry(self, state: str, reason: str) -> Flight:
+        """How the catalogue is to list it."""
         return Flight(
             id=self.id,
             file=self.writer.path.name,
@@ -55,7 +70,7 @@ class LiveFlight:
             end_reason=reason,
             parts=len(self.writer.parts),
             follows=self.follows,
-            board=board,
+            board=self.board,
         )
 
     def statistics(self, reason: str) -> Metadata:

@@ -24,6 +24,7 @@ from gcs.clock.track import clock_metadata
 from gcs.errors import CatalogueFileError, DiskFullError, GcsError
 from gcs.links.datagrams import Batch
 from gcs.links.sources import FORWARD
+from gcs.mavlink.boards import boards
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.frameparts import choose_frames, frame_times, likely_vehicle, runs_by_vehicle, slice_frames
 from gcs.mavlink.framing import Framer, Frames
@@ -107,7 +108,8 @@ class FlightRecorder:
     on_flight_end: called with each flight that has ended, after it is in the catalogue.
     storage, provenance: how recordings are kept, and what stands in each, asked for when it begins. key: what
     signatures are checked with. require_signed: whether other frames are recorded only. hear_believed: given, where
-    signatures are demanded, what a vehicle's side sent that may be believed, with its source.
+    signatures are demanded, what a vehicle's side sent that may be believed, with its source; hear_frames: its frames,
+    demanded or not; must return at once.
     """
 
     def __init__(
@@ -134,6 +136,7 @@ class FlightRecorder:
         self._provenance = provenance
         self._key, self._require_signed = key, require_signed
         self.hear_believed: Callable[[str, Batch], None] | None = None
+        self.hear_frames: Callable[[Frames], None] = lambda frames: None
         self._signatures = SignatureMemory()
         self._blocked_until_ns = 0
         self.state = RecorderState()
@@ -191,6 +194,8 @@ class FlightRecorder:
         believed = source.statistics.add(frames, received)
         if self.hear_believed is not None and believed is not None and believed.any() and not source.overheard:
             self.hear_believed(link, _bytes_of(choose_frames(frames, believed), received[believed]))
+        if not source.overheard:
+            self.hear_frames(choose_frames(frames, believed))
         if buffer.size == 0:
             return
         with self._lock:
@@ -265,6 +270,8 @@ class FlightRecorder:
             self._stop(live, error, batch.now_ns)
             return
         live.end_ns = max(live.end_ns, newest)
+        if live.segmenter.system is not None:
+            live.board = boards(believed).get(live.segmenter.system, live.board)
         if live.follows is not None and live.segmenter.system is not None:
             live.look_for_motion(believed, newest)
         unknown = live.segmenter.system is None
@@ -358,12 +365,8 @@ class FlightRecorder:
 
     def _list(self, live: LiveFlight) -> None:
         """Write to the catalogue how the flight stands."""
-        self._ledger.put(live.entry("recording", "", self._board(live)))
+        self._ledger.put(live.entry("recording", ""))
         live.catalogued_ns = live.end_ns
-
-    def _board(self, live: LiveFlight) -> str | None:
-        """The autopilot board that flies it; of a restarted vehicle with another board the one that was heard last."""
-        return self.state.boards.get(live.segmenter.system or 0)
 
     def _end(self, live: LiveFlight, reason: str) -> None:
         self._live.remove(live)
@@ -384,7 +387,7 @@ class FlightRecorder:
                 clocks |= clock_metadata(name, [state for state in states if state.system == live.segmenter.system])
             return {**live.statistics(reason), **clocks}
 
-        self._ledger.end(live, reason, self._board(live), ending)
+        self._ledger.end(live, reason, ending)
 
     def _end_due(self, now_ns: int) -> None:
         for live in list(self._live):
@@ -472,16 +475,28 @@ class FlightRecorder:
         with self._lock:
             return {live.id: live.segmenter.system for live in self._live if live.follows is None}
 
-    def is_armed(self, system: int) -> bool:
-        """Whether a vehicle that is being recorded is armed."""
+    def is_disarmed(self, system: int) -> bool:
+        """Whether a vehicle is being recorded, and its last HEARTBEAT says that it is disarmed."""
         with self._lock:
-            return any(live.segmenter.system == system and live.segmenter.armed for live in self._live)
+            of_it = [live.segmenter for live in self._live if live.segmenter.system == system]
+        return any(one.component for one in of_it) and not any(one.armed for one in of_it)
 
-    def unknown_boards(self) -> list[int]:
-        """Vehicles being recorded that have not said which autopilot board they have."""
+    def live_systems(self) -> set[int]:
+        """Vehicles that are being recorded, on the ground behind a flight too."""
         with self._lock:
-            systems = {live.segmenter.system for live in self._live}
-        return sorted(system for system in systems if system is not None and system not in self.state.boards)
+            return {live.segmenter.system for live in self._live if live.segmenter.system is not None}
+
+    def board_of(self, system: int | None) -> str | None:
+        """The autopilot board of a vehicle that is being recorded, None while it has not said it."""
+        with self._lock:
+            known = (live.board for live in self._live if live.segmenter.system == system)
+            return next((board for board in known if board is not None), None)
+
+    def boards_to_ask(self, now_ns: int) -> list[int]:
+        """Vehicles being recorded that are to be asked now which autopilot board they have."""
+        with self._lock:
+            due = {live.segmenter.system for live in self._live if live.is_to_ask(now_ns)}
+        return sorted(system for system in due if system is not None)
 
     def statistics(self, link: str, now_ns: int) -> dict[str, object]:
         """Statistics of a link as JSON."""

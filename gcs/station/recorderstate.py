@@ -7,7 +7,6 @@ import threading
 from collections.abc import Sequence
 
 from gcs.errors import in_words
-from gcs.mavlink.boards import boards
 from gcs.mavlink.frameparts import autopilots
 from gcs.mavlink.framing import Frames
 from gcs.station.segmentation import Heartbeat
@@ -20,8 +19,7 @@ _SUSPECT_NS = 120_000_000_000
 class RecorderState:
     """`problem`: what goes wrong, in words for /api/health, empty when all is well. `unrecorded_bytes`: in no file.
 
-    ground_stations, vehicles: the systems heard. boards: of vehicles that said which autopilot board they have.
-    suspicion: that somebody speaks in a vehicle's name, empty for none.
+    ground_stations, vehicles: the systems heard. suspicion: that somebody speaks in a vehicle's name, empty for none.
     """
 
     def __init__(self) -> None:
@@ -29,7 +27,6 @@ class RecorderState:
         self.unrecorded_bytes = self._suspected_ns = 0
         self.ground_stations: set[int] = set()
         self.vehicles: set[int] = set()
-        self.boards: dict[int, str] = {}
         self._heard: set[int] = set()
         self._lock = threading.Lock()
 
@@ -81,7 +78,6 @@ class RecorderState:
                 self.vehicles.discard(beat.system)
             else:
                 self.vehicles.add(beat.system)
-        self.boards |= boards(frames)
         new = set(frames.systems) - self._heard
         if new:
             self._heard |= new

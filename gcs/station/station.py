@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
@@ -33,8 +32,6 @@ _DRAIN_S = 1.0
 _LAST_LOOK_S = 0.01
 _AFTER_ERROR_S = 0.01
 _MOST_ERRORS = 100
-# A vehicle is asked so often, once a second, which board it has; one that does not say is left in peace.
-_MOST_QUESTIONS = 3
 
 _log = logging.getLogger(__name__)
 
@@ -90,7 +87,6 @@ class Station:
         )
         self._take = take
         self._listen = listen
-        self._overhear: Callable[[str, Batch], None] = lambda source, batch: None
         self._tick = tick
         self._clock = clock
         self._stopping = threading.Event()
@@ -142,10 +138,8 @@ class Station:
             finally:
                 if self._forwarder is not None:
                     self._forwarder.offer(source, batch, from_vehicle=not prefix)
-                if not prefix:
-                    if self._listen is not None:
-                        self._listen(source, batch)
-                    self._overhear(source, batch)
+                if self._listen is not None and not prefix:
+                    self._listen(source, batch)
         except Exception as error:
             self._report(error)
             self._stopping.wait(_AFTER_ERROR_S)  # it may come back at once, for ever
@@ -213,18 +207,15 @@ class RecordingStation(Station):
             forward_key=forward_key,
         )
         self._recorder = recorder
-        self._asked: Counter[int] = Counter()
         self._files = BoardFiles(self.voice, self._say)
-        self._overhear = self._files.hear
+        recorder.hear_frames = self._files.hear
         for link in self.links:
             link.watched = link.watched or recorder.hear_believed is not None
 
     def _say_hello(self) -> None:
         super()._say_hello()
-        for system in self._recorder.unknown_boards():
-            if self._asked[system] < _MOST_QUESTIONS:
-                self._asked[system] += 1
-                self._say(self.voice.frame(version_request(system)))
+        for system in self._recorder.boards_to_ask(self._clock()):
+            self._say(self.voice.frame(version_request(system)))
 
     def stop(self) -> None:
         """End the threads, then every flight."""
@@ -267,13 +258,19 @@ class RecordingStation(Station):
         """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         return self._recorder.landed()
 
-    def put_file(self, system: int, path: str, content: bytes) -> None:
-        """Write a file to the card of a vehicle that stands on the ground. Raises JobError, in words."""
-        if system not in self.state.vehicles:
+    def put_file(self, system: int, path: str, content: bytes, board: str | None) -> None:
+        """Write a file to the card of a vehicle that stands on the ground. Raises JobError, in words.
+
+        board: which the vehicle must have, None where that is not known.
+        """
+        if system not in self._recorder.live_systems():
             raise JobError(f"no vehicle with system id {system} is heard; switch it on, and ask again")
-        if self._recorder.is_armed(system):
+        if not self._recorder.is_disarmed(system):
             raise JobError("the vehicle is armed: files are written to it on the ground alone; disarm it first")
-        self._files.put(system, path, content)
+        there = self._recorder.board_of(system)
+        if board is not None and there is not None and there != board:
+            raise JobError(f"the vehicle with system id {system} is another than the one of this flight: another board")
+        self._files.put(system, path, content, lambda: self._recorder.is_disarmed(system))
 
     def live_vehicles(self) -> dict[str, int | None]:
         """As of the recorder: the flights being recorded now, and the system that flies each."""

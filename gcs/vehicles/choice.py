@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, VehicleError
-from gcs.vehicles.shelf import STATION, Shelved, VehicleShelf
+from gcs.vehicles.shelf import Shelved, VehicleShelf
 from sim_vehicle.errors import SimVehicleError
 
 # Of a flight that is going on: nothing is later.

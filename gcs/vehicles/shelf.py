@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.intake import numbered_ids
 from gcs.errors import CatalogueError, VehicleError
 from gcs.vehicles.document import with_points_inside
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from_text
 
-#: The id of the file that the service was given as --vehicle.
-STATION = "station"
 #: Largest text of a vehicle file, bytes; and how many aircraft and versions of one there may be.
 LARGEST = 100_000
 _MOST_VEHICLES, _MOST_VERSIONS, _MOST_FOLDERS = 500, 1000, 5000

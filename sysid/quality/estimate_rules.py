@@ -20,9 +20,9 @@ _MAIN = {
     "Cl": ("Cl_beta", "Cl_p", "Cl_da"), "Cn": ("Cn_beta", "Cn_r", "Cn_dr"),
 }  # fmt: skip
 # Dampings: below zero on every aircraft that is not stalled.
-_OTHER_AIRCRAFT = "look at the vane, the mass and the airspeed: is it the vehicle file of another aircraft?"
 _NEGATIVE = ("Cm_q", "Cl_p", "Cn_r")
 _OF_GROUP = {"longitudinal": LONGITUDINAL, "lateral": LATERAL}
+_OTHER_AIRCRAFT = "look at the vane, the mass and the airspeed: is it the vehicle file of another aircraft?"
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _loose(seen: SeenEstimate) -> Iterator[Reason]:
         if wide:
             yield Reason(CARE, f"known no better than {', '.join(wide)}", "longer or larger test inputs", (axis,))
         if guessed:
-            text = f"known no better than {', '.join(guessed)}, for the moments of inertia are not measured"
+            text = f"known no better than {', '.join(guessed)}, for the moments of inertia are known too poorly"
             yield Reason(CARE, text, "swing the aircraft as a pendulum", (axis,))
 
 

@@ -208,7 +208,7 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         assert "since=2020-09-20&until=2020-09-22" in visitor.page.evaluate("location.hash")
         visitor.page.get_by_label("From day (UTC)").fill("2021-09-20")
         visitor.page.get_by_label("From day (UTC)").blur()
-        visitor.wait_for_text("main", "No flight fits all of this")
+        visitor.wait_for_text("main", "No flight fits what is asked for above")
         visitor.check()
         visitor.open(f"#/flights/{flight}")
         form = visitor.page.locator("form:has(h3:text-is('Identify the model'))")

@@ -26,6 +26,8 @@ class BoardCard:
     """A vehicle at a UDP port of this machine. lost: share of the datagrams that are lost, each way.
 
     speaks: whether it knows MAVLink FTP. spoils: whether a byte of what it keeps is another. protected: refuses files.
+    uid: the board's number. component: who answers; beats_as: who sends HEARTBEAT, if another. arms_at_write: as soon
+    as something is written.
     """
 
     port: int
@@ -35,11 +37,17 @@ class BoardCard:
     speaks: bool = True
     spoils: bool = False
     protected: bool = False
+    uid: int = 0
+    component: int = 1
+    beats_as: int = 0
+    arms_at_write: bool = False
     files: dict[str, bytearray] = field(default_factory=dict)
     folders: set[str] = field(default_factory=lambda: {"APM"})
 
     def __enter__(self) -> BoardCard:
-        self._mav = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
+        self._mav = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=self.component)
+        beats_as = self.beats_as or self.component
+        self._beats = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=beats_as)
         self._chance = random.Random(5)
         self._open = ""
         self._answers: dict[int, bytes] = {}
@@ -56,10 +64,11 @@ class BoardCard:
         self._thread.join()
         self._socket.close()
 
-    def _say(self, message: mavlink.MAVLink_message) -> None:
+    def _say(self, message: mavlink.MAVLink_message, mav: mavlink.MAVLink | None = None) -> None:
+        mav = mav or self._mav
         with contextlib.suppress(OSError):
-            self._socket.send(message.pack(self._mav))
-        self._mav.seq = (self._mav.seq + 1) % 256
+            self._socket.send(message.pack(mav))
+        mav.seq = (mav.seq + 1) % 256
 
     def _run(self) -> None:
         hears = mavlink.MAVLink(None)
@@ -69,12 +78,18 @@ class BoardCard:
             if time.monotonic() - beat > 0.2:
                 beat = time.monotonic()
                 mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
-                self._say(mavlink.MAVLink_heartbeat_message(1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, 0, 3, 3))
+                self._say(
+                    mavlink.MAVLink_heartbeat_message(1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, 0, 3, 3),
+                    self._beats,
+                )
             try:
                 data = self._socket.recv(65536)
             except OSError:
                 continue
             for message in hears.parse_buffer(data) or ():
+                if message.get_type() == "COMMAND_LONG" and message.param1 == 148 and self.uid:
+                    self._say(mavlink.MAVLink_autopilot_version_message(
+                        0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.uid))  # fmt: skip
                 if message.get_type() == "FILE_TRANSFER_PROTOCOL" and message.target_system == self.system:
                     self._answer(bytes(message.payload), message.get_srcSystem(), message.get_srcComponent())
 
@@ -114,6 +129,10 @@ class BoardCard:
         elif operation == WRITE:
             if session != SESSION or not self._open:
                 return NAK, bytes([INVALID_SESSION])
+            if self.arms_at_write and not self.armed:
+                self.armed = True
+                beat = mavlink.MAVLink_heartbeat_message(1, 3, mavlink.MAV_MODE_FLAG_SAFETY_ARMED, 0, 3, 3)
+                self._say(beat, self._beats)
             content = self.files[self._open]
             content.extend(bytes(max(0, offset + len(data) - len(content))))
             content[offset : offset + len(data)] = data

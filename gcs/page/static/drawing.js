@@ -52,24 +52,24 @@ export class Drawing {
   async draw(groups) {
     const serial = ++this.serial
     await bokeh()
-    this.stop?.abort()
-    this.stop = new AbortController()
-    this.signal.addEventListener('abort', () => this.stop.abort())
-    this.groups = groups
-    const { query, names } = this
-    this.way = query.get('as') ?? ''
-    const { way } = this
-    this.range = query.has('end') ? { start: Number(query.get('start')), end: Number(query.get('end')) } : null
-    const found = names.length ? await this.fetch() : {}
+    // What is shown stays as it is, and can be used, until all of the new is there.
+    const { query, summary } = this
+    const names = groups.flat()
+    const way = query.get('as') ?? ''
+    const asked = query.has('end') ? { start: Number(query.get('start')), end: Number(query.get('end')) } : null
+    const found = names.length ? await this.fetch(names, way, asked) : {}
     if (serial !== this.serial) return
-    this.found = found
-    this.range ??= way.startsWith('spectr') ? await this.length() : this.learn(found)
-    const { stop, range, summary } = this
-    this.shown = way === 'spectrum' ? await spectra(names, found, stop.signal)
+    const range = asked ?? (way.startsWith('spectr') ? await this.length(names) : this.learn(found))
+    if (serial !== this.serial) return
+    this.stop?.abort()
+    const stop = this.stop = new AbortController()
+    this.signal.addEventListener('abort', () => stop.abort())
+    const shown = way === 'spectrum' ? await spectra(names, found, stop.signal)
       : way === 'spectrogram' ? await spectrograms(names, found, stop.signal)
         : way === 'xy' ? await againstEachOther(names, found, stop.signal)
           : await overTime(way === 'together' ? byUnit(names, found) : groups, found, range, summary, changed => this.moved(changed), stop.signal)
     if (serial !== this.serial) return
+    Object.assign(this, { groups, way, range, found, shown })
     for (const [index, { element, names: drawn }] of this.shown.entries()) {
       element.append(tools(element, `${summary.id}-${drawn.join('-')}`, way === '' ? this.moves(index) : []))
       if (way === '') draggable(element, index, (from, to) => this.join(from, to))
@@ -102,29 +102,28 @@ export class Drawing {
     return { start: this.whole[0], end: this.whole[1] }
   }
 
-  async length() {
-    const asked = asking({ names: this.names.slice(0, 1).join(','), points: POINTS })
-    return this.names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals) : { start: 0, end: 0 }
+  async length(names) {
+    const asked = asking({ names: names.slice(0, 1).join(','), points: POINTS })
+    return names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals) : { start: 0, end: 0 }
   }
 
   get path() {
     return `/api/flights/${encodeURIComponent(this.summary.id)}`
   }
 
-  async fetch() {
-    const spectral = this.way.startsWith('spectr')
-    const points = this.way === 'xy' ? Math.min(FINE, Math.floor(400_000 / this.names.length)) : POINTS
-    const margin = this.timed && this.range ? 0.02 * (this.range.end - this.range.start) : 0
-    const asked = asking({ names: this.names.join(','), ...(spectral ? {} : { points }),
-      ...(this.range ? { start: this.range.start - margin, end: this.range.end + margin } : {}) })
-    return (await get(`${this.path}/${spectral ? this.way : 'signals'}?${asked}`, this.signal)).signals
+  async fetch(names, way, range) {
+    const spectral = way.startsWith('spectr')
+    const points = way === 'xy' ? Math.min(FINE, Math.floor(400_000 / names.length)) : POINTS
+    const margin = range && !spectral && way !== 'xy' ? 0.02 * (range.end - range.start) : 0
+    const asked = asking({ names: names.join(','), ...(spectral ? {} : { points }),
+      ...(range ? { start: range.start - margin, end: range.end + margin } : {}) })
+    return (await get(`${this.path}/${spectral ? way : 'signals'}?${asked}`, this.signal)).signals
   }
 
   /** Back to all of the flight. */
   all() {
     this.query.delete('start')
     this.query.delete('end')
-    this.range = null
     return this.draw(this.groups).then(() => keepQuery(this.query))
   }
 
@@ -146,7 +145,7 @@ export class Drawing {
         await this.draw(this.groups)
       } else {
         const serial = ++this.serial
-        const found = await this.fetch()
+        const found = await this.fetch(this.names, this.way, this.range)
         if (serial !== this.serial) return
         this.found = found
         for (const plot of this.shown) plot.take(found)

@@ -48,6 +48,7 @@ function filters(wanted, aircraft, show, signal) {
     Object.assign(wanted, { [name]: value, after: '' })
     clearTimeout(timer)
     timer = setTimeout(() => {
+      if (signal.aborted) return  // another view has the address now
       keepQuery(asking(wanted))
       show().catch(error => signal.aborted || announce(error.message, true))
     }, pause)
@@ -86,11 +87,8 @@ function bin(found, show) {
 }
 
 function content(found, wanted) {
-  if (!found.flights.length && wanted.search && !wanted.since && !wanted.until && !wanted.vehicle) {
-    return [remark('note', h('p', {}, `No flight has “${wanted.search}” in its name or date.`))]
-  }
   if (!found.flights.length && Object.values(wanted).some(Boolean)) {
-    return [remark('note', h('p', {}, 'No flight fits all of this: the words, the days and the aircraft.'))]
+    return [remark('note', h('p', {}, 'No flight fits what is asked for above.'))]
   }
   if (!found.flights.length) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '

@@ -19,14 +19,15 @@ function known() {
 /** A choice of layouts, and buttons that keep the present one and forget one. query: the parameters of the address. */
 export function layouts(query) {
   const place = h('span', { class: 'row' })
-  const write = (all, words) => {
+  const present = () => String(new URLSearchParams(KEPT.filter(key => query.get(key)).map(key => [key, query.get(key)])))
+  const write = (all, words, chosen = '') => {
     try {
       localStorage.setItem(KEY, JSON.stringify(all))
       announce(words, true)
     } catch {
       announce('This browser keeps no layouts; keep the address of this page instead.', true)
     }
-    show('')
+    show(chosen)
   }
   const take = name => {
     const wanted = new URLSearchParams(known()[name])
@@ -35,8 +36,7 @@ export function layouts(query) {
   }
   const keep = name => {
     if (!name) return
-    const wanted = new URLSearchParams(KEPT.filter(key => query.get(key)).map(key => [key, query.get(key)]))
-    write({ ...known(), [name]: String(wanted) }, `The layout “${name}” is kept in this browser.`)
+    write({ ...known(), [name]: present() }, `The layout “${name}” is kept in this browser.`, name)
   }
   /** A field for the name, in place of the button that asked for it. */
   const ask = event => {
@@ -48,17 +48,19 @@ export function layouts(query) {
   const forget = () => {
     const name = choice.value
     const { [name]: gone, ...rest } = known()
-    if (gone !== undefined) write(rest, `The layout “${name}” is forgotten.`)
+    if (gone === undefined) announce('Choose the layout to forget first.', true)
+    else write(rest, `The layout “${name}” is forgotten.`)
   }
   let choice
   const show = chosen => {
     const names = Object.keys(known()).sort()
     choice = select([['', 'a layout …'], ...names.map(name => [name, name])], chosen, value => value && take(value))
+    // What is drawn may have been changed by hand since: the same one can be taken again.
+    choice.addEventListener('click', () => known()[choice.value] !== present() && (choice.value = ''))
     choice.setAttribute('aria-label', 'Layout')
     place.replaceChildren(...(names.length ? [choice] : []), h('button', { type: 'button', class: 'small', click: ask }, 'Keep as a layout'),
       ...(names.length ? [h('button', { type: 'button', class: 'small', click: forget }, 'Forget it')] : []))
   }
-  const present = String(new URLSearchParams(KEPT.filter(key => query.get(key)).map(key => [key, query.get(key)])))
-  show(Object.entries(known()).find(([, wanted]) => wanted === present)?.[0] ?? '')
+  show(Object.entries(known()).find(([, wanted]) => wanted === present())?.[0] ?? '')
   return place
 }

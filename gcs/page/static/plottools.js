@@ -5,6 +5,8 @@ import { announce } from './announce.js'
 import { h } from './dom.js'
 
 const KIND = 'application/x-plot'
+/** The plot that is being dragged; nothing from elsewhere counts. */
+let dragged = null
 
 /** Buttons behind a plot. name: of its picture's file. moves: [words, act] of what can be done with its place. */
 export const tools = (element, name, moves) => h('details', { class: 'tools' }, h('summary', {}, 'Picture and place'),
@@ -26,14 +28,16 @@ export function draggable(element, index, join) {
   heading.draggable = true
   heading.title = 'Drag onto another plot to draw both in one'
   heading.addEventListener('dragstart', event => {
+    dragged = index
     event.dataTransfer.setData(KIND, String(index))
     event.dataTransfer.effectAllowed = 'move'
   })
-  element.addEventListener('dragover', event => event.dataTransfer.types.includes(KIND) && event.preventDefault())
+  heading.addEventListener('dragend', () => { dragged = null })
+  element.addEventListener('dragover', event => dragged !== null && event.preventDefault())
   element.addEventListener('drop', event => {
-    const from = event.dataTransfer.getData(KIND)
-    if (from === '' || Number(from) === index) return
+    if (dragged === null || dragged === index) return
     event.preventDefault()
-    join(Number(from), index)
+    join(dragged, index)
+    dragged = null
   })
 }

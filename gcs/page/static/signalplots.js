@@ -8,6 +8,7 @@ import { bokeh, furtherAxis, gaps, legendAbove, line, plot, shown, source } from
 const GREEN_BAND = '#8fce9b'
 const MOST_MODES = 40
 const DEEPEST_DB = 60  // below the strongest
+const STILL_DB = -200  // what rounding leaves of a signal that stands still
 
 /**
  * Plots over time, below each other; the signals of one plot that have another unit than its first go by an axis on the right.
@@ -104,15 +105,16 @@ export async function spectrograms(names, found, signal) {
     const [unit, factor] = shownUnit(signal_unit)
     const value = found[name].value.map(row => row.map(one => one === null ? null : one + 20 * Math.log10(factor)))
     const heading = h('h3', {}, `${signalName(name)}, dB of 1 ${unit ? `(${unit})²` : ''}/Hz`)
-    if (!time.length) {
-      made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: too few values in this stretch for spectra`)), names: [name] })
+    const levels = value.flat().filter(one => one !== null)
+    const most = levels.reduce((a, b) => Math.max(a, b), -Infinity)
+    if (most < STILL_DB) {
+      const why = time.length ? 'does not change in this stretch' : 'too few values in this stretch for spectra'
+      made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: ${why}`)), names: [name] })
       continue
     }
     const [step, width] = [frequency[1] - frequency[0], time.length > 1 ? time[1] - time[0] : 1]
     const [left, right] = [time[0] - width / 2, time.at(-1) + width / 2]
     const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency.at(-1) + step / 2]
-    const levels = value.flat().filter(one => one !== null)
-    const most = levels.reduce((a, b) => Math.max(a, b), -Infinity)
     const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256, low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most, nan_color: '#fff' })
     const figure = await plot({ x: 'time, s', y: 'frequency, Hz', height: 300, yRange: [low, high], xRange: new Bokeh.Range1d({ start: left, end: right }) })
     const image = { shape: [frequency.length, time.length], dtype: 'float64' }

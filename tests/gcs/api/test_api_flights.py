@@ -36,6 +36,8 @@ def test_flights_are_found_by_day_and_aircraft(bench: Bench, client: httpx.Clien
     assert found(vehicle="thor") == [made[3], made[1]]
     assert found(since="0001-01-01", until="9999-12-31") == made[::-1]
     assert found(vehicle="nobody") == []
+    assert found(vehicle="station") == [made[0]]  # its jobs name none
+    assert found(until="1960-01-01") == []
     assert "since" in problem(client.get("/api/flights", params={"since": "yesterday"}), 422)
 
 

@@ -175,7 +175,6 @@ def test_what_a_plan_promised_stands_beside_what_the_flight_gave(bench: Bench, c
     assert "no script was made" in problem(client.post(f"/api/flights/{before}/design/upload"), 409)
     files = {"plan.lua": "-- fly"}
     bench.catalogue.finish_job(bench.catalogue.add_job(before, "design", {"kind": "design"}), {**plan, "files": files})
-    bench.recorder.state.vehicles.clear()
     assert "no vehicle with system id 1 is heard" in problem(client.post(f"/api/flights/{before}/design/upload"), 409)
     assert "no identify result" in problem(client.get(f"/api/flights/{after}/planned"), 404)
     for flight in (before, after):

@@ -63,5 +63,7 @@ def test_a_spectrogram_of_an_hour_has_few_columns_and_of_nothing_none() -> None:
     time = np.arange(180_000) / 50.0
     middle, frequency, density = spectrogram(time, np.random.default_rng(1).standard_normal(time.size))
     assert 150 <= middle.size <= 300
+    assert np.ptp(np.diff(middle)) < 1e-6
+    assert 3600.0 - middle[-1] < 2.0 * (middle[1] - middle[0])  # to its end
     assert density.shape == (frequency.size, middle.size)
     assert all(part.size == 0 for part in spectrogram(time[:20], time[:20]))
