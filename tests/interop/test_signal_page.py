@@ -56,6 +56,9 @@ def test_signals_are_drawn_in_other_ways(visitor: Visitor, ground: Ground, way: 
     visitor.wait_for_plots(3)
     visitor.page.get_by_label("How they are drawn").select_option(way)
     wait_until(lambda: visitor.page.locator(".plots figure").count() == plots)
+    # What was drawn before stays until all of the new is there.
+    words = {"together": "p roll rate, q pitch rate", "xy": "against", "spectrum": "/Hz", "spectrogram": "dB of 1"}
+    visitor.wait_for_text(".plots h3", words[way])
     visitor.wait_for_plots(plots)
     assert f"as={way}" in visitor.page.evaluate("location.hash")
     with visitor.page.expect_download() as download:
