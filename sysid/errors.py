@@ -2,6 +2,7 @@
 
 SysidError                     every error that data or settings can cause; its text is one line that says what to do
 ├── CalibrationError           bench points that cannot give the curve asked for
+├── TableError                 a table of which columns, units or times are not known
 ├── SignalError                a signal that is missing, constant, not finite, or in the wrong unit
 ├── SegmentError               no airborne, excited part was found, or the part asked for holds no data
 └── EstimationError            an estimation that cannot start or did not converge
@@ -19,6 +20,10 @@ class CalibrationError(SysidError):
 
 class SignalError(SysidError):
     """A signal is missing, constant, not finite, or in the wrong unit."""
+
+
+class TableError(SysidError):
+    """A table whose columns, units or times are not known."""
 
 
 class SegmentError(SysidError):

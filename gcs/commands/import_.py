@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 NAME = "import"
-HELP = "turn a log of another format (.tlog, ArduPilot .bin, PX4 .ulg) into a recording"
+HELP = "turn a log of another format (.tlog, ArduPilot .bin, PX4 .ulg, a table: .csv .parquet .mat) into a recording"
 _QUIET_S = 2.0
 
 
@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="must not exist yet")
+    parser.add_argument("--columns", metavar="MAP.toml", type=Path, help="what the columns of a table are, and their units")
     add_dialect_argument(parser)
 
 
@@ -23,6 +24,12 @@ def run(args: argparse.Namespace) -> int:
     from gcs.text.progress import Progress
 
     with Progress(after_s=_QUIET_S) as progress:
-        import_file(args.file, args.output, progress=lambda share: progress(share, "importing"), dialect=args.dialect)
+        import_file(
+            args.file,
+            args.output,
+            progress=lambda share: progress(share, "importing"),
+            dialect=args.dialect,
+            columns=args.columns,
+        )
     print(args.output)
     return 0

@@ -7,7 +7,7 @@ recording keeps them; "data[3]" is an element of an array. Numbers that MAVLink 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,18 @@ HIGHRES_BITS = {
     **{"xacc": 0, "yacc": 1, "zacc": 2, "xgyro": 3, "ygyro": 4, "zgyro": 5},
     **{"abs_pressure": 9, "diff_pressure": 10, "pressure_alt": 11, "temperature": 12},
 }
+
+# Signals of a table that was imported: elements of two DEBUG_FLOAT_ARRAYs of these names for each row. Each is two, whose
+# sum it is, so that nothing of a table's 64 bits is lost; NaN where there is none. The order is that of recordings there
+# are; new ones go to its end.
+TABLE_NAMES = ("signals", "signals2")
+TABLE_SIGNALS_EACH = 29
+TABLE_SIGNALS = (
+    *("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "alpha", "beta", "alpha2", "beta2"),
+    *("airspeed", "true_airspeed", "differential_pressure", "static_pressure", "temperature", "air_density"),
+    *("altitude", "height", "vn", "ve", "vd", "thrust", "rpm", "de", "da", "dr", "throttle"),
+    *(f"servo{number}" for number in range(1, SERVOS + 1)),
+)
 
 # Signals that a sender without the sensor leaves at exactly 0 throughout.
 ZERO_MEANS_ABSENT = {"differential_pressure", "altitude", "rpm", *(f"adc{i}" for i in range(ADC_CHANNELS))}
@@ -190,7 +202,7 @@ def _one(unit: str, *sources: Source) -> Row:
 
 DEGREES = linear(np.pi / 180.0)
 
-SIGNALS: dict[str, Row] = {
+_OF_MESSAGES: dict[str, Row] = {
     "ax": _body(0, "m/s^2"),
     "ay": _body(1, "m/s^2"),
     "az": _body(2, "m/s^2"),
@@ -241,6 +253,24 @@ SIGNALS: dict[str, Row] = {
         f"adc{i}": _one("V", Source("DEBUG_FLOAT_ARRAY", (f"data[{i}]",), linear(), "adc")) for i in range(ADC_CHANNELS)
     },
 }
+
+# What no message of its own carries.
+_UNITS_OF_TABLE = {"true_airspeed": "m/s", "air_density": "kg/m^3", "de": "rad", "da": "rad", "dr": "rad", "throttle": ""}
+
+
+def _with_table(signals: dict[str, Row]) -> dict[str, Row]:
+    """The rows with a table's element in front: a recording that has one was imported from it."""
+    rows = dict(signals)
+    for place, name in enumerate(TABLE_SIGNALS):
+        row = rows.get(name) or _one(_UNITS_OF_TABLE[name])
+        number, first = divmod(2 * place, 2 * TABLE_SIGNALS_EACH)
+        parts = (f"data[{first}]", f"data[{first + 1}]")
+        element = Source("DEBUG_FLOAT_ARRAY", parts, lambda high, low: high + low, TABLE_NAMES[number])
+        rows[name] = replace(row, sources=(element, *row.sources))
+    return rows
+
+
+SIGNALS = _with_table(_OF_MESSAGES)
 
 
 def usual_conversion(message: str, field: str) -> Callable[[Array], Array] | None:

@@ -13,6 +13,7 @@ from gcs.flights.signalmap import (
     HIGHRES_BITS,
     SIGNALS,
     SURFACE_RATE_HZ,
+    TABLE_NAMES,
     ZERO_MEANS_ABSENT,
     Row,
     Source,
@@ -26,10 +27,12 @@ from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
 from sysid.signals.flight import FlightSignals, Signal, repeats
+from sysid.tables.flight_table import with_airspeed_of
 
 Array = NDArray[np.float64]
 
 UTC_MESSAGE = "SYSTEM_TIME"
+IMPORT_WARNING = "warning "  # what the notes of an import begin with that every reader is to see
 MESSAGES = tuple(dict.fromkeys(source.message for row in SIGNALS.values() for source in row.sources))
 ESTIMATED_VANES = (
     "AOA_SSA comes from ArduPilot, whose filter estimates it: it counts as no vanes;"
@@ -156,6 +159,9 @@ class _Flight:
             return None
         if not np.any(np.isfinite(values)):
             return None
+        if source.name in TABLE_NAMES:  # a row does not have every signal
+            known = np.isfinite(values)
+            stream, values = stream.only(known), values[known]
         order = np.argsort(stream.time_s, kind="stable")
         return Signal(stream.time_s[order], np.ascontiguousarray(values[order]), unit, source.label)
 
@@ -165,6 +171,9 @@ class _Flight:
             signal = DEFLECTION_SIGNALS[name]
             servos = [self.signals.get(f"servo{number}") for number in control.servos]
             if signal in self.signals:
+                continue
+            if not servos:
+                self.warn(f"{signal}: controls.{name} names no servo, and the recording has no {signal} itself")
                 continue
             pulses = [servo for servo in servos if servo is not None]
             if len(pulses) < len(servos):
@@ -209,6 +218,10 @@ class _Flight:
         """Airspeed from differential pressure where that is calibrated or stands alone; which airspeed it is."""
         kind = self.vehicle.sensors.airspeed.kind
         calibrated = self.vehicle.calibration
+        if "true_airspeed" in self.signals and "airspeed" not in calibrated:
+            gathered = FlightSignals("", self.signals)
+            self.signals = with_airspeed_of(gathered, self.vehicle).signals
+            return
         pressure = self.signals.get("differential_pressure")
         measured = "differential_pressure" in calibrated and "airspeed" not in calibrated
         if pressure is not None and (measured or "airspeed" not in self.signals):
@@ -247,7 +260,7 @@ class _Flight:
         if fixed is not None:
             ends = np.array([0.0, self.duration_s])
             self.signals["air_density"] = Signal(ends, np.full(2, fixed), "kg/m^3", "environment.air_density")
-        elif pressure is not None and temperature is not None:
+        elif "air_density" not in self.signals and pressure is not None and temperature is not None:
             known = np.isfinite(temperature.values)
             kelvin = np.interp(pressure.time_s, temperature.time_s[known], temperature.values[known])
             density = pressure.values / (GAS_CONSTANT * kelvin)
@@ -263,6 +276,9 @@ class _Flight:
         for name in ("airspeed", "temperature"):
             if name in notes and name in self.signals and not (fixed and name == "temperature"):
                 self.warn(f"{name}: {notes[name]}")
+        for key, text in notes.items():
+            if key.startswith(IMPORT_WARNING):
+                self.warn(text)
 
 
 def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:

@@ -42,6 +42,12 @@ def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str, n
     import_ulog(source, target, progress, name)
 
 
+def _import_table(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    from gcs.importers.table import import_table
+
+    import_table(source, target, progress, name)
+
+
 def _export_tlog(source: Path, target: Path) -> None:
     from gcs.formats.tlog import export_tlog
 
@@ -71,6 +77,11 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".tlog": _import_tlog,
     ".bin": _import_dataflash,
     ".ulg": _import_ulog,
+    ".csv": _import_table,
+    ".tsv": _import_table,
+    ".txt": _import_table,
+    ".parquet": _import_table,
+    ".mat": _import_table,
 }
 EXPORTS: dict[str, Callable[[Path, Path], None]] = {
     ".tlog": _export_tlog,
@@ -96,11 +107,13 @@ def import_file(
     progress: Progress = lambda share: None,
     dialect: str = DEFAULT_DIALECT,
     name: str = "",
+    columns: Path | None = None,
 ) -> None:
     """Write the recording `source` as MCAP to `target`, which must not exist.
 
     ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
-    frames. name: by which the file is remembered, where `source` has another. Raises ImportFileError, RecordingError,
+    frames. name: by which the file is remembered, where `source` has another. columns: file that says what the columns of
+    a table are. Raises ImportFileError, RecordingError,
     DialectError; no file is left behind then.
     """
     ending = (source.suffix if ending is None else ending).lower()
@@ -113,7 +126,14 @@ def import_file(
     if target.exists() and target.samefile(source):
         raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
     _check_new(target)
+    if columns is not None and IMPORTS[ending] is not _import_table:
+        raise ImportFileError(f"{name or source.name}: is no table; leave the file of columns out")
     try:
+        if columns is not None:
+            from gcs.importers.table import import_table
+
+            import_table(source, target, progress, name or source.name, columns)
+            return
         IMPORTS[ending](source, target, progress, dialect, name or source.name)
     except BaseException:
         target.unlink(missing_ok=True)

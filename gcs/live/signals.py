@@ -170,7 +170,7 @@ class SignalStream:
             pulses = [servo for servo in servos if servo is not None]
             sizes = {servo.time_s.size for servo in pulses}
             # All outputs of a port come in one message.
-            if signal in found or len(pulses) < len(servos) or len(sizes) != 1:
+            if signal in found or len(pulses) < len(servos) or len(sizes) != 1:  # nor where there are no servos
                 continue
             deflection = control.deflection_from_pwm(*(servo.values for servo in pulses))
             found[signal] = Samples(pulses[0].time_s, deflection)
@@ -207,6 +207,12 @@ class SignalStream:
 
     def _add_airspeed(self, found: dict[str, Samples]) -> None:
         calibrated = self._vehicle.calibration
+        true = found.pop("true_airspeed", None)
+        if true is not None and "airspeed" not in found:
+            kept = self._vehicle.sensors.airspeed.kind == "true"
+            ratio = 1.0 if kept or not np.isfinite(self._density) else np.sqrt(self._density / SEA_LEVEL_DENSITY)
+            found["airspeed"] = Samples(true.time_s, true.values * ratio)
+            return
         measured = "differential_pressure" in calibrated and "airspeed" not in calibrated
         pressure = found.get("differential_pressure")
         from_pressure = pressure is not None and (measured or self._wanted["airspeed"].chosen is None)

@@ -22,6 +22,8 @@ LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
 class Control:
     """One control and the servos that move it; its deflection is the sum of mix_i times servo i's deflection.
 
+    Without servos the log holds the deflection itself.
+
     name: elevator, aileron, rudder or throttle.
     signal: what SERVO_OUTPUT_RAW carries, "command" sent or measured "position".
     servos: output numbers, from 1. mix: one weight for each servo.
@@ -51,7 +53,7 @@ class Control:
             abs(weight) * float(np.max(np.abs(np.diff(ys) / np.diff(xs))))
             for weight, xs, ys in zip(self.mix, self.pwm, self.deflection, strict=True)
         ]
-        return max(steepest)
+        return max(steepest, default=np.inf)
 
     def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
         """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.
@@ -61,6 +63,8 @@ class Control:
         """
         if len(pwm) != len(self.servos):
             raise ValueError(f"{self.name} has {len(self.servos)} servos, {len(pwm)} arrays given")
+        if not self.servos:
+            raise ValueError(f"{self.name} has no servos")
         parts = [
             weight * np.interp(np.asarray(us, dtype=np.float64), xs, ys)
             for weight, us, xs, ys in zip(self.mix, pwm, self.pwm, self.deflection, strict=True)
@@ -86,6 +90,8 @@ class Control:
     @property
     def limits(self) -> tuple[float, float]:
         """Smallest and largest deflection within every servo's points, rad (throttle: 0 to 1)."""
+        if not self.servos:
+            return (0.0, 1.0) if self.name == "throttle" else (-np.inf, np.inf)
         low = sum(min(w * ys[0], w * ys[-1]) for w, ys in zip(self.mix, self.deflection, strict=True))
         high = sum(max(w * ys[0], w * ys[-1]) for w, ys in zip(self.mix, self.deflection, strict=True))
         return low, high
@@ -145,6 +151,8 @@ def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
 
 
 def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
+    if not any(table.optional(key) for key in ("servo", "pwm", "deflection", "mix")):
+        return _read_logged(table, name)
     several = table.is_list("servo")
     numbers = table.numbers("servo") if several else (table.number("servo"),)
     if any(value != int(value) or not 1 <= value <= 16 for value in numbers) or len(set(numbers)) < len(numbers):
@@ -167,6 +175,15 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
     servos = tuple(int(value) for value in numbers)
     pulses, travels = tuple(x for x, _ in curves), tuple(y for _, y in curves)
     return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std, delay, lag, backlash)
+
+
+def _read_logged(table: Table, name: str) -> Control:
+    """A control whose deflection the log holds itself: no servo, no pulses."""
+    signal = table.text("signal", "command", ("command", "position"))
+    gain_std, bias_std = table.number("gain_std", 0.0, low=0.0), table.number("bias_std", 0.0, low=0.0)
+    delay, lag, backlash = (table.known(key) for key in ("delay", "lag", "backlash"))
+    table.close()
+    return Control(name, signal, (), (), (), (), gain_std, bias_std, delay, lag, backlash)
 
 
 def _check_curve(

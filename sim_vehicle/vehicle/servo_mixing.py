@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.manoeuvres.shapes import CONTROLS
+from sim_vehicle.vehicle.controls import mixing_matrix
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
@@ -16,16 +17,18 @@ class ServoOutputs:
     """Turns commands of the four controls into pulse widths of the vehicle's servos, and back."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self._controls = vehicle.controls
-        self._servos, self._mixing = vehicle.servo_mixing
+        # One without servos, whose deflection the log holds itself, is flown as it is asked for.
+        self._controls = {name: control for name, control in vehicle.controls.items() if control.servos}
+        self._all = vehicle.controls
+        self._servos, self._mixing = mixing_matrix(self._controls)
         curves = {
             servo: (np.array(xs), np.array(ys))
-            for control in vehicle.controls.values()
+            for control in self._controls.values()
             for servo, xs, ys in zip(control.servos, control.pwm, control.deflection, strict=True)
         }
         rising = {servo: np.argsort(ys) for servo, (_, ys) in curves.items()}
         self._curves = {servo: (xs[rising[servo]], ys[rising[servo]]) for servo, (xs, ys) in curves.items()}
-        self._columns = [CONTROLS.index(name) for name in vehicle.controls]
+        self._columns = [CONTROLS.index(name) for name in self._controls]
         self._measured = frozenset(
             servo for control in vehicle.controls.values() if control.signal == "position" for servo in control.servos
         )
@@ -39,7 +42,7 @@ class ServoOutputs:
     def limits(self) -> Array:
         """Smallest and largest command of each control, (4, 2); a control the vehicle lacks stays at 0."""
         rows = [
-            self._controls[name].limits if name in self._controls else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS
+            self._all[name].limits if name in self._all else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS
         ]
         return np.array(rows)
 

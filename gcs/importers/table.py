@@ -1,0 +1,88 @@
+"""Tables (CSV, Parquet, .mat, X-Plane's Data.txt) as recordings: a row is one message that holds every signal in SI.
+
+No standard message holds what tables hold (deflections of surfaces, true airspeed, density), and several would each have
+a stamp of their own: a row has one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import ImportFileError
+from gcs.flights.sender import FIXED_WING
+from gcs.flights.signalmap import TABLE_NAMES, TABLE_SIGNALS, TABLE_SIGNALS_EACH
+from gcs.flights.signals import IMPORT_WARNING
+from gcs.importers import messages as make
+from gcs.importers.synthesis import ImportedLog, Progress, Series, write_recording
+from sysid.errors import TableError
+from sysid.signals.flight import FlightSignals
+from sysid.tables.files import read_mapping, read_table
+from sysid.tables.flight_table import flight_from_table
+
+FORMAT = "table"
+NOTE = "its columns: signals in SI units and radians, one message for each row; the table itself is attached"
+_GENERIC_AUTOPILOT = 0
+_ELEMENTS, _NAME_LENGTH = 58, 10  # of DEBUG_FLOAT_ARRAY
+# A stamp of 0 means "none"; rows begin a second after it.
+_FIRST_US = 1_000_000
+_EARLIEST_UTC_S = 946_684_800.0  # the year 2000
+
+
+def import_table(
+    source: Path,
+    target: Path,
+    progress: Progress = lambda share: None,
+    name: str = "",
+    columns: Path | None = None,
+) -> None:
+    """Write a table as a recording, called `name` there. columns: TOML that says what its columns are.
+
+    Raises ImportFileError in one line where the table cannot be read, or the unit of a column is not known.
+    """
+    try:
+        table = read_table(source, name)
+        wanted, units = ({}, {}) if columns is None else read_mapping(columns)
+        found, matched = table.matched(wanted, units)
+        flight = flight_from_table(table.name, found, matched)
+        start_s = float(np.nanmin(np.asarray(found[matched.time.headers[0]], dtype=np.float64)))
+    except TableError as error:
+        text = str(error)
+        if " = {" in text or "'SI'" in text:
+            text = f"{text}; write it to a file and import with --columns FILE.toml"
+        raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
+    if not flight.signals:
+        raise ImportFileError(f"{name or source.name}: none of its columns is a signal; name them with --columns FILE.toml")
+    start_s = matched.time.unit.factor * start_s
+    used = "; ".join(use.sentence for use in (matched.time, *matched.uses))
+    notes = {"note": NOTE, "columns": used, "unused": ", ".join((*matched.unused, *table.left_out))}
+    notes |= {f"{IMPORT_WARNING}{number}": warning for number, warning in enumerate(flight.warnings, 1)}
+    utc = round((start_s) * 1e6) - _FIRST_US if start_s > _EARLIEST_UTC_S else None
+    write_recording(ImportedLog(FORMAT, 1, _series(flight), utc, notes), source, target, progress, name)
+
+
+def _series(flight: FlightSignals) -> list[Series]:
+    """Messages for each row and a HEARTBEAT for each second."""
+    kept = {key: one for key, one in flight.signals.items() if key in TABLE_SIGNALS}
+    times = np.unique(np.concatenate([one.time_s for one in kept.values()]))
+    time_us = _FIRST_US + np.rint(1e6 * times).astype(np.int64)
+    series = [make.heartbeats(time_us, vehicle=FIXED_WING, autopilot=_GENERIC_AUTOPILOT, armed=[], mode=[])]
+    for number, message in enumerate(TABLE_NAMES):
+        names = TABLE_SIGNALS[number * TABLE_SIGNALS_EACH :][:TABLE_SIGNALS_EACH]
+        if not kept.keys() & set(names):
+            continue
+        data = np.full((times.size, _ELEMENTS), np.nan, np.float32)
+        for place, name in enumerate(names):
+            if name in kept:
+                rows, values = np.searchsorted(times, kept[name].time_s), kept[name].values
+                data[rows, 2 * place] = high = values.astype(np.float32)
+                data[rows, 2 * place + 1] = (values - high).astype(np.float32)
+        label = np.zeros((times.size, _NAME_LENGTH), np.uint8)
+        label[:, : len(message)] = np.frombuffer(message.encode(), np.uint8)
+        fields: dict[str, NDArray[Any]] = {"time_usec": time_us.astype(np.uint64), "name": label, "data": data}
+        fields["array_id"] = np.full(times.size, number, np.uint16)
+        series.append(Series("DEBUG_FLOAT_ARRAY", time_us, fields))
+    return series

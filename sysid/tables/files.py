@@ -1,0 +1,300 @@
+"""Tables in files: text (CSV, X-Plane's Data.txt), Parquet, MATLAB's .mat of both kinds."""
+
+from __future__ import annotations
+
+import io
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.arrays import Array
+from sysid.errors import TableError
+from sysid.tables.columns import Matched, Wanted, match_columns
+from sysid.tables.sidpac import fdata_columns, looks_like_fdata
+from sysid.tables.units import is_unit
+
+ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mat")
+_DELIMITERS = "|\t;,"
+_NO_VALUE = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "inf", "-inf"]
+# MATLAB's files since 7.3 are HDF5's behind a header of their own.
+_HDF5_MARK = b"MATLAB 7.3"
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a file holds as columns of numbers.
+
+    columns: header -> (N,) values. units: header -> unit, where the file says them apart from the header. fdata: the
+    flight data array of SIDPAC, where the file holds one. left_out: what is no column of numbers of that length.
+    """
+
+    name: str
+    columns: Mapping[str, Array]
+    units: Mapping[str, str] = field(default_factory=dict)
+    fdata: Array | None = None
+    left_out: tuple[str, ...] = ()
+
+    def matched(
+        self, columns: Mapping[str, Wanted] | None = None, units: Mapping[str, str] | str | None = None
+    ) -> tuple[Mapping[str, Array], Matched]:
+        """The columns and which is what, as `match_columns` finds them; SIDPAC's array by its own layout."""
+        if self.fdata is not None and not columns:
+            return fdata_columns(self.fdata, self.name)
+        said = units if isinstance(units, str) else {**self.units, **(units or {})}
+        return self.columns, match_columns(list(self.columns), columns, said)
+
+
+def read_table(path: Path, name: str = "") -> Table:
+    """Read a table.
+
+    Parameters
+    ----------
+    path : Path
+        A file whose ending is one of `ENDINGS`.
+    name : str
+        What it is called in errors and results, where `path` has another name.
+
+    Returns
+    -------
+    Table
+        Its columns of numbers.
+
+    Raises
+    ------
+    TableError
+        In one line, where the file cannot be read or holds no table of numbers.
+    """
+    called = name or path.name
+    ending = Path(called).suffix.lower()
+    try:
+        if ending == ".parquet":
+            return _parquet(path, called)
+        if ending == ".mat":
+            return _matlab(path, called)
+        return _text(path, called)
+    except OSError as error:
+        raise TableError(f"{called}: cannot be read: {error.strerror or error}") from None
+
+
+def read_mapping(path: Path) -> tuple[dict[str, Wanted], dict[str, str] | str]:
+    """Columns and units of a mapping file, TOML with the tables [columns] and [units]. TableError where it is none.
+
+    A column is a header, the number of a column from 0, or headers with weights: da = { "left" = 0.5, "right" = -0.5 }.
+    `units = "SI"` says that all others are in SI units.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise TableError(f"{path}: is no TOML file: {error}") from None
+    columns, units = data.pop("columns", {}), data.pop("units", {})
+    if data:
+        raise TableError(f"{path}: {next(iter(data))!r} is not known; a mapping has [columns] and [units]")
+    if not isinstance(columns, dict) or not isinstance(units, dict | str):
+        raise TableError(f"{path}: [columns] and [units] are tables of names")
+    for signal, wanted in columns.items():
+        weighted = isinstance(wanted, dict) and all(isinstance(weight, int | float) for weight in wanted.values())
+        if not (weighted or isinstance(wanted, str | int)) or isinstance(wanted, bool):
+            raise TableError(f"{path}: columns.{signal} must be a header, a number, or headers with weights")
+    if isinstance(units, dict) and not all(isinstance(unit, str) for unit in units.values()):
+        raise TableError(f"{path}: units must be texts, as alpha = 'deg'")
+    return columns, units
+
+
+def _text(path: Path, name: str) -> Table:
+    import pyarrow as pa
+    import pyarrow.csv as arrow_csv
+
+    raw = path.read_bytes()
+    if b"\x00" in raw[:4096]:
+        raise TableError(f"{name}: is no text: give a table as CSV, Parquet or .mat")
+    lines = raw.decode("utf-8-sig", errors="replace").splitlines()
+    first = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), None)
+    if first is None:
+        raise TableError(f"{name}: is empty; the first row names the columns")
+    delimiter = _delimiter(lines[first])
+    headers = _cells(lines[first], delimiter)
+    if not any(re.search(r"[A-Za-z]", header) for header in headers):
+        raise TableError(f"{name}: the first row, {lines[first].strip()[:60]!r}, names no columns; add a row of names")
+    body = [line for line in lines[first + 1 :] if line.strip() and line.lstrip()[0] not in "#%"]
+    units: dict[str, str] = {}
+    second = _cells(body[0], delimiter) if body else []
+    if any(is_unit(cell) and not _is_number(cell) for cell in second) and not any(_is_number(cell) for cell in second):
+        units = {header: cell for header, cell in zip(headers, second, strict=False) if cell and is_unit(cell)}
+        body = body[1:]
+    headers = _distinct(headers)
+    for number, line in enumerate(body[:1]):
+        if len(_cells(line, delimiter)) != len(headers):
+            raise TableError(
+                f"{name}: row {first + 2 + number} has {len(_cells(line, delimiter))} cells, the header {len(headers)}"
+            )
+    # Blanks around numbers, and what ends a row in X-Plane's files.
+    tidy = "\n".join(delimiter.join(_cells(line, delimiter)) for line in body) if delimiter in "|" else "\n".join(body)
+    try:
+        table = arrow_csv.read_csv(
+            io.BytesIO(tidy.encode()),
+            read_options=arrow_csv.ReadOptions(column_names=headers),
+            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
+            convert_options=arrow_csv.ConvertOptions(null_values=_NO_VALUE, strings_can_be_null=True),
+        )
+    except pa.ArrowInvalid as error:
+        text = str(error).splitlines()[0]
+        if "Empty CSV" in text:
+            raise TableError(f"{name}: has a header and no rows") from None
+        raise TableError(f"{name}: is no table: {text}") from None
+    columns, left_out = _numbers(table)
+    return Table(Path(name).stem, columns, {header: unit for header, unit in units.items() if header in columns}, None,
+                 left_out)  # fmt: skip
+
+
+def _parquet(path: Path, name: str) -> Table:
+    import pyarrow as pa
+    import pyarrow.parquet as parquet
+
+    try:
+        table = parquet.read_table(path)
+    except pa.ArrowInvalid as error:
+        raise TableError(f"{name}: is no Parquet file: {str(error).splitlines()[0]}") from None
+    columns, left_out = _numbers(table)
+    units = {
+        one.name: one.metadata[b"unit"].decode()
+        for one in table.schema
+        if one.metadata and b"unit" in one.metadata and one.name in columns
+    }
+    return Table(Path(name).stem, columns, units, None, left_out)
+
+
+def _numbers(table: Any) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """The columns of an Arrow table that are numbers, and the names of the others; moments as s since 1970."""
+    import pyarrow as pa
+
+    columns, others = {}, []
+    for header, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_timestamp(column.type):
+            columns[header] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy() * 1e-9
+        elif pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or pa.types.is_null(column.type):
+            columns[header] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        elif pa.types.is_boolean(column.type):
+            columns[header] = np.asarray(column.cast(pa.int8()).to_numpy(zero_copy_only=False), dtype=np.float64)
+        else:
+            others.append(header)
+    return columns, tuple(others)
+
+
+def _matlab(path: Path, name: str) -> Table:
+    with path.open("rb") as file:
+        head = file.read(512)
+    found: dict[str, Array] = {}
+    left_out: list[str] = []
+    if head.startswith(_HDF5_MARK):
+        _walk(_hdf5_variables(path, name), "", found, left_out)
+    else:
+        from scipy.io import loadmat
+        from scipy.io.matlab import MatReadError
+
+        try:
+            variables = loadmat(path, squeeze_me=True, struct_as_record=False)
+        except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError) as error:
+            raise TableError(f"{name}: is no MATLAB file that can be read: {str(error).splitlines()[0]}") from None
+        _walk({key: value for key, value in variables.items() if not key.startswith("__")}, "", found, left_out)
+    fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
+    if fdata is not None:
+        return Table(Path(name).stem, {}, {}, fdata, tuple(left_out))
+    columns = {}
+    for key, array in found.items():
+        if array.ndim == 1:
+            columns[key] = array
+        else:
+            columns |= {f"{key}(:,{column + 1})": array[:, column] for column in range(array.shape[1])}
+    if not columns:
+        raise TableError(f"{name}: holds no columns of numbers (tables and timetables: save them with struct or array)")
+    rows = Counter(array.size for array in columns.values()).most_common(1)[0][0]
+    left_out += [key for key, array in columns.items() if array.size != rows]
+    short = {_last(key) for key in columns}
+    names = {key: _last(key) if len(short) == len(columns) else key for key in columns}
+    return Table(
+        Path(name).stem, {names[key]: array for key, array in columns.items() if array.size == rows}, {}, None,
+        tuple(left_out),
+    )  # fmt: skip
+
+
+def _walk(variables: Mapping[str, Any], prefix: str, found: dict[str, Array], left_out: list[str]) -> None:
+    """Every vector and matrix of numbers in variables and structures, under its path."""
+    for key, value in variables.items():
+        path = f"{prefix}{key}"
+        fields = getattr(value, "_fieldnames", None)
+        if fields is not None:
+            _walk({one: getattr(value, one) for one in fields}, f"{path}.", found, left_out)
+        elif isinstance(value, Mapping):
+            _walk(value, f"{path}.", found, left_out)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.ndim in (1, 2) and value.size > 1:
+            found[path] = np.asarray(value, dtype=np.float64)
+        elif isinstance(value, np.ndarray) and value.size > 1:
+            left_out.append(path)
+
+
+def _hdf5_variables(path: Path, name: str) -> dict[str, Any]:
+    """Variables of a .mat of version 7.3: HDF5, columns before rows."""
+    try:
+        import h5py
+    except ImportError:
+        raise TableError(
+            f"{name}: is a MATLAB file of version 7.3, for which h5py is needed (pip install h5py); or save it with -v7"
+        ) from None
+
+    def read(group: Any) -> dict[str, Any]:
+        inside: dict[str, Any] = {}
+        for key, one in group.items():
+            if key.startswith("#"):
+                continue
+            inside[key] = read(one) if isinstance(one, h5py.Group) else np.squeeze(np.asarray(one[()]).T)
+        return inside
+
+    try:
+        with h5py.File(path, "r") as file:
+            return read(file)
+    except OSError as error:
+        raise TableError(f"{name}: is no MATLAB file that can be read: {str(error).splitlines()[0]}") from None
+
+
+def _last(key: str) -> str:
+    return key.rsplit(".", 1)[-1]
+
+
+def _delimiter(line: str) -> str:
+    """What separates the cells; a "|" alone decides, for X-Plane's headers hold commas."""
+    return next((mark for mark in _DELIMITERS if mark in line), ",")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    import csv
+
+    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    # A delimiter behind the last cell of a row, as X-Plane writes.
+    return cells[:-1] if delimiter == "|" and cells and not cells[-1] else cells
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _distinct(headers: list[str]) -> list[str]:
+    """Headers, those that stand twice with a number behind, and one for those that are empty."""
+    seen: Counter[str] = Counter()
+    result = []
+    for place, header in enumerate(headers):
+        text = header or f"column {place + 1}"
+        result.append(f"{text} .{seen[text]}" if seen[text] else text)
+        seen[text] += 1
+    return result
