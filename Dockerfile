@@ -9,6 +9,7 @@ COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY sim_vehicle sim_vehicle
 COPY sysid sysid
 COPY gcs gcs
+COPY flightmodel flightmodel
 RUN pip install --no-cache-dir --constraint constraints.txt . \
     && useradd --system --uid 10001 --no-create-home station \
     && mkdir /data /cache \

@@ -149,7 +149,9 @@ async def upload(
     service: Serving,
     name: Annotated[str, Query(description="File name of a body that is not multipart")] = "",
 ) -> Uploaded:
-    """Upload a .mcap, .tlog, .bin or .ulg: a form with the part `file`, or the file itself with `?name=`."""
+    """Upload a log (.mcap, .tlog, .bin, .ulg) or table (.csv, .parquet, .mat): a form with the part `file`, or the file
+    itself with `?name=`.
+    """
     async with receive_upload(request, service.settings, name) as (path, original):
         flight = await run_in_threadpool(service.uploads.take_in, path, original)
         service.views.prepare(flight)

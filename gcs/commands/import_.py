@@ -14,7 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
     parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="must not exist yet")
-    parser.add_argument("--columns", metavar="MAP.toml", type=Path, help="what the columns of a table are, and their units")
+    parser.add_argument(
+        "--columns", metavar="MAP.toml", type=Path, help="what the columns of a table are, and their units"
+    )
     add_dialect_argument(parser)
 
 

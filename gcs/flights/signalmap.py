@@ -40,9 +40,9 @@ HIGHRES_BITS = {
     **{"abs_pressure": 9, "diff_pressure": 10, "pressure_alt": 11, "temperature": 12},
 }
 
-# Signals of a table that was imported: elements of two DEBUG_FLOAT_ARRAYs of these names for each row. Each is two, whose
-# sum it is, so that nothing of a table's 64 bits is lost; NaN where there is none. The order is that of recordings there
-# are; new ones go to its end.
+# Signals of a table that was imported: elements of two DEBUG_FLOAT_ARRAYs of these names for each row. Each is two,
+# whose sum it is, so that nothing of a table's 64 bits is lost; NaN where there is none. The order is that of the
+# recordings there are; new ones go to its end.
 TABLE_NAMES = ("signals", "signals2")
 TABLE_SIGNALS_EACH = 29
 TABLE_SIGNALS = (
@@ -255,7 +255,14 @@ _OF_MESSAGES: dict[str, Row] = {
 }
 
 # What no message of its own carries.
-_UNITS_OF_TABLE = {"true_airspeed": "m/s", "air_density": "kg/m^3", "de": "rad", "da": "rad", "dr": "rad", "throttle": ""}
+_UNITS_OF_TABLE = {
+    "true_airspeed": "m/s",
+    "air_density": "kg/m^3",
+    "de": "rad",
+    "da": "rad",
+    "dr": "rad",
+    "throttle": "",
+}
 
 
 def _with_table(signals: dict[str, Row]) -> dict[str, Row]:

@@ -112,8 +112,8 @@ def import_file(
     """Write the recording `source` as MCAP to `target`, which must not exist.
 
     ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
-    frames. name: by which the file is remembered, where `source` has another. columns: file that says what the columns of
-    a table are. Raises ImportFileError, RecordingError,
+    frames. name: by which the file is remembered, where `source` has another. columns: file that says what columns of a
+    table are. Raises ImportFileError, RecordingError,
     DialectError; no file is left behind then.
     """
     ending = (source.suffix if ending is None else ending).lower()

@@ -1,7 +1,7 @@
 """Tables (CSV, Parquet, .mat, X-Plane's Data.txt) as recordings: a row is one message that holds every signal in SI.
 
-No standard message holds what tables hold (deflections of surfaces, true airspeed, density), and several would each have
-a stamp of their own: a row has one.
+No standard message holds what tables hold (deflections of surfaces, true airspeed, density), and several would each
+have a stamp of their own: a row has one.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def import_table(
             text = f"{text}; write it to a file and import with --columns FILE.toml"
         raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
     if not flight.signals:
-        raise ImportFileError(f"{name or source.name}: none of its columns is a signal; name them with --columns FILE.toml")
+        raise ImportFileError(
+            f"{name or source.name}: none of its columns is a signal; name them with --columns FILE.toml"
+        )
     start_s = matched.time.unit.factor * start_s
     used = "; ".join(use.sentence for use in (matched.time, *matched.uses))
     notes = {"note": NOTE, "columns": used, "unused": ", ".join((*matched.unused, *table.left_out))}

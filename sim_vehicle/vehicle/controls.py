@@ -146,7 +146,7 @@ def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
     for name in CONTROL_NAMES:
         table.optional(name)
     table.close()
-    _check_shared(table, controls)
+    _check_shared(table, {name: control for name, control in controls.items() if control.servos})
     return controls
 
 

@@ -41,9 +41,7 @@ class ServoOutputs:
     @property
     def limits(self) -> Array:
         """Smallest and largest command of each control, (4, 2); a control the vehicle lacks stays at 0."""
-        rows = [
-            self._all[name].limits if name in self._all else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS
-        ]
+        rows = [self._all[name].limits if name in self._all else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS]
         return np.array(rows)
 
     def pulses(self, command: Array) -> dict[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -122,21 +123,23 @@ def match_columns(
             continue
         uses.append(ColumnUse(signal, heads, weights, unit_of(written, _si(signal), heads[0]), written))
     if lacking:
-        example = ", ".join(f"{header!r}: {usual_units(_si(_signal_of(found, header)))[:2][-1]!r}" for header in lacking[:3])
-        raise TableError(
-            f"the unit of {_listed(lacking)} is not known: give units = {{{example}, ...}}, or units = 'SI' where all"
-            " others are in SI units and radians"
+        example = ", ".join(
+            f"{header!r}: {usual_units(_si(_signal_of(found, header)))[:2][-1]!r}" for header in lacking[:3]
         )
-    time, *others = uses
+        raise TableError(
+            f"the unit of {_listed(lacking)} is not known: give units = {{{example}, ...}}, or units = 'SI' where"
+            " all others are in SI units and radians"
+        )
+    (time,) = (use for use in uses if use.signal == TIME)
     unused = tuple(header for header in headers if header not in taken)
-    return Matched(time, tuple(others), unused)
+    return Matched(time, tuple(use for use in uses if use.signal != TIME), unused)
 
 
 def split_header(header: str) -> tuple[str, str]:
     """Name, as the dictionary spells it, and unit, "" where the header says none.
 
-    Reads "Alpha (deg)", "alpha [deg]", "alpha_deg", "p_rad_s", JSBSim's "/fdm/jsbsim/velocities/p-rad_sec" and X-Plane's
-    "alpha,__deg ".
+    Reads "Alpha (deg)", "alpha [deg]", "alpha_deg", "p_rad_s", JSBSim's "/fdm/jsbsim/velocities/p-rad_sec" and
+    X-Plane's "alpha,__deg ".
     """
     text = re.sub(r"\s*\.\d+$", "", header.strip())  # what pandas adds to a header that stands twice
     if match := re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*)\s*[\])]", text):
@@ -176,7 +179,9 @@ def _check_names(given: Mapping[str, Wanted], units: Mapping[str, str] | str | N
     known = (TIME, *SIGNAL_UNITS)
     for signal in given:
         if signal not in known:
-            raise TableError(f"columns: {signal!r} is no signal; signals are {_listed(known[:30])} and servo1 to servo16")
+            raise TableError(
+                f"columns: {signal!r} is no signal; signals are {_listed(known[:30])} and servo1 to servo16"
+            )
     if isinstance(units, str):
         if units != ALL_SI:
             raise TableError(f"units: give a unit for each column, or 'SI' for all of them, not {units!r}")
@@ -196,7 +201,9 @@ def _named(signal: str, wanted: Wanted, headers: Sequence[str]) -> tuple[tuple[s
     exact = {header.strip(): header for header in headers}
     for header in weights:
         if header.strip() not in exact:
-            raise TableError(f"columns: {signal} is {header!r}, which the table does not have; it has {_listed(headers)}")
+            near = difflib.get_close_matches(header, headers, 3, 0.4)
+            meant = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has {_listed(headers)}"
+            raise TableError(f"columns: {signal} is {header!r}, which the table does not have; {meant}")
     return tuple(exact[header.strip()] for header in weights), tuple(weights.values())
 
 

@@ -39,8 +39,8 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
     Returns
     -------
     FlightSignals
-        Signals on the table's time, from its first row, with `air_density` by the gas law where pressure and temperature
-        are there. A signal that mostly repeats its last value keeps the rows in which it changes.
+        Signals on the table's time, from its first row, with `air_density` by the gas law where pressure and
+        temperature are there. A signal that mostly repeats its last value keeps the rows in which it changes.
 
     Raises
     ------
@@ -155,18 +155,22 @@ def _seconds(name: str, time_s: Array, use: ColumnUse, warnings: list[str]) -> A
     """The time of a table, once it is one."""
     known = time_s[np.isfinite(time_s)]
     if known.size < _FEWEST_ROWS:
-        raise TableError(f"{name}: {known.size} rows have a time in {use.headers[0]!r}; a flight has {_FEWEST_ROWS} or more")
+        raise TableError(
+            f"{name}: {known.size} rows have a time in {use.headers[0]!r}; a flight has {_FEWEST_ROWS} or more"
+        )
     if known.size < time_s.size:
         warnings.append(f"{time_s.size - known.size} rows have no time; they are left out")
     steps = np.diff(known)
     if (steps < 0.0).any():
         row = int(np.flatnonzero(steps < 0.0)[0]) + 1
         raise TableError(
-            f"{name}: the time in {use.headers[0]!r} goes back at row {row + 1}: one flight in a table, in order of time"
+            f"{name}: the time in {use.headers[0]!r} goes back at row {row + 1}: one flight in a table, in time's order"
         )
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if not _SHORTEST_STEP_S <= usual <= _LONGEST_STEP_S:
-        likely = next((unit for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _fits(usual * factor)), "")
+        likely = next(
+            (unit for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _fits(usual * factor)), ""
+        )
         advice = f"give units = {{'time': '{likely}'}}" if likely else "a flight has 0.5 to 10,000 rows a second"
         raise TableError(f"{name}: rows are {usual:g} s apart by {use.headers[0]!r} in {use.written}: {advice}")
     return time_s

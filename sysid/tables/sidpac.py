@@ -89,7 +89,25 @@ def fdata_columns(fdata: ArrayLike, name: str = "fdata") -> tuple[dict[str, Arra
 
 
 def aircraft_of_fdata(fdata: ArrayLike, name: str = "fdata") -> AircraftInTable:
-    """Mass, inertia and geometry in an `fdata` array, shape (N, 79 or more). TableError where one of them is missing."""
+    """Mass, inertia and geometry of an aircraft in SIDPAC's flight data array.
+
+    Parameters
+    ----------
+    fdata : ArrayLike, shape (N, 79 or more)
+        The array, U.S. customary units.
+    name : str
+        What it is called, for errors.
+
+    Returns
+    -------
+    AircraftInTable
+        In SI units, each the mean over the flight.
+
+    Raises
+    ------
+    TableError
+        Where one of them is missing.
+    """
     array = _checked(fdata, name)
     columns = (_MASS, _AREA, _SPAN, _CHORD, *list(_INERTIA.values())[:3])
     if array.shape[1] < _CHORD or any(not np.any(np.nan_to_num(array[:, column - 1])) for column in columns):

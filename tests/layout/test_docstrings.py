@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("sim_vehicle", "sysid", "gcs")
-SECTIONS = ("Parameters", "Returns", "Yields", "Raises", "Notes", "References")
+PACKAGES = ("sim_vehicle", "sysid", "gcs", "flightmodel")
+SECTIONS = ("Parameters", "Returns", "Yields", "Raises", "Notes", "References", "Examples")
 
 
 def modules() -> dict[str, Path]:

@@ -14,7 +14,17 @@ ROOT = Path(__file__).resolve().parents[2]
 # Modules and folders of each package (docs/architecture.md): one may import those named before it.
 ORDER = {
     "sysid": (
-        *("arrays", "errors", "numerics", "signals", "tables", "compatibility", "signal_check", "equation_error", "problem"),
+        *(
+            "arrays",
+            "errors",
+            "numerics",
+            "signals",
+            "tables",
+            "compatibility",
+            "signal_check",
+            "equation_error",
+            "problem",
+        ),
         *(
             "output_error",
             "filter_error",

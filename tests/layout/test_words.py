@@ -10,7 +10,7 @@ from doc_commands import PAGES, ROOT
 PRIVATE = re.compile(r"(?<![a-z])(told|tells?|telling|feign\w*|prompt|punctual\w*)(?![a-z])", re.IGNORECASE)
 SOURCES = [
     path
-    for package in ("sim_vehicle", "sysid", "gcs")
+    for package in ("sim_vehicle", "sysid", "gcs", "flightmodel")
     for suffix in ("py", "js", "html")
     for path in sorted((ROOT / package).rglob(f"*.{suffix}"))
     if "vendor" not in path.parts

@@ -1,4 +1,4 @@
-"""Imports go one way: sim_vehicle <- sysid <- gcs, and among the parts of gcs; no module needs itself for import."""
+"""Imports go one way, sim_vehicle <- sysid <- gcs <- flightmodel and among gcs' parts; no module needs itself."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ MAY_IMPORT = {
     "sim_vehicle": {"sim_vehicle"},
     "sysid": {"sim_vehicle", "sysid"},
     "gcs": {"sim_vehicle", "sysid", "gcs"},
+    "flightmodel": {"sim_vehicle", "sysid", "gcs", "flightmodel"},
 }
 # The parts of gcs (docs/architecture.md): each may import those named before it.
 PARTS = (

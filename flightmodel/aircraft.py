@@ -1,0 +1,221 @@
+"""The aircraft: what is known of it before a flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flightmodel.errors import FlightModelError
+from sim_vehicle.vehicle.controls import CONTROL_NAMES
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from_text
+from sysid.tables.sidpac import aircraft_of_fdata
+
+# Of a small aircraft whose wing nobody measured: coefficients then stand on this area, whatever the true one is.
+_USUAL_ASPECT_RATIO = 7.0
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """Mass, inertia, wing, controls and sensors of an aircraft, as a vehicle file says them.
+
+    vehicle: the file as it was read. text: the file itself.
+    """
+
+    vehicle: Vehicle
+    text: str = ""
+
+    @classmethod
+    def read(cls, name_or_path: str | Path) -> Aircraft:
+        """Read a vehicle file.
+
+        Parameters
+        ----------
+        name_or_path : str | Path
+            A file (docs/vehicle-file.md), or the name of an aircraft that comes with the package: "ultrastick25e".
+
+        Returns
+        -------
+        Aircraft
+            The aircraft.
+
+        Examples
+        --------
+        >>> Aircraft.read("ultrastick25e").span
+        1.27
+        """
+        vehicle = load_vehicle(name_or_path)
+        return cls(vehicle, vehicle.path.read_text(encoding="utf-8"))
+
+    @classmethod
+    def from_text(cls, text: str, name: str = "aircraft") -> Aircraft:
+        """An aircraft from the text of a vehicle file."""
+        return cls(vehicle_from_text(text, Path(f"{name}.toml")), text)
+
+    @classmethod
+    def estimate(
+        cls,
+        *,
+        span: float,
+        mass: float,
+        area: float | None = None,
+        chord: float | None = None,
+        Ixx: float | None = None,
+        Iyy: float | None = None,
+        Izz: float | None = None,
+        Ixz: float | None = None,
+        name: str = "aircraft",
+        controls: Sequence[str] = CONTROL_NAMES,
+        surfaces: str = "position",
+        airspeed: str = "calibrated",
+        air_density: float | None = None,
+        positions: Mapping[str, Sequence[float]] | None = None,
+        max_thrust: float | None = None,
+        thrust_line: Sequence[float] | None = None,
+    ) -> Aircraft:
+        """An aircraft from what a ruler and a scale say; the rest is what is usual for small aircraft.
+
+        Parameters
+        ----------
+        span : float
+            Wing span, m.
+        mass : float
+            Mass, kg.
+        area : float | None
+            Wing area, m^2; None takes span^2 / 7. Coefficients stand on this area.
+        chord : float | None
+            Mean chord, m; None takes area / span.
+        Ixx, Iyy, Izz, Ixz : float | None
+            Moments of inertia, kg m^2. Where none is given what is usual for mass and span is taken, to 70 %, and the
+            moment coefficients say so in their bars.
+        name : str
+            What it is called.
+        controls : Sequence[str]
+            Those it has, of elevator, aileron, rudder and throttle.
+        surfaces : str
+            What the columns of the surfaces hold: the measured "position", or the "command".
+        airspeed : str
+            What the airspeed's own column holds, "calibrated" or "true"; a column of the other kind is converted.
+        air_density : float | None
+            kg/m^3; None takes the flight's, or that at sea level.
+        positions : Mapping[str, Sequence[float]] | None
+            Sensor (accelerometer, alpha_vane, beta_vane) -> x forward, y right, z down from the centre of gravity, m;
+            those that are not named count as there. A vane 0.3 m ahead of it that is taken to be there moves CY_r and
+            CL_q by more than their bars.
+        max_thrust : float | None
+            N, at full throttle; needed where thrust was not measured.
+        thrust_line : Sequence[float] | None
+            A point that the thrust passes through, m, as for positions; None takes the centre of gravity. A line 5 cm
+            off it moves CL_0 and Cm_0 by more than their bars.
+
+        Returns
+        -------
+        Aircraft
+            With warnings about what was taken for it.
+
+        Examples
+        --------
+        >>> Aircraft.estimate(span=1.27, mass=1.96).chord
+        0.1814
+        """
+        inertia = {"Ixx": Ixx, "Iyy": Iyy, "Izz": Izz, "Ixz": Ixz}
+        given = {key: value for key, value in inertia.items() if value is not None}
+        lacking = [key for key in ("Ixx", "Iyy", "Izz") if key not in given]
+        if given and lacking:
+            raise FlightModelError(f"{', '.join(lacking)} is missing: give all moments of inertia, or none")
+        if thrust_line is not None and max_thrust is None:
+            raise FlightModelError("thrust_line: give max_thrust, N, as well")
+        if unknown := [control for control in controls if control not in CONTROL_NAMES]:
+            raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
+        wing = span**2 / _USUAL_ASPECT_RATIO if area is None else area
+        mean = wing / span if chord is None else chord
+        lines = [f'name = "{name}"', "", "[mass]", f"mass = {mass!r}"]
+        lines += [f"{key} = {value!r}" for key, value in given.items()]
+        lines += ["", "[geometry]", f"S = {float(f'{wing:.4g}')}", f"b = {span!r}", f"c = {float(f'{mean:.4g}')}"]
+        for control in controls:
+            lines += ["", f"[controls.{control}]", f'signal = "{surfaces if control != "throttle" else "command"}"']
+        lines += ["", "[sensors]", f'airspeed = {{ kind = "{airspeed}" }}']
+        for sensor, place in (positions or {}).items():
+            lines.append(f"{sensor} = {{ position = [{', '.join(repr(float(one)) for one in place)}] }}")
+        if max_thrust is not None:
+            lines += ["", "[propulsion]", f"max_thrust = {max_thrust!r}"]
+            lines += (
+                [f"line = [{', '.join(repr(float(one)) for one in thrust_line)}]"] if thrust_line is not None else []
+            )
+        if air_density is not None:
+            lines += ["", "[environment]", f"air_density = {air_density!r}"]
+        return cls.from_text("\n".join(lines) + "\n", name)
+
+    @classmethod
+    def from_fdata(cls, fdata: ArrayLike, name: str = "aircraft") -> Aircraft:
+        """The aircraft that SIDPAC's flight data array describes: columns 48 to 52 and 77 to 79.
+
+        Parameters
+        ----------
+        fdata : ArrayLike, shape (N, 90)
+            The array, U.S. customary units.
+        name : str
+            What it is called.
+
+        Returns
+        -------
+        Aircraft
+            Surfaces as measured positions, true airspeed.
+        """
+        found = aircraft_of_fdata(np.asarray(fdata, dtype=np.float64))
+        return cls.estimate(
+            span=found.b, mass=found.mass, area=found.S, chord=found.c, Ixx=found.Ixx, Iyy=found.Iyy, Izz=found.Izz,
+            Ixz=found.Ixz, name=name, airspeed="true",
+        )  # fmt: skip
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.vehicle.name
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg."""
+        return self.vehicle.mass.mass
+
+    @property
+    def span(self) -> float:
+        """Wing span b, m."""
+        return self.vehicle.geometry.b
+
+    @property
+    def area(self) -> float:
+        """Wing area S, m^2."""
+        return self.vehicle.geometry.S
+
+    @property
+    def chord(self) -> float:
+        """Mean chord c, m."""
+        return self.vehicle.geometry.c
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about it, one line each."""
+        return self.vehicle.warnings
+
+    def save(self, path: str | Path) -> None:
+        """Write the vehicle file, for `gcs identify --vehicle`."""
+        Path(path).write_text(self.text, encoding="utf-8")
+
+    def __repr__(self) -> str:
+        return f"Aircraft({self.name!r}, {self.mass:g} kg, span {self.span:g} m, wing {self.area:.3g} m^2)"
+
+    def _repr_html_(self) -> str:
+        mass = self.vehicle.mass
+        rows = {
+            "mass": f"{mass.mass:g} kg", "span b": f"{self.span:g} m", "wing area S": f"{self.area:g} m²",
+            "mean chord c": f"{self.chord:g} m", "Ixx": f"{mass.Ixx:.3g} kg m²", "Iyy": f"{mass.Iyy:.3g} kg m²",
+            "Izz": f"{mass.Izz:.3g} kg m²", "controls": ", ".join(self.vehicle.controls),
+        }  # fmt: skip
+        body = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows.items())
+        doubts = "".join(f"<li>{escape(one)}</li>" for one in self.warnings)
+        return f"<table><caption>{escape(self.name)}</caption>{body}</table>{f'<ul>{doubts}</ul>' if doubts else ''}"

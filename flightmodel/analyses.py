@@ -1,0 +1,277 @@
+"""The analyses: identification, simulation, the missing effect, and the plan of the next flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flightmodel.aircraft import Aircraft
+from flightmodel.errors import FlightModelError
+from flightmodel.flight import Flight
+from flightmodel.optional import progress_bar
+from flightmodel.results import Array, Design, Discrepancy, Identification, Simulation, one_flight
+from sim_vehicle.model.model_file import Model, read_model
+
+ModelLike = Model | Identification | str | Path
+_SIMULATED = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
+
+
+def identify(
+    flight: Flight | Sequence[Flight],
+    aircraft: Aircraft,
+    *,
+    validate_on: Flight | Sequence[Flight] = (),
+    structure: ModelLike | None = None,
+    prior: ModelLike | None = None,
+    method: str = "auto",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    as_recorded: Sequence[str] = (),
+    progress: bool | None = None,
+) -> Identification:
+    """Identify the flight model of an aircraft.
+
+    Parameters
+    ----------
+    flight : Flight | Sequence[Flight]
+        One flight, or several that are estimated together.
+    aircraft : Aircraft
+        What is known of the aircraft.
+    validate_on : Flight | Sequence[Flight]
+        Flights that the model is judged by and not fitted to.
+    structure : Model | Identification | str | Path | None
+        A model whose coefficients are to be estimated; None takes the linear ones.
+    prior : Model | Identification | str | Path | None
+        A model whose values and errors are known before.
+    method : str
+        "auto", "map" (output error with an estimated noise spectrum and priors), "ee" (equation error), "oe" (output
+        error), "fe" (filter error).
+    start_s, stop_s : float | None
+        The part to take, s from the flight's first stamp.
+    as_recorded : Sequence[str]
+        Signals that are right whatever seems, as "ax".
+    progress : bool | None
+        Whether a bar is shown; None shows it in a terminal or notebook.
+
+    Returns
+    -------
+    Identification
+        Model, errors, verdict.
+
+    Raises
+    ------
+    sysid.errors.SysidError
+        Where the flight lacks what is needed; its text says what.
+    """
+    from gcs.analysis.provenance import made
+    from sim_vehicle.model.model_file import model_from_json
+    from sysid.identification.result_file import result_json
+    from sysid.identify import identify as run
+
+    flights, judges = one_flight(flight), _several(validate_on)
+    with progress_bar(progress) as shown:
+        found = run(
+            [one.of(aircraft) for one in flights], aircraft.vehicle,
+            validate_on=[one.of(aircraft) for one in judges],
+            structure=None if structure is None else _model(structure),
+            prior=None if prior is None else _model(prior),
+            method=method, start_s=start_s, stop_s=stop_s, as_recorded=tuple(as_recorded), progress=shown,
+        )  # fmt: skip
+    result = result_json(found)
+    result["warnings"] = list(dict.fromkeys([*aircraft.warnings, *result["warnings"]]))
+    result["made"] = made({"vehicle": aircraft.name, "method": method, "from": start_s, "to": stop_s}, [])
+    return Identification(result, model_from_json(result["model"]), aircraft)
+
+
+def simulate(
+    model: ModelLike,
+    aircraft: Aircraft,
+    flight: Flight,
+    *,
+    restart_s: float | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Simulation:
+    """Fly a model with the surfaces and thrust of a flight, from the motion measured at its beginning.
+
+    Parameters
+    ----------
+    model : Model | Identification | str | Path
+        What is flown; a coefficient without a value counts as 0. Of an Identification the sensors' errors count too.
+    aircraft : Aircraft
+        Mass, inertia, wing.
+    flight : Flight
+        What was measured.
+    restart_s : float | None
+        s after which the simulation begins anew from the measured motion; None lets it run through each part.
+    start_s, stop_s : float | None
+        The part to take, s from the flight's first stamp; None takes the parts that are flight.
+
+    Returns
+    -------
+    Simulation
+        Measured and simulated outputs at the flight's samples.
+    """
+    from sysid.compatibility.reconstruction import smoothed_states
+    from sysid.identification.repaired_flight import read_flights
+    from sysid.problem.free_run import free_run, start_read_alike
+    from sysid.signals.record import OUTPUTS, STATES
+    from sysid.validation.held_out import comparison
+
+    if restart_s is not None and restart_s <= 0.0:
+        raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")
+    errors = {}
+    if isinstance(model, Identification):
+        entries = model.result["sensor_errors"].items()
+        errors = {name: (entry["value"], entry["std"], entry["unit"]) for name, entry in entries}
+    vehicle = aircraft.vehicle
+    read = read_flights([flight.of(aircraft)], [], vehicle, (), start_s, stop_s)
+    prepared = read.fitted[0].as_measured(vehicle, start_s, stop_s)
+    fixed = comparison([prepared], vehicle, _model(model), errors, 0.0).model
+    times: list[Array] = []
+    z: list[Array] = []
+    y: list[Array] = []
+    for stretch in prepared.stretches:
+        record = stretch.record
+        states = smoothed_states(record, prepared.layout, dict(fixed.errors))
+        path = np.stack([states[name] for name in STATES], axis=1)
+        size = record.length if restart_s is None else max(2, round(restart_s / record.interval_s))
+        for begin in range(0, record.length, size):
+            part = record.window(begin, min(begin + size, record.length))
+            if part.length < 2:
+                continue
+            times.append(part.time_s)
+            z.append(part.z)
+            y.append(free_run(part, start_read_alike(part, path[begin], fixed), fixed))
+    measured, simulated = np.concatenate(z), np.concatenate(y)
+    places = {name: OUTPUTS.index(name) for name in _SIMULATED}
+    there = {name: place for name, place in places.items() if np.isfinite(measured[:, place]).any()}
+    return Simulation(
+        flight.name, np.concatenate(times),
+        {name: measured[:, place] for name, place in there.items()},
+        {name: simulated[:, place] for name, place in there.items()},
+        {name: _UNITS.get(name, "rad") for name in there},
+    )  # fmt: skip
+
+
+def discrepancy(
+    flight: Flight | Sequence[Flight],
+    aircraft: Aircraft,
+    model: ModelLike,
+    *,
+    validate_on: Flight | Sequence[Flight] = (),
+    ruled_out: Sequence[str] = (),
+    method: str = "auto",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    progress: bool | None = None,
+) -> Discrepancy:
+    """Find where simulation and measurement disagree, and name the physical effect that the model lacks.
+
+    Parameters
+    ----------
+    flight : Flight | Sequence[Flight]
+        What is explained.
+    aircraft : Aircraft
+        What is known of the aircraft.
+    model : Model | Identification | str | Path
+        The baseline; a coefficient without a value begins at 0.
+    validate_on : Flight | Sequence[Flight]
+        Flights on which the gap is shown, and to which nothing is fitted.
+    ruled_out : Sequence[str]
+        Effects that are known not to be there (docs/effects.md).
+    method : str
+        "auto", "map" or "fe".
+    start_s, stop_s : float | None
+        The part to take, s.
+    progress : bool | None
+        Whether a bar is shown; None shows it in a terminal or notebook.
+
+    Returns
+    -------
+    Discrepancy
+        The verdict, the effects with their probabilities, and the model with them.
+    """
+    from gcs.analysis.provenance import made
+    from sim_vehicle.model.model_file import model_from_json
+    from sysid.discrepancy import discrepancy as run
+    from sysid.identification.result_file import finite_json
+
+    baseline = _model(model)
+    for name in baseline.refused():
+        baseline = baseline.with_coefficient(name, 0.0)
+    with progress_bar(progress) as shown:
+        found = run(
+            [one.of(aircraft) for one in one_flight(flight)], aircraft.vehicle, baseline,
+            validate_on=[one.of(aircraft) for one in _several(validate_on)],
+            start_s=start_s, stop_s=stop_s, ruled_out=tuple(ruled_out), method=method, progress=shown,
+        )  # fmt: skip
+    result: dict[str, Any] = finite_json(found)
+    result["made"] = made({"vehicle": aircraft.name, "method": method, "rule_out": list(ruled_out)}, [])
+    return Discrepancy(result, model_from_json(result["model"]))
+
+
+def design(
+    aircraft: Aircraft,
+    model: ModelLike,
+    manoeuvres: Sequence[str] = ("multisine",),
+    *,
+    duration_s: float | None = None,
+    gusts: float = 0.0,
+    rate_hz: float = 50.0,
+    without: Sequence[str] = (),
+    progress: bool | None = None,
+) -> Design:
+    """Plan a flight, and say before it is flown what it will tell.
+
+    Parameters
+    ----------
+    aircraft : Aircraft
+        What flies.
+    model : Model | Identification | str | Path
+        What is known of it; a coefficient without a value counts as 0.
+    manoeuvres : Sequence[str]
+        "multisine", "elevator-doublet", "rudder-3211", ...; they are timed and sized to the model.
+    duration_s : float | None
+        Of the whole plan, s; None takes the manoeuvres' own.
+    gusts : float
+        Turbulence, 1 sigma, m/s.
+    rate_hz : float
+        Samples a second.
+    without : Sequence[str]
+        Sensors that the aircraft lacks.
+    progress : bool | None
+        Whether a bar is shown; None shows it in a terminal or notebook.
+
+    Returns
+    -------
+    Design
+        The plan and the standard errors that it will give.
+    """
+    from gcs.design.prediction import Request
+    from gcs.design.prediction import design as run
+
+    start = _model(model)
+    for name in start.refused():
+        start = start.with_coefficient(name, 0.0)
+    request = Request(tuple(manoeuvres), duration=duration_s, gusts=gusts, rate_hz=rate_hz, without=frozenset(without))
+    with progress_bar(progress) as shown:
+        found = run(aircraft.vehicle, start, request, shown)
+    return Design(found.result, found.plan_json())
+
+
+_UNITS = {"airspeed": "m/s", **dict.fromkeys(("p", "q", "r"), "rad/s"), **dict.fromkeys(("ax", "ay", "az"), "m/s^2")}
+
+
+def _several(flights: Flight | Sequence[Flight]) -> list[Flight]:
+    return one_flight(flights) if isinstance(flights, Flight) or len(flights) else []
+
+
+def _model(model: ModelLike) -> Model:
+    """The model of an argument that takes one in several forms."""
+    if isinstance(model, Identification):
+        return model.model
+    return model if isinstance(model, Model) else read_model(model)

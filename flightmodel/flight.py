@@ -1,0 +1,235 @@
+"""A flight: signals in SI units, from arrays, tables and logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flightmodel.aircraft import Aircraft
+from flightmodel.errors import FlightModelError
+from flightmodel.optional import library
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.signals.flight import FlightSignals
+from sysid.tables.columns import Wanted, match_columns
+from sysid.tables.files import ENDINGS, read_table
+from sysid.tables.flight_table import flight_from_table, with_airspeed_of
+from sysid.tables.sidpac import fdata_columns
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The signals of one flight.
+
+    signals: each on its own time stamps. columns: which column of a table became which signal, one line each; empty for
+    a log. unused: columns that became none. aircraft: by which a log was read.
+    """
+
+    signals: FlightSignals
+    columns: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+    aircraft: Aircraft | None = None
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Any,
+        *,
+        columns: Mapping[str, Wanted] | None = None,
+        units: Mapping[str, str] | str | None = None,
+        name: str = "flight",
+    ) -> Flight:
+        """A flight from a table.
+
+        Parameters
+        ----------
+        frame : Any
+            A pandas or polars frame, an xarray Dataset, a structured numpy array, or a mapping of names to arrays.
+        columns : Mapping[str, str | int | Mapping[str, float]] | None
+            Signal (or "time") -> column, or columns with weights; those that are not named are found by their names.
+        units : Mapping[str, str] | str | None
+            Signal or column -> unit, where the name of the column does not end with it; "SI" where all others are in SI
+            units and radians.
+        name : str
+            What the flight is called in results.
+
+        Returns
+        -------
+        Flight
+            With `columns` that say what was taken for what.
+
+        Raises
+        ------
+        sysid.errors.TableError
+            Where there is no time, or the unit of a column is not known.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> t = np.arange(0.0, 10.0, 0.02)
+        >>> flight = Flight.from_frame({"time_s": t, "alpha (deg)": 3.0 + np.sin(t)})
+        >>> flight.columns
+        ('alpha: column 'alpha (deg)', deg',)
+        """
+        table = _columns_of(frame)
+        matched = match_columns(list(table), columns, units)
+        flight = flight_from_table(name, table, matched)
+        return cls(flight, tuple(use.sentence for use in matched.uses), matched.unused)
+
+    @classmethod
+    def from_fdata(cls, fdata: ArrayLike, *, name: str = "fdata") -> Flight:
+        """A flight from SIDPAC's flight data array.
+
+        Parameters
+        ----------
+        fdata : ArrayLike, shape (N, 90)
+            The array: U.S. customary units, degrees, g; columns of zeros were not measured.
+        name : str
+            What the flight is called.
+
+        Returns
+        -------
+        Flight
+            Its measured channels in SI units.
+        """
+        table, matched = fdata_columns(fdata, name)
+        return cls(flight_from_table(name, table, matched), tuple(use.sentence for use in matched.uses))
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        aircraft: Aircraft | None = None,
+        *,
+        columns: Mapping[str, Wanted] | None = None,
+        units: Mapping[str, str] | str | None = None,
+    ) -> Flight:
+        """A flight from a file.
+
+        Parameters
+        ----------
+        path : str | Path
+            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin, PX4 .ulg).
+        aircraft : Aircraft | None
+            Whose servos moved which surface, for logs; tables do without.
+        columns, units :
+            Of a table, as for `from_frame`.
+
+        Returns
+        -------
+        Flight
+            Its signals.
+        """
+        path = Path(path)
+        if path.suffix.lower() in ENDINGS:
+            read = read_table(path)
+            table, matched = read.matched(columns, units)
+            found = flight_from_table(read.name, table, matched)
+            return cls(found, tuple(use.sentence for use in matched.uses), (*matched.unused, *read.left_out))
+        if columns or units:
+            raise FlightModelError(f"{path.name}: a log says itself what its fields are; leave columns and units out")
+        from gcs.analysis.postflight import read_flights
+        from gcs.inspection.info import as_recordings
+
+        with as_recordings([path]) as recordings:
+            (signals,) = read_flights(recordings, Vehicle.unknown() if aircraft is None else aircraft.vehicle)
+        return cls(signals, aircraft=aircraft)
+
+    @property
+    def name(self) -> str:
+        """What the flight is called in results."""
+        return self.signals.name
+
+    @property
+    def duration_s(self) -> float:
+        """From the first stamp to the last, s."""
+        return max((float(one.time_s[-1]) for one in self.signals.signals.values() if one.time_s.size), default=0.0)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful about it, one line each."""
+        return self.signals.warnings
+
+    def __getitem__(self, signal: str) -> tuple[Array, Array]:
+        """(N,) s and (N,) values in SI units of a signal."""
+        found = self.signals.signals.get(signal)
+        if found is None:
+            raise FlightModelError(f"{self.name}: no signal {signal}; it has {', '.join(self.signals.signals)}")
+        return found.time_s, found.values
+
+    def to_frame(self, signals: Sequence[str] | None = None) -> Any:
+        """The signals as a pandas frame on the time of the fastest, SI units; slower ones are NaN between."""
+        pandas = library("pandas", "to_frame")
+        kept = {key: one for key, one in self.signals.signals.items() if signals is None or key in signals}
+        parts = [pandas.Series(one.values, index=one.time_s, name=key) for key, one in kept.items()]
+        table = pandas.concat([one[~one.index.duplicated()] for one in parts], axis=1).sort_index()
+        return table.rename_axis("time_s")
+
+    def plot(self, signals: Sequence[str] | None = None) -> Any:
+        """Time histories as a matplotlib figure: one axis for each signal, degrees for angles."""
+        from flightmodel.figures import time_histories
+
+        return time_histories(self.signals, signals)
+
+    def of(self, aircraft: Aircraft) -> FlightSignals:
+        """The signals as the estimators want them: airspeed of the kind that the aircraft's sensor is said to read."""
+        return with_airspeed_of(self.signals, aircraft.vehicle) if self.columns else self.signals
+
+    def __repr__(self) -> str:
+        return f"Flight({self.name!r}, {self.duration_s:.1f} s, {len(self.signals.signals)} signals)"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th>{escape(key)}</th><td>{escape(one.unit)}</td><td>{one.rate_hz:.1f} Hz</td>"
+            f"<td>{escape(one.source)}</td></tr>"
+            for key, one in self.signals.signals.items()
+        )
+        head = "<tr><th>signal</th><th>unit</th><th>rate</th><th>from</th></tr>"
+        doubts = "".join(f"<li>{escape(one)}</li>" for one in self.warnings)
+        caption = f"<caption>{escape(self.name)}, {self.duration_s:.1f} s</caption>"
+        return f"<table>{caption}{head}{rows}</table>{f'<ul>{doubts}</ul>' if doubts else ''}"
+
+
+def _columns_of(frame: Any) -> dict[str, Any]:
+    """Name -> (N,) values of whatever holds columns."""
+    if isinstance(frame, Mapping) and not hasattr(frame, "data_vars"):
+        return {str(key): np.asarray(values) for key, values in frame.items()}
+    if hasattr(frame, "data_vars"):  # xarray
+        found = {str(key): one for key, one in {**frame.coords, **frame.data_vars}.items() if one.ndim == 1}
+        named = {
+            key if not one.attrs.get("units") else f"{key} [{one.attrs['units']}]": one.to_numpy()
+            for key, one in found.items()
+        }
+        return {key: _numbers(values) for key, values in named.items()}
+    if isinstance(frame, np.ndarray) and frame.dtype.names:
+        return {key: frame[key] for key in frame.dtype.names}
+    if hasattr(frame, "columns") and hasattr(frame, "__getitem__"):
+        found = {str(key): frame[key].to_numpy() for key in frame.columns}
+        index = getattr(frame, "index", None)
+        if index is not None and getattr(index, "name", None) and str(index.name) not in found:
+            found = {str(index.name): index.to_numpy(), **found}
+        return {key: _numbers(values) for key, values in found.items() if _is_numeric(values)}
+    raise FlightModelError(
+        f"a {type(frame).__name__} is no table: give a pandas or polars frame, an xarray Dataset, a structured array or"
+        " a mapping of names to arrays; a matrix of SIDPAC goes to from_fdata"
+    )
+
+
+def _is_numeric(values: Any) -> bool:
+    return getattr(values, "dtype", None) is not None and values.dtype.kind in "fiubmM"
+
+
+def _numbers(values: Any) -> Any:
+    """Values as they are; moments and spans of time as seconds."""
+    if values.dtype.kind in "mM":
+        return (
+            values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]").astype(np.int64) * 1e-9
+        )
+    return values

@@ -1,0 +1,93 @@
+"""What results give: tables, frames, pictures, files, notebooks; and simulation, discrepancy and design from them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flightmodel import Aircraft, Flight, FlightModelError, Identification, design, discrepancy, identify, simulate
+from sim_vehicle.model.model_file import read_model
+
+pytestmark = pytest.mark.whole_flight
+
+
+@pytest.fixture(scope="module")
+def aircraft() -> Aircraft:
+    return Aircraft.read("ultrastick25e")
+
+
+@pytest.fixture(scope="module")
+def flight(recording: Path, aircraft: Aircraft) -> Flight:
+    return Flight.read(recording, aircraft)
+
+
+@pytest.fixture(scope="module")
+def result(flight: Flight, aircraft: Aircraft) -> Identification:
+    return identify(flight, aircraft, progress=False)
+
+
+def test_an_identification_is_a_table_a_frame_a_picture_and_files(result: Identification, tmp_path: Path) -> None:
+    frame = result.to_frame()
+    assert list(frame.columns) == ["value", "std", "low", "high", "refused"]
+    assert frame.loc["Cm_alpha", "value"] == result.values["Cm_alpha"]
+    assert "Cm_alpha" in str(result)
+    assert "<table>" in result._repr_html_()
+    result.plot().savefig(tmp_path / "a.png")
+    result.save(tmp_path / "a.json")
+    result.save_model(tmp_path / "m.json")
+    result.report(tmp_path / "a.html")
+    assert json.loads((tmp_path / "a.json").read_text())["schema"] == "identification/1"
+    assert read_model(tmp_path / "m.json").values() == result.values
+    assert "<html" in (tmp_path / "a.html").read_text()
+    assert (tmp_path / "a.png").stat().st_size > 20_000
+
+
+def test_a_model_is_flown_with_the_flight_s_inputs(
+    result: Identification, flight: Flight, aircraft: Aircraft, tmp_path: Path
+) -> None:
+    found = simulate(result, aircraft, flight, restart_s=5.0)
+    assert found.rms["q"] < 0.01
+    assert max(found.tic.values()) < 0.2
+    wrong = simulate(result.model.with_coefficient("Cm_alpha", -0.2), aircraft, flight, restart_s=5.0)
+    assert wrong.rms["alpha"] > 2.0 * found.rms["alpha"]
+    whole = simulate(result, aircraft, flight)
+    assert whole.time_s.size - found.time_s.size in (0, 1)  # a last sample begins no simulation of its own
+    assert list(found.to_frame().columns.levels[0]) == ["measured", "simulated"]
+    found.plot().savefig(tmp_path / "a.png")
+    with pytest.raises(FlightModelError, match="restart_s is 0"):
+        simulate(result, aircraft, flight, restart_s=0.0)
+
+
+def test_a_design_says_what_the_next_flight_will_tell(
+    result: Identification, aircraft: Aircraft, tmp_path: Path
+) -> None:
+    found = design(aircraft, result, duration_s=20.0, progress=False)
+    assert 0.0 < found.stds["Cm_alpha"] < 0.05
+    assert "multisine" in found.table()
+    found.save(tmp_path / "plan.json")
+    assert json.loads((tmp_path / "plan.json").read_text())["schema"] == "plan/1"
+
+
+def test_nothing_is_missing_from_the_model_that_was_flown(flight: Flight, aircraft: Aircraft, tmp_path: Path) -> None:
+    found = discrepancy(flight, aircraft, "ultrastick25e", progress=False)
+    assert found.verdict == "none"
+    assert found.effects == {}
+    assert found.sentence in str(found)
+    assert found.sentence in found._repr_html_()
+    found.plot().savefig(tmp_path / "a.png")
+    assert found.model.values().keys() == read_model("ultrastick25e").values().keys()
+
+
+def test_a_flight_is_a_frame_and_a_picture(flight: Flight, tmp_path: Path) -> None:
+    frame = flight.to_frame(["alpha", "vn"])
+    assert frame.index.name == "time_s"
+    assert np.isfinite(frame["alpha"]).sum() > 5 * np.isfinite(frame["vn"]).sum() > 0
+    flight.plot(["alpha", "q"]).savefig(tmp_path / "a.png")
+    time_s, alpha = flight["alpha"]
+    assert time_s.shape == alpha.shape
+    assert "<table>" in flight._repr_html_()
+    with pytest.raises(FlightModelError, match="no signal gamma; it has"):
+        flight["gamma"]

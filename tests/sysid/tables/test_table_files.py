@@ -1,0 +1,158 @@
+"""Tables in files, written by other libraries: csv, pandas, polars, scipy, h5py."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas
+import polars
+import pytest
+from scipy.io import savemat
+
+from sysid.errors import TableError
+from sysid.tables.files import read_mapping, read_table
+from sysid.tables.flight_table import flight_from_table
+
+T = 0.02 * np.arange(100)
+COLUMNS = {"time_s": T, "alpha_deg": 3.0 + np.sin(T), "q_deg_s": 10.0 * np.cos(T)}
+
+
+def signals(path: Path, **given: object) -> dict[str, np.ndarray]:
+    table = read_table(path)
+    found = flight_from_table(table.name, *table.matched(**given))  # type: ignore[arg-type]
+    return {key: one.values for key, one in found.signals.items()}
+
+
+def check(found: dict[str, np.ndarray]) -> None:
+    assert set(found) == {"alpha", "q"}
+    np.testing.assert_allclose(found["alpha"], np.radians(COLUMNS["alpha_deg"]), rtol=1e-15)
+    np.testing.assert_allclose(found["q"], np.radians(COLUMNS["q_deg_s"]), rtol=1e-14)
+
+
+def test_csv_of_pandas(tmp_path: Path) -> None:
+    pandas.DataFrame(COLUMNS).to_csv(tmp_path / "a.csv", index=False)
+    check(signals(tmp_path / "a.csv"))
+
+
+def test_parquet_of_polars(tmp_path: Path) -> None:
+    polars.DataFrame(COLUMNS).write_parquet(tmp_path / "a.parquet")
+    check(signals(tmp_path / "a.parquet"))
+
+
+def test_csv_with_remarks_a_row_of_units_semicolons_and_words(tmp_path: Path) -> None:
+    rows = [f"{t:.2f};{a!r};{q!r};AUTO;" for t, a, q in zip(*(v.tolist() for v in COLUMNS.values()), strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\ufeff# flown on a Sunday\n\nTime;AOA;q;mode;note\ns;deg;deg/s;;\n" + "\n".join(rows) + "\n")
+    table = read_table(path)
+    assert table.units == {"Time": "s", "AOA": "deg", "q": "deg/s"}
+    assert set(table.left_out) == {"mode"}
+    check(signals(path))
+
+
+def test_missing_values_are_none(tmp_path: Path) -> None:
+    rows = [f"{t:.2f},{'' if i % 3 else 2.5 + t},{'NaN' if i == 4 else i}" for i, t in enumerate(T.tolist())]
+    (tmp_path / "a.csv").write_text("t,alpha (deg),q (deg/s)\n" + "\n".join(rows))
+    found = signals(tmp_path / "a.csv")
+    assert np.isfinite(found["alpha"]).sum() == 34
+    assert np.isnan(found["q"]).sum() == 1
+
+
+def test_data_txt_of_x_plane(tmp_path: Path) -> None:
+    rows = [
+        f"   {1 + t:.5f} |  {t:.5f} |  {a:.6f} | {q:.6f} | 80.5 |" for t, a, q in zip(*COLUMNS.values(), strict=True)
+    ]
+    head = "   _real,_time |   _totl,_time |   alpha,__deg |   ____Q,deg/s |   Vtrue,_ktgs |"
+    (tmp_path / "Data.txt").write_text("\n\n" + head + " \n" + "\n".join(rows) + "\n")
+    found = signals(tmp_path / "Data.txt")
+    assert set(found) == {"alpha", "q"}  # a speed over ground is no airspeed
+    np.testing.assert_allclose(found["alpha"], np.radians(COLUMNS["alpha_deg"]), atol=2e-8)
+
+
+def test_moments_in_utc_are_a_time(tmp_path: Path) -> None:
+    frame = pandas.DataFrame(
+        {**COLUMNS, "time_s": pandas.Timestamp("2026-05-01T10:00:00") + pandas.to_timedelta(T, "s")}
+    )
+    frame.rename(columns={"time_s": "time"}).to_csv(tmp_path / "a.csv", index=False)
+    check(signals(tmp_path / "a.csv"))
+
+
+def test_mat_of_scipy_with_a_structure(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"flight": {**COLUMNS, "name": "first"}, "motor_rpm": np.arange(7.0), "version": 2.0})
+    table = read_table(tmp_path / "a.mat")
+    assert table.left_out == ("motor_rpm",)
+    check(signals(tmp_path / "a.mat"))
+
+
+def test_mat_of_version_7_3(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        for name, values in COLUMNS.items():
+            file.create_dataset(f"log/{name}", data=values[None, :])  # MATLAB's columns come as rows
+    data = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + data[512:])
+    check(signals(tmp_path / "a.mat"))
+
+
+def test_mat_with_a_matrix_and_a_mapping_by_number(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"data": np.column_stack(list(COLUMNS.values()))})
+    check(signals(tmp_path / "a.mat", columns={"time": 0, "alpha": 1, "q": 2}, units={"alpha": "deg", "q": "deg/s"}))
+
+
+def test_mat_with_sidpac_s_array(tmp_path: Path) -> None:
+    fdata = np.zeros((100, 90))
+    fdata[:, 0], fdata[:, 3], fdata[:, 5] = COLUMNS.values()
+    savemat(tmp_path / "a.mat", {"fdata": fdata, "t": T})
+    check(signals(tmp_path / "a.mat"))
+
+
+def test_a_mapping_file_says_what_columns_are(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text('[columns]\ntime = 0\nda = { "L" = 0.5, "R" = -0.5 }\nalpha = "x"\n[units]\nda = "deg"\n')
+    assert read_mapping(path) == ({"time": 0, "da": {"L": 0.5, "R": -0.5}, "alpha": "x"}, {"da": "deg"})
+    path.write_text('units = "SI"\n')
+    assert read_mapping(path) == ({}, "SI")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[column]\n", "'column' is not known; a mapping has [columns] and [units]"),
+        ("[columns]\nalpha = true\n", "columns.alpha must be a header, a number, or headers with weights"),
+        ("[units]\nalpha = 3\n", "units must be texts"),
+        ("columns = 3\n", "are tables of names"),
+        ("=", "is no TOML file"),
+    ],
+)
+def test_a_wrong_mapping_file_is_one_clear_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(text)
+    with pytest.raises(TableError) as refused:
+        read_mapping(path)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"1,2,3\n4,5,6\n", "names no columns"),
+        ("a.csv", b"a,b\n", "has a header and no rows"),
+        ("a.csv", b"a,b\n1,2,3\n", "row 2 has 3 cells, the header 2"),
+        ("a.csv", b"a,b\n1,2\n1,2,3\n", "is no table"),
+        ("a.csv", b"\x89PNG\x00\x00", "is no text"),
+        ("a.parquet", b"PAR1nothing", "is no Parquet file"),
+        ("a.mat", b"nothing of MATLAB" * 20, "is no MATLAB file"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(600), "is no MATLAB file"),
+    ],
+)
+def test_a_damaged_file_is_one_clear_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(TableError) as refused:
+        read_table(tmp_path / name)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match="No such file"):
+        read_table(tmp_path / "a.csv")
