@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flightmodel.aircraft import Aircraft
     from flightmodel.analyses import design, discrepancy, identify, simulate
+    from flightmodel.equations import LeastSquares, coefficients, least_squares
     from flightmodel.errors import ERRORS, FlightModelError
     from flightmodel.flight import Flight
     from flightmodel.results import Design, Discrepancy, Identification, Simulation
@@ -28,10 +29,13 @@ __all__ = [
     "Flight",
     "FlightModelError",
     "Identification",
+    "LeastSquares",
     "Simulation",
+    "coefficients",
     "design",
     "discrepancy",
     "identify",
+    "least_squares",
     "simulate",
 ]
 _PLACES = {
@@ -40,6 +44,7 @@ _PLACES = {
     "Aircraft": "aircraft",
     "Flight": "flight",
     **dict.fromkeys(("Design", "Discrepancy", "Identification", "Simulation"), "results"),
+    **dict.fromkeys(("LeastSquares", "coefficients", "least_squares"), "equations"),
     **dict.fromkeys(("design", "discrepancy", "identify", "simulate"), "analyses"),
 }
 

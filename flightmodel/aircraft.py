@@ -109,8 +109,8 @@ class Aircraft:
         max_thrust : float | None
             N, at full throttle; needed where thrust was not measured.
         thrust_line : Sequence[float] | None
-            A point that the thrust passes through, m, as for positions; None takes the centre of gravity. A line 5 cm
-            off it moves CL_0 and Cm_0 by more than their bars.
+            A point that the thrust passes through, m, as for positions; None leaves it open to 0.15 chords above or
+            below the centre of gravity, and the bars say so.
 
         Returns
         -------
@@ -131,11 +131,11 @@ class Aircraft:
             raise FlightModelError("thrust_line: give max_thrust, N, as well")
         if unknown := [control for control in controls if control not in CONTROL_NAMES]:
             raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
-        wing = span**2 / _USUAL_ASPECT_RATIO if area is None else area
-        mean = wing / span if chord is None else chord
+        wing = float(f"{span**2 / _USUAL_ASPECT_RATIO:.4g}") if area is None else area
+        mean = float(f"{wing / span:.4g}") if chord is None else chord
         lines = [f'name = "{name}"', "", "[mass]", f"mass = {mass!r}"]
         lines += [f"{key} = {value!r}" for key, value in given.items()]
-        lines += ["", "[geometry]", f"S = {float(f'{wing:.4g}')}", f"b = {span!r}", f"c = {float(f'{mean:.4g}')}"]
+        lines += ["", "[geometry]", f"S = {wing!r}", f"b = {span!r}", f"c = {mean!r}"]
         for control in controls:
             lines += ["", f"[controls.{control}]", f'signal = "{surfaces if control != "throttle" else "command"}"']
         lines += ["", "[sensors]", f'airspeed = {{ kind = "{airspeed}" }}']

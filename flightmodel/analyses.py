@@ -83,7 +83,7 @@ def identify(
     result = result_json(found)
     result["warnings"] = list(dict.fromkeys([*aircraft.warnings, *result["warnings"]]))
     result["made"] = made({"vehicle": aircraft.name, "method": method, "from": start_s, "to": stop_s}, [])
-    return Identification(result, model_from_json(result["model"]), aircraft)
+    return Identification(result, model_from_json(result["model"]), aircraft, found.posterior)
 
 
 def simulate(
@@ -100,7 +100,8 @@ def simulate(
     Parameters
     ----------
     model : Model | Identification | str | Path
-        What is flown; a coefficient without a value counts as 0. Of an Identification the sensors' errors count too.
+        What is flown; a coefficient without a value counts as 0. Of an Identification the errors of sensors and the
+        delays of servos count too.
     aircraft : Aircraft
         Mass, inertia, wing.
     flight : Flight
@@ -117,19 +118,25 @@ def simulate(
     """
     from sysid.compatibility.reconstruction import smoothed_states
     from sysid.identification.repaired_flight import read_flights
+    from sysid.posterior.servo_replay import as_moved
+    from sysid.posterior.stated_priors import as_estimated
     from sysid.problem.free_run import free_run, start_read_alike
     from sysid.signals.record import OUTPUTS, STATES
     from sysid.validation.held_out import comparison
 
     if restart_s is not None and restart_s <= 0.0:
         raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")
-    errors = {}
-    if isinstance(model, Identification):
+    vehicle = aircraft.vehicle
+    (read,) = read_flights([flight.of(aircraft)], [], vehicle, (), start_s, stop_s).fitted
+    prepared = read.as_measured(vehicle, start_s, stop_s)
+    errors: dict[str, tuple[float, float, str]] = {}
+    if isinstance(model, Identification) and model.posterior is not None:
+        errors = dict(model.posterior.sensor_errors())
+        (prepared,) = as_moved([prepared], [read.signals], vehicle, model.posterior)
+        vehicle = as_estimated(vehicle, model.posterior.of_aircraft())
+    elif isinstance(model, Identification):
         entries = model.result["sensor_errors"].items()
         errors = {name: (entry["value"], entry["std"], entry["unit"]) for name, entry in entries}
-    vehicle = aircraft.vehicle
-    read = read_flights([flight.of(aircraft)], [], vehicle, (), start_s, stop_s)
-    prepared = read.fitted[0].as_measured(vehicle, start_s, stop_s)
     fixed = comparison([prepared], vehicle, _model(model), errors, 0.0).model
     times: list[Array] = []
     z: list[Array] = []

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from flightmodel.errors import FlightModelError
 from sysid.signals.flight import FlightSignals
@@ -30,25 +32,24 @@ _SHOWN = (
 )
 _IN_DEGREES = {"rad": ("deg", math.degrees(1.0)), "rad/s": ("deg/s", math.degrees(1.0))}
 _MEASURED, _MODEL, _BAR = "#222222", "#d1495b", "#2a6f97"
-_HEIGHT_EACH, _WIDTH = 1.25, 8.0
+_HEIGHT_EACH, _WIDTH, _DPI = 1.25, 8.0, 64
 _KNOWN = (0.05, 500.0)  # % of a value that are drawn
 
 
-def _figure(rows: int, width: float = _WIDTH, height: float | None = None) -> Any:
-    from matplotlib.figure import Figure
+class Picture(Figure):
+    """A figure that a notebook shows by itself: those that pyplot did not make it would only name."""
 
-    return Figure(figsize=(width, 0.6 + _HEIGHT_EACH * rows if height is None else height), layout="constrained")
-
-
-def _shown(figure: Any) -> Any:
-    """A figure that a notebook draws: it needs a canvas of its own where pyplot did not make it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
-    return figure
+    def _repr_png_(self) -> bytes:
+        data = BytesIO()
+        self.savefig(data, format="png", dpi=_DPI)
+        return data.getvalue()
 
 
-def time_histories(flight: FlightSignals, signals: Sequence[str] | None) -> Any:
+def _figure(rows: int, width: float = _WIDTH, height: float | None = None) -> Picture:
+    return Picture(figsize=(width, 0.6 + _HEIGHT_EACH * rows if height is None else height), layout="constrained")
+
+
+def time_histories(flight: FlightSignals, signals: Sequence[str] | None) -> Picture:
     """Signals (SI, angles in degrees) over time, an axis for each."""
     names = [name for name in (_SHOWN if signals is None else signals) if name in flight.signals]
     if not names:
@@ -62,12 +63,12 @@ def time_histories(flight: FlightSignals, signals: Sequence[str] | None) -> Any:
         axes.grid(alpha=0.3)
     axes.set_xlabel("time, s")
     figure.suptitle(flight.name)
-    return _shown(figure)
+    return figure
 
 
 def compared(
     time_s: Any, measured: Mapping[str, Any], model: Mapping[str, Any], units: Mapping[str, str], title: str
-) -> Any:
+) -> Picture:
     """Measured outputs and a model's (N,) over time, an axis for each."""
     figure = _figure(len(measured))
     for axes, name in zip(np.atleast_1d(figure.subplots(len(measured), 1, sharex=True)), measured, strict=True):
@@ -79,10 +80,10 @@ def compared(
     axes.set_xlabel("time, s")
     figure.axes[0].legend(loc="upper right", fontsize=8)
     figure.suptitle(title)
-    return _shown(figure)
+    return figure
 
 
-def coefficients(result: Mapping[str, Any]) -> Any:
+def coefficients(result: Mapping[str, Any]) -> Picture:
     """How well each coefficient is known, an axis for each force or moment; beside it measured and model, if kept."""
     groups: dict[str, list[tuple[str, float, float]]] = {}
     for name, entry in result["model"]["coefficients"].items():
@@ -98,7 +99,7 @@ def coefficients(result: Mapping[str, Any]) -> Any:
         if series:
             _fit(row[1], group, series)
     figure.suptitle(f"{result['model']['name']}: how well each is known" + ("; measured and model" if series else ""))
-    return _shown(figure)
+    return figure
 
 
 def _bars(axes: Any, entries: Sequence[tuple[str, float, float]]) -> None:
@@ -130,7 +131,7 @@ def _fit(axes: Any, group: str, series: Sequence[Mapping[str, Any]]) -> None:
         axes.legend(loc="upper right", fontsize=7)
 
 
-def gaps(result: Mapping[str, Any]) -> Any:
+def gaps(result: Mapping[str, Any]) -> Picture:
     """How far simulation strays from measurement, before and after what is missing was added, in noise floors."""
     gap = result["gap"].get("validation") or result["gap"]["estimation"]
     floor = gap["noise_floor"]
@@ -150,7 +151,7 @@ def gaps(result: Mapping[str, Any]) -> Any:
     axes.grid(axis="y", alpha=0.3)
     named = ", ".join(effect["title"] for effect in result.get("effects", [])) or "no effect named"
     figure.suptitle(f"Simulation against measurement: {named}")
-    return _shown(figure)
+    return figure
 
 
 _STAGES = (("given", "model as given"), ("before", "coefficients fitted again"), ("after", "effect added"))

@@ -76,7 +76,7 @@ class Flight:
         >>> t = np.arange(0.0, 10.0, 0.02)
         >>> flight = Flight.from_frame({"time_s": t, "alpha (deg)": 3.0 + np.sin(t)})
         >>> flight.columns
-        ('alpha: column 'alpha (deg)', deg',)
+        ("alpha: column 'alpha (deg)', deg",)
         """
         table = _columns_of(frame)
         matched = match_columns(list(table), columns, units)

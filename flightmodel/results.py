@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from flightmodel.errors import FlightModelError
 from flightmodel.flight import Flight
 from flightmodel.optional import library
 from sim_vehicle.model.model_file import Model
+
+if TYPE_CHECKING:
+    from sysid.posterior.estimates import PosteriorEstimate
 
 Array = NDArray[np.float64]
 _Z95 = 1.96
@@ -58,11 +61,13 @@ class _Result:
 class Identification(_Result):
     """A flight model with error bars.
 
-    model: coefficients and effects, per radian, rates nondimensional. aircraft: whose it is.
+    model: coefficients and effects, per radian, rates nondimensional. aircraft: whose it is. posterior: what "map"
+    estimated of servos and sensors beside; None for the other methods.
     """
 
     model: Model
     aircraft: Aircraft
+    posterior: PosteriorEstimate | None = field(default=None, repr=False)
 
     @property
     def verdict(self) -> str:

@@ -19,6 +19,8 @@ _WORDS = {
     "accelerometer_tilt": ("accelerometers, tilt in pitch", "deg", 180.0 / math.pi),
     "gyro_tilt": ("gyros, roll read as yaw", "%", 100.0),
     "thrust_error": ("thrust reads too much by", "%", 100.0),
+    "thrust_arm": ("thrust line below the centre of gravity", "mm", 1e3),
+    "product_inertia": ("product of inertia beyond the file's", "g m^2", 1e3),
     "theta_offset": ("pitch angle, offset", "deg", 180.0 / math.pi),
     "phi_offset": ("roll angle, offset", "deg", 180.0 / math.pi),
     "alpha_offset": ("alpha vane, offset", "deg", 180.0 / math.pi),

@@ -38,8 +38,8 @@ Curve = Points | Polynomial
 class Propulsion:
     """Motor and propeller.
 
-    line: a point of the thrust line from the centre of gravity, m. inclination: rad, positive where thrust
-    points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen from behind.
+    line: a point of the thrust line from the centre of gravity, m; line_known: whether it was given. inclination: rad,
+    positive where thrust points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen from behind.
     max_thrust: N at full throttle. CT, CQ: (advance ratio, coefficient) points, or a polynomial, or empty.
     tau: first-order lag from throttle to thrust, or to propeller speed where CT is known, s.
     moving_mass: kg hanging on the thrust sensor. max_rpm: 1/min at full throttle.
@@ -55,6 +55,7 @@ class Propulsion:
     tau: float = 0.0
     moving_mass: float = 0.0
     max_rpm: float | None = None
+    line_known: bool = True
 
     @property
     def by_throttle(self) -> str:
@@ -124,6 +125,7 @@ def read_propulsion(table: Table) -> Propulsion:
     curves = {key: _read_curve(table, key) if table.optional(key) else () for key in ("CT", "CQ")}
     propulsion = Propulsion(
         line=table.vector("line"),
+        line_known=table.optional("line"),
         inclination=table.number("inclination", 0.0),
         diameter=table.optional_number("diameter", above=0.0),
         rotation=table.text("rotation", "cw", ("cw", "ccw")),

@@ -25,6 +25,8 @@ _MASS_KEYS = ("mass", "Ixx", "Iyy", "Izz", "Ixz")
 # 25e; Aerosonde and Zagi in Beard & McLain, Small Unmanned Aircraft, app. E), and how far one of them may be off.
 _USUAL_INERTIA = {"Ixx": 0.019, "Iyy": 0.020, "Izz": 0.035}
 _USUAL_INERTIA_STD = 0.7
+# The product of inertia over the root of Ixx Izz: 0.13, 0.10 and 0.01 for the same three; its sign goes with the tail.
+_USUAL_PRODUCT_STD = 0.1
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
 # Of a bench table, bytes.
@@ -292,10 +294,11 @@ def _read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassPro
         table.close()
         found = usual_inertia(mass, geometry.b)
         usual = {key: value for key, (value, _) in found.items()}
+        shown = [f"{usual[key]:.2g}" for key in _USUAL_INERTIA]
         doubt = {f"{key}_std": std for key, (_, std) in found.items()}
         warnings.append(
             f"{table.path('Ixx')}, Iyy, Izz: not given; what is usual for mass and span is taken"
-            f" ({', '.join(f'{value:.2g}' for value in usual.values())} kg m^2, to {_USUAL_INERTIA_STD:.0%}), so that"
+            f" ({', '.join(shown)} kg m^2, to {_USUAL_INERTIA_STD:.0%}), so that"
             " moment coefficients are known no better; swing the aircraft as a pendulum"
         )
         return MassProperties(mass, **usual, mass_std=mass_std, **doubt, estimated=True)
@@ -322,7 +325,8 @@ def usual_inertia(mass: float, span: float) -> dict[str, tuple[float, float]]:
     By name: value and standard deviation, kg m^2.
     """
     values = {key: share * mass * span**2 for key, share in _USUAL_INERTIA.items()}
-    return {key: (value, _USUAL_INERTIA_STD * value) for key, value in values.items()}
+    product = _USUAL_PRODUCT_STD * math.sqrt(values["Ixx"] * values["Izz"])
+    return {**{key: (value, _USUAL_INERTIA_STD * value) for key, value in values.items()}, "Ixz": (0.0, product)}
 
 
 def _read_geometry(table: Table) -> Geometry:

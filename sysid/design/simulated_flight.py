@@ -13,6 +13,7 @@ from sim_vehicle.flight.flight_loop import fly, wind_of
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.sensor_suite import RATES_HZ, TABLE_II, SensorSuite
 from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.shapes import CONTROLS
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -122,8 +123,11 @@ def signals_of(flown: FlownFlight, vehicle: Vehicle, name: str, left_out: Collec
     density = pressure.values / (GAS_CONSTANT * warmth)
     signals["air_density"] = Signal(pressure.time_s, density, "kg/m^3", "simulator")
     for control in vehicle.controls.values():
-        pulses = [np.asarray(flown.servos[servo], dtype=np.float64) for servo in control.servos]
-        deflection = control.deflection_from_pwm(*pulses)
+        if control.servos:
+            pulses = [np.asarray(flown.servos[servo], dtype=np.float64) for servo in control.servos]
+            deflection = control.deflection_from_pwm(*pulses)
+        else:
+            deflection = flown.command[:, CONTROLS.index(control.name)]
         signals[DEFLECTION_SIGNALS[control.name]] = Signal(flown.time_s, deflection, "rad", "simulator")
     return FlightSignals(name, signals)
 

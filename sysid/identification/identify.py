@@ -216,6 +216,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     from sysid.posterior.estimates import PRIOR_SHARE
     from sysid.posterior.nuisance_priors import THRUST_BY_SPEED_STD
     from sysid.posterior.servo_replay import as_moved
+    from sysid.posterior.stated_priors import as_estimated
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
@@ -233,6 +234,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     flights = as_moved(
         judges or found.prepared, [one.signals for one in read.judges] or found.signals, vehicle, found.estimate
     )
+    vehicle = as_estimated(vehicle, found.estimate.of_aircraft())
     compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
     groups = found.estimate.results.items()

@@ -31,7 +31,7 @@ from sysid.posterior.group_model import GroupModel
 from sysid.posterior.nuisance_priors import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
 from sysid.posterior.reported_spectrum import noise_spectra
 from sysid.posterior.start_values import equation_error_starts, usual_starts
-from sysid.posterior.stated_priors import Stated, declared, zero_stds
+from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 # Standard deviation of a command, rad, below which it has excited nothing.
@@ -236,7 +236,8 @@ def _begun(
 ) -> _Begun:
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
-    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, (lag,), flow_imposed, flights)
+    more = (lag, *of_aircraft(vehicle, any(part.thrust_from for part in parts)))
+    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, more, flow_imposed, flights)
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
         scale = f"{FLOW_OF[group]}_scale"

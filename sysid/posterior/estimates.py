@@ -129,6 +129,10 @@ class PosteriorEstimate:
                 found[error] = (informed[name].value - null, informed[name].std, unit)
         return found
 
+    def of_aircraft(self) -> dict[str, float]:
+        """What was estimated of the aircraft itself, by name (`sysid.posterior.stated_priors.as_estimated`)."""
+        return {one.name: one.value for one in self.nuisances if one.name in ("product_inertia", "thrust_arm")}
+
     def systematic(self) -> dict[str, dict[str, float]]:
         """Change of each coefficient and effect parameter under each error of what was taken as known."""
         return {

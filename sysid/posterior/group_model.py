@@ -22,7 +22,8 @@ from sim_vehicle.effects.environment import DENSITY_ERROR
 from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
 from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.physics.layout import Par
+from sim_vehicle.vehicle.flat_model import FlatModel, flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
@@ -46,6 +47,9 @@ _DRIVING = frozenset(
     )
 )
 
+
+# Nuisances that change the motion's own equations, and the constant of the vehicle that they add to.
+_SHAPING = {"product_inertia": Par.Ixz, "thrust_arm": Par.propeller_z}
 
 # Parameters of effects that change what airspeed drives the simulation, and steps of their differences.
 _OF_AIRSPEED = {
@@ -215,9 +219,21 @@ class GroupModel:
             result[:, :, i] += read[:, :, place]
         for i, nuisance in acting:
             if nuisance.name not in self._driving:
-                other = {**values, nuisance.name: values[nuisance.name] + nuisance.step}
-                result[:, :, count + i] = (self._read(one, other, y[:, :, None])[:, :, 0] - base) / nuisance.step
+                other, moved = {**values, nuisance.name: values[nuisance.name] + nuisance.step}, y
+                if nuisance.name in _SHAPING:
+                    moved = self._ideal(one, other, theta, states, predictor.records[0])[0]
+                result[:, :, count + i] = (self._read(one, other, moved[:, :, None])[:, :, 0] - base) / nuisance.step
         return result
+
+    def _shaped(self, values: Mapping[str, float]) -> FlatModel:
+        """The flat model with what the nuisances add to the vehicle's constants."""
+        added = {place: values[name] for name, place in _SHAPING.items() if values.get(name)}
+        if not added:
+            return self.flat
+        flat = self.flat.copy()
+        for place, value in added.items():
+            flat.P[place] += value
+        return flat
 
     def _values(self, index: int, theta: Array) -> dict[str, float]:
         count = len(self.parameters)
@@ -330,7 +346,7 @@ class GroupModel:
         """(N, m) what ideal sensors read on the grid, and what it was predicted by. record: what drives it."""
         record = self._driven(one, values) if record is None else record
         predictor = Predictor(
-            self.flat, self.parameters, [record], sub_steps=1, tangent_steps=1,
+            self._shaped(values), self.parameters, [record], sub_steps=1, tangent_steps=1,
             # What is read at the stamp of a step felt what was before it.
             command_first=0.0 if _stepping(one.part, self.unknowns) else 0.5,
         )  # fmt: skip

@@ -12,6 +12,7 @@ import re
 SIGNAL_UNITS: dict[str, str] = {
     **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
     **dict.fromkeys(("p", "q", "r"), "rad/s"),
+    **dict.fromkeys(("pdot", "qdot", "rdot"), "rad/s^2"),
     **dict.fromkeys(("phi", "theta", "psi", "alpha", "beta", "alpha2", "beta2"), "rad"),
     **dict.fromkeys(("airspeed", "true_airspeed", "vn", "ve", "vd"), "m/s"),
     **dict.fromkeys(("differential_pressure", "static_pressure"), "Pa"),
@@ -47,6 +48,9 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
         "omega_y",
     ),
     "r": ("r", "yaw_rate", "yawrate", "yawspeed", "gyro_z", "gyr_z", "gz", "zgyro", "gyrz", "imu_gyrz", "omega_z"),
+    "pdot": ("pdot", "p_dot", "roll_acceleration"),
+    "qdot": ("qdot", "q_dot", "pitch_acceleration"),
+    "rdot": ("rdot", "r_dot", "yaw_acceleration"),
     "phi": ("phi", "roll", "roll_angle", "bank", "bank_angle", "att_roll"),
     "theta": ("theta", "pitch", "pitch_angle", "att_pitch", "the"),
     "psi": ("psi", "yaw", "heading", "yaw_angle", "true_heading", "heading_true", "hding_true", "att_yaw", "hdg"),

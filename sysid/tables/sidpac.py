@@ -17,7 +17,8 @@ from sysid.errors import TableError
 from sysid.tables.columns import Matched, match_columns
 from sysid.tables.units import unit_of
 
-COLUMNS = 90
+# Columns of the array; older ones have fewer.
+COLUMNS, _FEWEST = 90, 30
 # Column, from 1 -> signal and unit.
 _CHANNELS: dict[int, tuple[str, str]] = {
     1: ("time", "s"),
@@ -27,11 +28,14 @@ _CHANNELS: dict[int, tuple[str, str]] = {
     **{column: (name, "deg") for column, name in zip(range(8, 11), ("phi", "theta", "psi"), strict=True)},
     **{column: (name, "g") for column, name in zip(range(11, 14), ("ax", "ay", "az"), strict=True)},
     **{column: (name, "deg") for column, name in zip(range(14, 17), ("de", "da", "dr"), strict=True)},
+    **{column: (name, "deg/s^2") for column, name in zip(range(42, 45), ("pdot", "qdot", "rdot"), strict=True)},
     29: ("air_density", "slug/ft^3"),
     30: ("altitude", "ft"),
 }
 _THRUST = range(38, 42)  # lbf, of up to four engines
+# Columns of the mass, slug, the moments of inertia, slug ft^2, and the wing, ft^2, ft, ft.
 _MASS, _INERTIA, _AREA, _SPAN, _CHORD = 48, {"Ixx": 49, "Iyy": 50, "Izz": 51, "Ixz": 52}, 77, 78, 79
+# kg and kg m^2 in a slug and a slug ft^2.
 _SLUG, _SLUG_FT2 = 14.593902937206, 1.3558179483314
 
 
@@ -74,6 +78,8 @@ def fdata_columns(fdata: ArrayLike, name: str = "fdata") -> tuple[dict[str, Arra
     array = _checked(fdata, name)
     table, columns, units = {}, {}, {}
     for column, (signal, unit) in _CHANNELS.items():
+        if column > array.shape[1]:
+            continue
         values = array[:, column - 1]
         if column > 1 and not np.any(np.nan_to_num(values)):
             continue
@@ -132,7 +138,7 @@ def looks_like_fdata(array: Array) -> bool:
 
 def _checked(fdata: ArrayLike, name: str) -> Array:
     array = np.asarray(fdata, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] < max(_CHANNELS):
+    if array.ndim != 2 or array.shape[1] < _FEWEST:
         raise TableError(
             f"{name}: an array of the shape {array.shape} is no flight data array of SIDPAC, which has 90 columns"
         )

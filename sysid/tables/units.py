@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from sim_vehicle.constants import STANDARD_GRAVITY
 from sysid.errors import TableError
 
+# m, m/s and N: exact by definition (NIST SP 811).
 _FOOT, _KNOT, _POUND_FORCE = 0.3048, 1852.0 / 3600.0, 4.4482216152605
 _SLUG = _POUND_FORCE / _FOOT
+# K: a degree of Rankine and Fahrenheit, and where Celsius begins.
 _RANKINE, _ZERO_CELSIUS = 5.0 / 9.0, 273.15
 
 
@@ -41,6 +43,8 @@ _UNITS: dict[str, Unit] = {
     **{text: Unit("rad/s", 1.0) for text in ("rad/s", "rad/sec", "radian/s", "radians/s", "r/s")},
     **{text: Unit("rad/s", math.radians(1.0)) for text in ("deg/s", "deg/sec", "dps", "degree/s", "degrees/s")},
     **_all("rad/s", **{"mrad/s": 1e-3}),
+    **{text: Unit("rad/s^2", 1.0) for text in ("rad/s2", "rad/s/s")},
+    **{text: Unit("rad/s^2", math.radians(1.0)) for text in ("deg/s2", "deg/s/s")},
     **{text: Unit("m/s^2", 1.0) for text in ("m/s2", "m/s/s", "m/sec2", "mps2")},
     **{text: Unit("m/s^2", _FOOT) for text in ("ft/s2", "ft/s/s", "ft/sec2", "fps2")},
     **{text: Unit("m/s^2", STANDARD_GRAVITY) for text in ("g", "gs", "g's", "g0", "gn")},
@@ -129,6 +133,7 @@ def unit_of(text: str, wanted: str, what: str) -> Unit:
 _USUAL: dict[str, tuple[str, ...]] = {
     "rad": ("rad", "deg"),
     "rad/s": ("rad/s", "deg/s"),
+    "rad/s^2": ("rad/s^2", "deg/s^2"),
     "m/s^2": ("m/s^2", "g", "ft/s^2"),
     "m/s": ("m/s", "ft/s", "kn", "km/h"),
     "m": ("m", "ft"),

@@ -101,5 +101,5 @@ def test_the_array_of_sidpac_describes_its_aircraft(sidpac_mat: Path, aircraft: 
     assert (found.mass, found.span, found.chord) == pytest.approx(
         (aircraft.mass, aircraft.span, aircraft.chord), rel=1e-9
     )
-    assert found.area == pytest.approx(aircraft.area, rel=1e-4)
+    assert found.area == pytest.approx(aircraft.area, rel=1e-9)
     assert found.vehicle.mass.Iyy == pytest.approx(aircraft.vehicle.mass.Iyy, rel=1e-9)

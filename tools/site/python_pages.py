@@ -5,16 +5,18 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-PACKAGES = ("sim_vehicle", "sysid", "gcs")
+PACKAGES = ("flightmodel", "sim_vehicle", "sysid", "gcs")
 _HEAD = """# Python
 
-Three packages, imports one way: `sim_vehicle <- sysid <- gcs` ([architecture](../../architecture.md)). Arrays are
-numpy's, in SI units and radians; `(n,)` and the like in a docstring are shapes. What begins with an underscore is
-internal. Where to begin:
+Four packages, imports one way: `sim_vehicle <- sysid <- gcs <- flightmodel` ([architecture](../../architecture.md)).
+Arrays are numpy's, in SI units and radians; `(n,)` and the like in a docstring are shapes. What begins with an
+underscore is internal. `flightmodel` is the public face ([how to use it](../../howto/python.md)); what stands there
+changes with major versions alone. Where to begin:
 
 | to | use |
 |---|---|
-| identify a model | [`sysid.identify`](sysid.identification.identify.md) |
+| go from a table or a log to a model | [`flightmodel`](flightmodel.md) |
+| identify a model from signals | [`sysid.identify`](sysid.identification.identify.md) |
 | name what a model lacks | [`sysid.discrepancy`](sysid.discrepancy.analysis.md) |
 | fit a bench curve | [`sysid.calibration`](sysid.signals.calibration.md) |
 | predict a flight's error bars | [`sysid.design`](sysid.design.prediction.md) |

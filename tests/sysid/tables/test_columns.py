@@ -37,6 +37,7 @@ def test_jsbsim_s_columns_are_known_with_their_units() -> None:
         "p": (("P (deg/s)",), "deg/s"),
         "q": (("Q (deg/s)",), "deg/s"),
         "r": (("R (deg/s)",), "deg/s"),
+        "pdot": (("P dot (deg/s^2)",), "deg/s^2"),
         "phi": (("Phi (deg)",), "deg"),
         "alpha": (("Alpha (deg)",), "deg"),
         "true_airspeed": (("V_{Total} (ft/s)",), "ft/s"),

@@ -1,0 +1,48 @@
+"""The examples of the documentation run as they stand, and print what they say."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import flightmodel
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "howto" / "python.md"
+
+
+@pytest.mark.whole_flight
+def test_the_page_s_examples_run_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(ROOT / "docs" / "notebooks" / "flight1.csv", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) > 4
+    space: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, PAGE.name, "exec"), space)
+    printed = capsys.readouterr().out
+    shown = re.search(r"It prints:\n\n```\n(.*?)\n```", text, re.DOTALL)
+    assert shown is not None
+    assert printed.splitlines()[-1] == shown[1]
+    assert {"result.json", "model.json", "report.html", "mine.toml"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize("module", ["aircraft", "equations", "flight"])
+def test_examples_of_docstrings_hold(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(f"flightmodel.{module}"))
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+def test_everything_promised_is_there() -> None:
+    assert {name: getattr(flightmodel, name) for name in flightmodel.__all__}
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        flightmodel.nothing  # type: ignore[attr-defined] # noqa: B018
