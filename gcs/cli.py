@@ -1,7 +1,7 @@
 """The command line: `gcs COMMAND …`. Each command is a module of `gcs.commands`.
 
 Exit codes: 0 done, 1 failed on its input (one line on standard error), 2 wrong use: settings and
-connection strings that cannot be meant, and a vehicle file that cannot be used.
+connection strings that cannot be meant, and a vehicle file that cannot be used, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ from types import FrameType, ModuleType
 
 import gcs.commands
 from gcs.errors import GcsError, LinkUrlError, SettingsError
+from gcs.text.progress import Progress
 from gcs.version import VERSION
+from sim_vehicle.cli.completion import SHELLS, PrintCompletion
+from sim_vehicle.cli.main import INTERRUPTED
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
 _OBJECTS_BETWEEN_LOOKS = 50_000
@@ -38,10 +41,14 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = argparse.ArgumentParser(prog="gcs", description="Ground station: from telemetry to a flight model.")
     parser.add_argument("--version", action="version", version=f"gcs {VERSION}")
+    parser.add_argument(
+        "--print-completion", action=PrintCompletion, metavar="SHELL", choices=SHELLS, help="bash, zsh or tcsh: a script"
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _modules():
         command = commands.add_parser(module.NAME, help=module.HELP, description=module.HELP)
         module.add_arguments(command)
+        command.add_argument("--quiet", action="store_true", help="no progress and no remarks on standard error")
         command.set_defaults(run=module.run)
     return parser
 
@@ -68,6 +75,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     from sysid.errors import SysidError
 
     args = build_parser().parse_args(arguments)
+    Progress.silent = args.quiet
     # A trial of an estimation that runs away is refused by its cost; what numpy remarks on it helps no user.
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     # A shell starts background commands with SIGINT ignored; a recorder must close its file all the same.
@@ -90,6 +98,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         print(f"gcs {args.command}: {name}{error.strerror or error}", file=sys.stderr)
     except KeyboardInterrupt:
         print(f"gcs {args.command}: interrupted", file=sys.stderr)
+        return INTERRUPTED
     return 1
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import resource
 import shutil
 import signal
 import socket
@@ -29,6 +28,7 @@ from gcs.links.opening import Link, open_links
 from gcs.live.feed import LiveFeed
 from gcs.live.telemetry import EstimateTelemetry
 from gcs.mavlink.dialect import Dialect
+from gcs.portable import open_files
 from gcs.settings import Settings
 from gcs.station.forwardrules import parse_forward
 from gcs.station.own_sender import StationVoice
@@ -58,12 +58,7 @@ def _tidy(settings: Settings) -> None:
 
 def _connections() -> type[BoundedProtocol]:
     """HTTP that leaves most of the open files and sockets that this process may have to links and recordings."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    # Some systems say that there is no limit, and then take no number that is one.
-    wanted = max(soft, _DESCRIPTORS) if hard == resource.RLIM_INFINITY else hard
-    if soft != wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-    return limited(min(MOST, wanted // 4))
+    return limited(min(MOST, open_files(_DESCRIPTORS) // 4))
 
 
 @contextmanager

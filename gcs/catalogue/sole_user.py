@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from gcs import portable
 from gcs.errors import ServiceError
 
 
@@ -23,7 +23,7 @@ def sole_user(data: Path) -> Iterator[None]:
         raise ServiceError(f"{data}: the data folder cannot be used ({error.strerror}); choose another") from error
     with lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            portable.lock(lock)
         except OSError as error:
             raise ServiceError(f"{data}: another service uses this data folder; stop it or choose another") from error
         yield

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import resource
 import sys
 import threading
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 from gcs.errors import GcsError
 from gcs.jobs.limits import stand_back
+from gcs.portable import used
 from gcs.text.jsontext import dumps
 from gcs.text.sizes import size_text
 from sim_vehicle.errors import SimVehicleError
@@ -79,9 +79,8 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
 
 
 def _report_cost() -> None:
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    per_unit = 1 if sys.platform == "darwin" else 1024
-    report(cost={"cpu_s": used.ru_utime + used.ru_stime, "peak_bytes": used.ru_maxrss * per_unit})
+    cpu_s, peak_bytes = used()
+    report(cost={"cpu_s": cpu_s, "peak_bytes": peak_bytes})
 
 
 def main() -> int:

@@ -7,7 +7,6 @@ import glob
 import os
 import socket
 import sys
-import termios
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from gcs.links.datagrams import Batch, Peer
 from gcs.links.link import Backoff, Link, address_text, readable
 from gcs.links.outbox import Outbox
 from gcs.links.url import LinkUrl
+from gcs.portable import TERMINAL_ERROR
 from gcs.text.oserrors import device_reason, reason
 
 # Reads are stamped here, not by the kernel, so each is made at once; only the handing over waits for a few.
@@ -211,7 +211,7 @@ class SerialLink(StreamLink):
             self._port = serial.Serial(device, self.url.baud, exclusive=True)
         except serial.SerialException as error:
             raise OSError(device_reason(device, error)) from error
-        except (ValueError, OverflowError, termios.error) as error:  # a baud rate that the device refuses
+        except (ValueError, OverflowError, TERMINAL_ERROR) as error:  # a baud rate that the device refuses
             why = " ".join(str(error.args[-1]).split())
             raise OSError(f"{device} cannot be used at {self.url.baud} baud: {why}") from error
         return (device, self.url.baud), device

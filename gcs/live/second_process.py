@@ -18,6 +18,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any, TypeVar
 
+from gcs import portable
+
 Result = TypeVar("Result")
 # What is reported at once comes first where both want the processor.
 _NICENESS = 5
@@ -86,7 +88,7 @@ def _read(orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]
 def main() -> None:
     """Work until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(_NICENESS)
+    portable.stand_back(_NICENESS)
     answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what libraries print is no answer
     orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(orders,), daemon=True).start()

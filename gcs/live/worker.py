@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs import portable
 from gcs.errors import GcsError, in_words
 from gcs.links.datagrams import Batch
 from gcs.live.estimate_reports import EstimateReports
@@ -242,7 +243,7 @@ def _read(unpacker: Unpacker) -> list[Batch | Flight] | None:
 def main(arguments: list[str]) -> int:
     """arguments: the dialect, and the vehicle file or "". Exit code 1 for a named error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input says when to stop
-    os.nice(_NICENESS)
+    portable.stand_back(_NICENESS)
     dialect, vehicle = arguments
     second = SecondProcess()
     try:

@@ -24,6 +24,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from gcs.errors import DiskFullError, RecordingError
+from gcs.portable import free_bytes
 from gcs.recording import build as kernel
 from gcs.recording import records
 from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
@@ -306,9 +307,8 @@ class RecordingSink:
         """DiskFullError if writing `size` bytes would leave less than the reserve."""
         if not self._reserve:
             return
-        disk = os.fstatvfs(self._file.fileno())
-        free = disk.f_bavail * disk.f_frsize
-        if disk.f_blocks and free < self._reserve + size:
+        free = free_bytes(self._file, self.path)
+        if free is not None and free < self._reserve + size:
             raise DiskFullError(
                 f"{self.path} is not written further: the disk has {size_text(free)} left, and"
                 f" {size_text(self._reserve)} are kept in reserve; free some space"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from types import TracebackType
@@ -13,13 +14,16 @@ _WIDTH = 24
 class Progress:
     """Called with a fraction (0..1) and a line of text; a context manager that leaves the terminal clean.
 
-    watched: whether the stream is a terminal. after_s: work that is done sooner shows nothing.
+    watched: whether the stream is a terminal that takes control codes. after_s: work that is done sooner shows nothing.
+    silent: whether nothing is shown at all, in the whole process.
     """
+
+    silent = False
 
     def __init__(self, stream: TextIO | None = None, after_s: float = 0.0) -> None:
         self._stream = sys.stderr if stream is None else stream
         self._starts = time.monotonic() + after_s
-        self.watched = self._stream.isatty()
+        self.watched = self._stream.isatty() and os.environ.get("TERM") != "dumb" and not self.silent
         self._shown = ""
 
     def __enter__(self) -> Progress:
@@ -33,7 +37,7 @@ class Progress:
             self._stream.flush()
 
     def __call__(self, fraction: float, text: str) -> None:
-        if time.monotonic() < self._starts:
+        if self.silent or time.monotonic() < self._starts:
             return
         fraction = min(max(fraction, 0.0), 1.0)
         if self.watched:

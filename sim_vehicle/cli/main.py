@@ -7,7 +7,11 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from sim_vehicle.cli.completion import SHELLS, PrintCompletion
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
+
+
+INTERRUPTED = 130  # what shells say of a command that Ctrl-C ended
 
 
 class _Parser(argparse.ArgumentParser):
@@ -20,6 +24,9 @@ class _Parser(argparse.ArgumentParser):
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the commands."""
     parser = _Parser(prog="sim-vehicle", description=__doc__)
+    parser.add_argument(
+        "--print-completion", action=PrintCompletion, metavar="SHELL", choices=SHELLS, help="bash, zsh or tcsh: a script"
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     fly = commands.add_parser("fly", help="fly manoeuvres and send or record the telemetry")
     add = fly.add_argument
@@ -73,8 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"sim-vehicle: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("sim-vehicle: stopped", file=sys.stderr)
-        return 130
+        print("sim-vehicle: interrupted", file=sys.stderr)
+        return INTERRUPTED
     return 0
 
 

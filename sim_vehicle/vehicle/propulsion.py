@@ -39,7 +39,8 @@ class Propulsion:
     """Motor and propeller.
 
     line: a point of the thrust line from the centre of gravity, m; line_known: whether it was given. inclination: rad,
-    positive where thrust points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen from behind.
+    positive where thrust points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen
+    from behind.
     max_thrust: N at full throttle. CT, CQ: (advance ratio, coefficient) points, or a polynomial, or empty.
     tau: first-order lag from throttle to thrust, or to propeller speed where CT is known, s.
     moving_mass: kg hanging on the thrust sensor. max_rpm: 1/min at full throttle.

@@ -1,5 +1,6 @@
 """The command line as a user runs it: exit codes, one line per error, and what is printed."""
 
+import io
 import json
 import os
 import signal
@@ -18,6 +19,7 @@ from gcs.cli import main
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
 from gcs.station.capture import Capture
+from gcs.text.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -330,3 +332,43 @@ def test_a_flight_cut_off_by_a_crash_is_listed_after_the_restart(
         finally:
             again.kill()
     assert again.returncode == 0
+
+
+def test_quiet_says_nothing_but_errors(flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    csv = tmp_path / "a.csv"
+    csv.write_text("time_s,q_deg_s\n" + "\n".join(f"{0.02 * i:.2f},{i}" for i in range(50)))
+    for more in ([], ["--quiet"]):
+        target = tmp_path / f"a{len(more)}.mcap"
+        assert main(["import", str(csv), "-o", str(target), *more]) == 0
+    assert capsys.readouterr().err == ""
+    assert main(["info", str(tmp_path / "nothing.mcap"), "--quiet"]) == 1
+    assert "no such file" in capsys.readouterr().err
+
+
+def test_progress_is_silent_where_asked_and_plain_on_a_dumb_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    shown = {}
+    for term, silent in (("xterm", False), ("dumb", False), ("xterm", True)):
+        monkeypatch.setenv("TERM", term)
+        monkeypatch.setattr(Progress, "silent", silent)
+        terminal = Terminal()
+        with Progress(terminal) as progress:
+            progress(0.5, "half")
+        shown[term, silent] = terminal.getvalue()
+    assert "\x1b[K" in shown["xterm", False]
+    assert shown["dumb", False] == " 50 % half\n"
+    assert shown["xterm", True] == ""
+
+
+@pytest.mark.parametrize("program", ["gcs", "sim-vehicle"])
+def test_shells_can_complete_every_command(program: str) -> None:
+    run = [str(Path(sys.executable).with_name(program)), "--print-completion"]
+    script = subprocess.run([*run, "bash"], capture_output=True, text=True, check=True).stdout
+    assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
+    names = ("identify", "--validate", "discrepancy") if program == "gcs" else ("fly", "--manoeuvre", "--effect")
+    assert all(name in script for name in names)
+    wrong = subprocess.run([*run, "fish"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2

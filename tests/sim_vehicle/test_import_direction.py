@@ -20,6 +20,7 @@ PARTS = (
         "errors",
         "version",
         "allocator",
+        "portable",
         "text",
         "mavlink",
         "links",
