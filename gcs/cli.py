@@ -42,7 +42,11 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="gcs", description="Ground station: from telemetry to a flight model.")
     parser.add_argument("--version", action="version", version=f"gcs {VERSION}")
     parser.add_argument(
-        "--print-completion", action=PrintCompletion, metavar="SHELL", choices=SHELLS, help="bash, zsh or tcsh: a script"
+        "--print-completion",
+        action=PrintCompletion,
+        metavar="SHELL",
+        choices=SHELLS,
+        help="bash, zsh or tcsh: a script",
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _modules():

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 NAME = "import"
-HELP = "turn a log of another format (.tlog, ArduPilot .bin, PX4 .ulg, a table: .csv .parquet .mat) into a recording"
+HELP = "turn a log (.tlog, ArduPilot .bin, PX4 .ulg), a table (.csv .parquet .mat) or a ROS bag into a recording"
 _QUIET_S = 2.0
 
 

@@ -5,20 +5,27 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs.errors import ImportFileError, RecordingError
 from gcs.mavlink.dialect import DEFAULT_DIALECT, Dialect
+
+if TYPE_CHECKING:
+    from gcs.recording.container import Container
 
 #: Gets the share that is done, 0 to 1.
 Progress = Callable[[float], None]
 
 
 def _copy(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
-    """A recording is taken as it is, once it has opened; one that was cut off is completed."""
+    """A recording is taken as it is, once it has opened; one that was cut off is completed. A ROS bag is imported."""
     from gcs.recording.container import Container
     from gcs.recording.repair import repair
 
-    if Container(source).damage.truncated:
+    opened = Container(source)
+    if _is_ros(opened):
+        _import_ros(source, target, progress, dialect, name)
+    elif opened.damage.truncated:
         repair([source], target, remember=True)
     else:
         shutil.copyfile(source, target)
@@ -46,6 +53,27 @@ def _import_table(source: Path, target: Path, progress: Progress, dialect: str, 
     from gcs.importers.table import import_table
 
     import_table(source, target, progress, name)
+
+
+def _import_ros(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    from gcs.importers.ros import import_ros
+
+    import_ros(source, target, progress, name)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether an MCAP file is a ROS bag and no recording of ours."""
+    from gcs.recording.container import Container
+
+    try:
+        return _is_ros(Container(path))
+    except RecordingError:
+        return False  # whoever reads it says what is wrong with it
+
+
+def _is_ros(opened: Container) -> bool:
+    names = [channel.topic for channel in opened.channels.values()]
+    return bool(names) and not any(name.startswith("/mavlink/") for name in names)
 
 
 def _export_tlog(source: Path, target: Path) -> None:
@@ -82,7 +110,11 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".txt": _import_table,
     ".parquet": _import_table,
     ".mat": _import_table,
+    ".db3": _import_ros,
+    ".bag": _import_ros,
 }
+# What a file of columns says something of.
+_WITH_COLUMNS = (_import_table, _import_ros, _copy)
 EXPORTS: dict[str, Callable[[Path, Path], None]] = {
     ".tlog": _export_tlog,
     ".csv": _export_csv,
@@ -126,13 +158,18 @@ def import_file(
     if target.exists() and target.samefile(source):
         raise ImportFileError(f"{source} would be written over itself; choose another name for the output")
     _check_new(target)
-    if columns is not None and IMPORTS[ending] is not _import_table:
+    if columns is not None and IMPORTS[ending] not in _WITH_COLUMNS:
         raise ImportFileError(f"{name or source.name}: is no table; leave the file of columns out")
     try:
-        if columns is not None:
+        if columns is not None and IMPORTS[ending] is _import_table:
             from gcs.importers.table import import_table
 
             import_table(source, target, progress, name or source.name, columns)
+            return
+        if columns is not None:
+            from gcs.importers.ros import import_ros
+
+            import_ros(source, target, progress, name or source.name, columns)
             return
         IMPORTS[ending](source, target, progress, dialect, name or source.name)
     except BaseException:

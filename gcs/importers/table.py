@@ -63,11 +63,14 @@ def import_table(
     notes = {"note": NOTE, "columns": used, "unused": ", ".join((*matched.unused, *table.left_out))}
     notes |= {f"{IMPORT_WARNING}{number}": warning for number, warning in enumerate(flight.warnings, 1)}
     utc = round((start_s) * 1e6) - _FIRST_US if start_s > _EARLIEST_UTC_S else None
-    write_recording(ImportedLog(FORMAT, 1, _series(flight), utc, notes), source, target, progress, name)
+    write_recording(ImportedLog(FORMAT, 1, row_series(flight), utc, notes), source, target, progress, name)
 
 
-def _series(flight: FlightSignals) -> list[Series]:
-    """Messages for each row and a HEARTBEAT for each second."""
+def row_series(flight: FlightSignals) -> list[Series]:
+    """The signals of a flight that tables hold: messages for each row, and a HEARTBEAT for each second.
+
+    Rows are stamped from a second on; those of signals with other stamps lie between.
+    """
     kept = {key: one for key, one in flight.signals.items() if key in TABLE_SIGNALS}
     times = np.unique(np.concatenate([one.time_s for one in kept.values()]))
     time_us = _FIRST_US + np.rint(1e6 * times).astype(np.int64)

@@ -10,7 +10,7 @@ from typing import Any
 
 from gcs.flights.sender import AUTOPILOT_INVALID, GENERIC
 from gcs.flights.streams import sender_of
-from gcs.formats.conversion import check_file, import_file
+from gcs.formats.conversion import check_file, import_file, is_bag
 from gcs.inspection.clocks import clock_text, clocks
 from gcs.inspection.links import link_counts, radio_text, radios
 from gcs.inspection.pace import Pace, paces
@@ -31,7 +31,7 @@ def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator
         converted = []
         for number, path in enumerate(paths):
             check_file(path)
-            if path.suffix.lower() == ".mcap":
+            if path.suffix.lower() == ".mcap" and not is_bag(path):
                 converted.append(path)
                 continue
             target = Path(folder) / str(number) / f"{path.stem}.mcap"

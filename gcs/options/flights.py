@@ -77,7 +77,9 @@ def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     vehicle = load_vehicle(args.vehicle)
-    for warning in () if Progress.silent else vehicle.warnings:  # before the job: it takes minutes, and a wrong unit makes them worthless
+    for warning in (
+        () if Progress.silent else vehicle.warnings
+    ):  # before the job: it takes minutes, and a wrong unit makes them worthless
         print(f"gcs {args.command}: warning: {warning}", file=sys.stderr, flush=True)
     judges = getattr(args, "validate", [])
     with as_recordings([*args.files, *judges], args.dialect) as paths, Progress() as progress:

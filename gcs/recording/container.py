@@ -24,7 +24,7 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 #: Logs that can be made recordings (`gcs.formats.conversion`).
-LOG_ENDINGS = (".tlog", ".bin", ".ulg")
+LOG_ENDINGS = (".tlog", ".bin", ".ulg", ".csv", ".tsv", ".txt", ".parquet", ".mat", ".db3", ".bag")
 
 GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
 _FOOTER_BYTES = 9 + 20 + 8
@@ -132,7 +132,7 @@ class Container:
         if magic != records.MAGIC[: len(magic)] and end == records.MAGIC:
             self.damage.notes.append("the first bytes are not those of an MCAP file; its end was believed")
         elif magic != records.MAGIC[: len(magic)]:
-            raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {' and '.join(LOG_ENDINGS)}")
+            raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {', '.join(LOG_ENDINGS)}")
         if self.bytes.size < len(records.MAGIC) + 9:
             raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
 

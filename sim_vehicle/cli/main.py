@@ -10,7 +10,6 @@ from typing import NoReturn
 from sim_vehicle.cli.completion import SHELLS, PrintCompletion
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
-
 INTERRUPTED = 130  # what shells say of a command that Ctrl-C ended
 
 
@@ -25,7 +24,11 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of the commands."""
     parser = _Parser(prog="sim-vehicle", description=__doc__)
     parser.add_argument(
-        "--print-completion", action=PrintCompletion, metavar="SHELL", choices=SHELLS, help="bash, zsh or tcsh: a script"
+        "--print-completion",
+        action=PrintCompletion,
+        metavar="SHELL",
+        choices=SHELLS,
+        help="bash, zsh or tcsh: a script",
     )
     commands = parser.add_subparsers(dest="command", required=True)
     fly = commands.add_parser("fly", help="fly manoeuvres and send or record the telemetry")

@@ -143,7 +143,7 @@ def split_header(header: str) -> tuple[str, str]:
     """
     text = re.sub(r"\s*\.\d+$", "", header.strip())  # what pandas adds to a header that stands twice
     if match := re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*)\s*[\])]", text):
-        return plain(match[1]), match[2].strip() if match[2].strip() and is_unit(match[2]) else ""
+        return plain(match[1]), match[2].strip() if is_unit(match[2]) and not match[2].strip().isdigit() else ""
     if text.count(",") == 1:
         name, unit = (part.strip().strip("_").strip() for part in text.split(","))
         if is_unit(unit):

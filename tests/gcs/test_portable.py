@@ -17,7 +17,11 @@ def guarded(name, globals=None, locals=None, fromlist=(), level=0):
     return real(name, globals, locals, fromlist, level)
 builtins.__import__ = guarded
 real_module = importlib.import_module
-importlib.import_module = lambda name, package=None: guarded(name, {"__name__": "gcs"}, None, ("x",)) if name in POSIX else real_module(name, package)
+def asked(name, package=None):
+    if name in POSIX:
+        raise ImportError(name + " is not on this system")
+    return real_module(name, package)
+importlib.import_module = asked
 count = 0
 for package in OURS:
     found = importlib.import_module(package)

@@ -60,13 +60,15 @@ def test_the_wheel_holds_types_and_data_and_no_tests(wheel: Path) -> None:
 def test_it_flies_identifies_reports_and_serves(installed: Path, tmp_path: Path) -> None:
     def run(program: str, *arguments: str) -> str:
         done = subprocess.run(
-            [str(installed / program), *arguments], cwd=tmp_path, env=PLAIN, capture_output=True, text=True, timeout=300,
-            check=False,
+            [str(installed / program), *arguments], cwd=tmp_path, env=PLAIN, capture_output=True, text=True,
+            timeout=300, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-2000:]
         return done.stdout
 
-    where = run("python", "-c", "import flightmodel, gcs, sysid; print(flightmodel.__file__, gcs.__file__, sysid.__file__)")
+    where = run(
+        "python", "-c", "import flightmodel, gcs, sysid; print(flightmodel.__file__, gcs.__file__, sysid.__file__)"
+    )
     assert all(str(installed.parent) in place for place in where.split())
     run("sim-vehicle", *FLY)
     run("gcs", "identify", "flight.mcap", "--vehicle", "ultrastick25e", "-o", "result.json")

@@ -136,7 +136,7 @@ function together() {
 }
 
 function uploadForm(done, signal) {
-  const input = h('input', { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat', required: true })
+  const input = h('input', { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
   const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
   const words = h('p', { role: 'status' })
   const button = h('button', { class: 'main' }, 'Upload')
@@ -167,5 +167,5 @@ function uploadForm(done, signal) {
     }
   }
   return h('form', { class: 'panel', submit: send },
-    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, or a table (.csv, .parquet, .mat)'), button, words)
+    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'), button, words)
 }

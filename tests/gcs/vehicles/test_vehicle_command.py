@@ -94,7 +94,9 @@ def test_swings_give_lines_for_the_vehicle_file(capsys: pytest.CaptureFixture[st
     assert main(["vehicle", "estimate", "bifilar", *swings]) == 0
     assert "Izz = 0.04199\nIzz_std = 0.00051\n" in capsys.readouterr().out
     assert main(["vehicle", "estimate", "usual", "--mass", "1.3", "--span", "1.4", "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)) == {"Ixx", "Iyy", "Izz"}
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) == {"Ixx", "Iyy", "Izz", "Ixz"}
+    assert found["Ixz"]["value"] == 0.0 < found["Ixz"]["std"]
 
 
 def parameter(vehicle: Vehicle, name: str, value: float) -> bytes:

@@ -1,0 +1,265 @@
+"""ROS bags (rosbag2 in MCAP or SQLite, ROS 1's .bag) as recordings: standard messages become signals.
+
+By REP 103 a body's axes are forward, left, up and the world's are east, north, up; ours are forward, right, down and
+north, east, down. Frames whose name says so (base_link_frd, map_ned) are left as they are.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import ImportFileError
+from gcs.importers import messages as make
+from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, write_recording
+from gcs.importers.table import row_series
+from sysid.errors import TableError
+from sysid.signals.flight import FlightSignals, Signal
+from sysid.tables.columns import Wanted, match_columns
+from sysid.tables.files import read_mapping
+from sysid.tables.names import SIGNAL_UNITS
+
+FORMAT = "ros"
+NOTE = "its columns: signals in SI units and radians from the bag's standard messages; the bag itself is attached"
+_FIRST_US = 1_000_000
+_NED = re.compile(r"(ned|frd)$", re.IGNORECASE)
+_FEWEST = 10  # messages of a topic
+
+Values = NDArray[np.float64]
+#: Signal -> (N,) values, from (N, …) fields of a topic's messages.
+Found = dict[str, Values]
+
+
+def import_ros(
+    source: Path,
+    target: Path,
+    progress: Progress = lambda share: None,
+    name: str = "",
+    columns: Path | None = None,
+) -> None:
+    """Write a bag as a recording, called `name` there.
+
+    columns: TOML that says which field of which topic is a signal: de = "/servos.position[1]". Raises ImportFileError.
+    """
+    called = name or source.name
+    try:
+        wanted, units = ({}, {}) if columns is None else read_mapping(columns)
+        bag = _Bag(source, called, wanted, units)
+    except TableError as error:
+        raise ImportFileError(f"{called}: {error}") from None
+    if not bag.signals:
+        raise ImportFileError(
+            f"{called}: none of its messages is one of sensor_msgs/Imu, FluidPressure, Temperature, JointState,"
+            " geometry_msgs/TwistStamped or std_msgs/Float32, Float64 of a known name; name fields with --columns"
+            f" FILE.toml; topics are {', '.join(sorted(bag.kinds))[:400] or 'none'}"
+        )
+    start = min(one.time_s[0] for one in bag.signals.values())
+    moved = {key: Signal(one.time_s - start, one.values, one.unit, one.source) for key, one in bag.signals.items()}
+    series = row_series(FlightSignals(called, moved))
+    series += [_positions(time_s - start, values) for time_s, values in bag.fixes]
+    notes = {"note": NOTE, "columns": "; ".join(f"{key}: {one.source}" for key, one in bag.signals.items()),
+             "unused": ", ".join(bag.unused)}  # fmt: skip
+    utc = round(1e6 * start) - _FIRST_US if start > 1e9 else None
+    write_recording(ImportedLog(FORMAT, 1, series, utc, notes), source, target, progress, called)
+
+
+class _Bag:
+    """What a bag gives. kinds: topic -> message type. unused: topics that gave nothing. fixes: of GPS receivers."""
+
+    def __init__(self, path: Path, name: str, wanted: Mapping[str, Wanted], units: Mapping[str, str] | str) -> None:
+        self.signals: dict[str, Signal] = {}
+        self.fixes: list[tuple[Values, NDArray[np.float64]]] = []
+        self.kinds: dict[str, str] = {}
+        by_topic: dict[str, tuple[list[float], list[Any]]] = {}
+        for topic, kind, at, message in _messages(path, name):
+            self.kinds[topic] = kind
+            times, messages = by_topic.setdefault(topic, ([], []))
+            times.append(at)
+            messages.append(message)
+        for topic, (times, messages) in by_topic.items():
+            if len(messages) >= _FEWEST:
+                self._take(topic, np.array(times), messages)
+        for signal, header in wanted.items():
+            self._take_wanted(name, signal, header, units, by_topic)
+        used = {one.source.split(" ")[0].split(".")[0] for one in self.signals.values()}
+        self.unused = sorted(topic for topic in self.kinds if topic not in used and not self._is_fix(topic))
+
+    def _is_fix(self, topic: str) -> bool:
+        return self.kinds[topic].endswith("/NavSatFix")
+
+    def _take(self, topic: str, time_s: Values, messages: list[Any]) -> None:
+        kind = self.kinds[topic].rsplit("/", 1)[-1]
+        if kind == "NavSatFix":
+            fields = [(m.latitude, m.longitude, m.altitude, m.status.status) for m in messages]
+            self.fixes.append((time_s, np.array(fields, np.float64)))
+            return
+        reader = _READERS.get(kind)
+        found = reader(topic, messages) if reader is not None else {}
+        for signal, values in found.items():
+            if signal not in self.signals and np.isfinite(values).any():
+                order = np.argsort(time_s, kind="stable")
+                unit = SIGNAL_UNITS[signal]
+                self.signals[signal] = Signal(time_s[order], values[order], "" if unit == "1" else unit, topic)
+
+    def _take_wanted(
+        self, name: str, signal: str, header: Wanted, units: Mapping[str, str] | str,
+        by_topic: Mapping[str, tuple[list[float], list[Any]]],
+    ) -> None:  # fmt: skip
+        """A field that the user names: TOPIC.field.field[3]."""
+        if not isinstance(header, str):
+            raise ImportFileError(f'{name}: columns.{signal}: name a field of a topic, as "/servos.position[1]"')
+        topic = max((one for one in by_topic if header.startswith(one)), key=len, default=None)
+        if topic is None:
+            raise ImportFileError(
+                f"{name}: columns.{signal}: no topic {header}; there are {', '.join(sorted(by_topic))}"
+            )
+        times, messages = by_topic[topic]
+        path = header[len(topic) :].lstrip(".")
+        try:
+            values = np.array([_field(message, path) for message in messages], np.float64)
+        except (AttributeError, IndexError, TypeError, ValueError):
+            raise ImportFileError(
+                f"{name}: columns.{signal}: the messages of {topic} have no number {path!r}"
+            ) from None
+        said = units if isinstance(units, str) else {key: one for key, one in units.items() if key in (signal, header)}
+        (use,) = match_columns(["time", header], {"time": "time", signal: header}, said).uses
+        unit = "" if use.unit.si == "1" else use.unit.si
+        self.signals[signal] = Signal(np.array(times), use.unit.factor * values + use.unit.offset, unit, header)
+
+
+def _messages(path: Path, name: str) -> Iterator[tuple[str, str, float, Any]]:
+    """Topic, type, time [s since 1970] and message of each that can be decoded, in the bag's order."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, TypesysError, get_typestore
+    except ImportError:
+        raise ImportFileError(f"{name}: is a ROS bag, for which rosbags is needed: pip install rosbags") from None
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            for connection, logged, raw in reader.messages():
+                try:
+                    message = reader.deserialize(raw, connection.msgtype)
+                except (TypesysError, KeyError, ValueError, AssertionError):
+                    continue  # a type that the bag does not define
+                stamp = getattr(getattr(message, "header", None), "stamp", None)
+                seconds = 0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
+                yield connection.topic, connection.msgtype, seconds if seconds > 0.0 else 1e-9 * logged, message
+    except AnyReaderError as error:
+        raise ImportFileError(f"{name}: cannot be read as a ROS bag: {' '.join(str(error).split())}") from None
+
+
+def _field(message: Any, path: str) -> float:
+    for part in re.findall(r"[^.\[\]]+|\[\d+\]", path):
+        message = message[int(part[1:-1])] if part.startswith("[") else getattr(message, part)
+    return float(message)
+
+
+def _turned(messages: list[Any]) -> bool:
+    """Whether frames are REP 103's, to be turned to ours."""
+    return not _NED.search(str(getattr(messages[0].header, "frame_id", "")))
+
+
+def _vectors(messages: list[Any], of: Callable[[Any], Any]) -> NDArray[np.float64]:
+    return np.array([(v.x, v.y, v.z) for v in map(of, messages)], np.float64)
+
+
+def _imu(topic: str, messages: list[Any]) -> Found:
+    sign = np.array([1.0, -1.0, -1.0]) if _turned(messages) else np.ones(3)
+    force, rate = (
+        sign * _vectors(messages, of) for of in (lambda m: m.linear_acceleration, lambda m: m.angular_velocity)
+    )
+    found = dict(zip(("ax", "ay", "az", "p", "q", "r"), (*force.T, *rate.T), strict=True))
+    # A covariance that begins with -1 says that there is none of it.
+    for signals, of in ((("ax", "ay", "az"), "linear_acceleration"), (("p", "q", "r"), "angular_velocity")):
+        if float(getattr(messages[0], f"{of}_covariance")[0]) == -1.0:
+            found = {key: one for key, one in found.items() if key not in signals}
+    if float(messages[0].orientation_covariance[0]) == -1.0:
+        return found
+    w, x, y, z = np.array([(m.w, m.x, m.y, m.z) for m in (m.orientation for m in messages)], np.float64).T
+    size = np.sqrt(w * w + x * x + y * y + z * z)
+    if not (np.abs(size - 1.0) < 0.01).all():
+        return found
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    if _turned(messages):
+        # From east-north-up to forward-left-up: nose up is a pitch below 0, and east is a yaw of 0.
+        pitch, yaw = -pitch, 0.5 * math.pi - yaw
+    return {**found, "phi": roll, "theta": pitch, "psi": np.asarray((yaw + math.pi) % (2.0 * math.pi) - math.pi)}
+
+
+def _twist(topic: str, messages: list[Any]) -> Found:
+    """Velocity over ground; that in a body's frame is none of ours."""
+    frame = str(messages[0].header.frame_id)
+    if "base" in frame or "body" in frame:
+        return {}
+    of = (lambda m: m.twist.twist.linear) if hasattr(messages[0].twist, "twist") else (lambda m: m.twist.linear)
+    east, north, up = _vectors(messages, of).T
+    if not _turned(messages):
+        return {"vn": east, "ve": north, "vd": up}
+    return {"vn": north, "ve": east, "vd": -up}
+
+
+def _pressure(topic: str, messages: list[Any]) -> Found:
+    values = np.array([m.fluid_pressure for m in messages], np.float64)
+    return {"differential_pressure" if "diff" in topic or "dynamic" in topic else "static_pressure": values}
+
+
+def _temperature(topic: str, messages: list[Any]) -> Found:
+    return {"temperature": np.array([m.temperature for m in messages], np.float64) + 273.15}
+
+
+def _joints(topic: str, messages: list[Any]) -> Found:
+    """Positions of joints, rad, whose names the dictionary of columns knows."""
+    names = [str(name) for name in messages[0].name]
+    if not names or any(len(m.position) != len(names) for m in messages):
+        return {}
+    try:
+        matched = match_columns(["time", *names], None, "SI")
+    except TableError:
+        return {}
+    return {
+        use.signal: np.array([[m.position[names.index(head)] for head in use.headers] for m in messages], np.float64)
+        @ np.array(use.weights)
+        for use in matched.uses
+        if use.unit.si == "rad"
+    }  # fmt: skip
+
+
+def _number(topic: str, messages: list[Any]) -> Found:
+    """A number alone: its topic says what it is and in which unit, as /air_data/alpha_deg."""
+    header = topic.rstrip("/").rsplit("/", 1)[-1]
+    try:
+        matched = match_columns(["time", header])
+    except TableError:
+        return {}
+    values = np.array([m.data for m in messages], np.float64)
+    return {use.signal: use.unit.factor * values + use.unit.offset for use in matched.uses}
+
+
+_READERS: dict[str, Callable[[str, list[Any]], Found]] = {
+    "Imu": _imu,
+    "TwistStamped": _twist,
+    "TwistWithCovarianceStamped": _twist,
+    "FluidPressure": _pressure,
+    "Temperature": _temperature,
+    "JointState": _joints,
+    "Float32": _number,
+    "Float64": _number,
+}
+
+
+def _positions(time_s: Values, fields: NDArray[np.float64]) -> Series:
+    """NavSatFix as GPS_RAW_INT. fields: (N, 4) deg, deg, m, status, -1 for none."""
+    nothing = np.full(time_s.size, np.nan)
+    time_us: Ints = _FIRST_US + np.rint(1e6 * time_s).astype(np.int64)
+    return make.gps(
+        time_us, fix=np.where(fields[:, 3] >= 0.0, 3.0, 1.0), latitude=fields[:, 0], longitude=fields[:, 1],
+        altitude=fields[:, 2], speed=nothing, course=nothing, hdop=nothing, vdop=nothing, satellites=nothing,
+    )  # fmt: skip

@@ -1,0 +1,191 @@
+"""Bags that rosbags writes (rosbag2 in MCAP and SQLite, ROS 1) become signals in our axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from gcs.errors import ImportFileError
+from gcs.flights.signals import extract
+from gcs.formats.conversion import import_file
+from gcs.inspection.info import as_recordings
+from gcs.recording.reader import Recording
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+NAMES = ["elevator", "flap", "left_aileron", "right_aileron"]
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+START_S = 1_780_000_000
+T = 0.02 * np.arange(200)
+# What an aircraft does, in forward-right-down and north-east-down.
+PHI, THETA, PSI = 0.3 * np.sin(T), 0.1 + 0.05 * np.cos(T), 2.0 + 0.2 * T
+RATES = np.column_stack((0.1 * np.sin(T), 0.2 * np.cos(T), 0.05 * np.sin(2.0 * T)))
+FORCES = np.column_stack((0.5 + 0.1 * np.sin(T), 0.2 * np.cos(T), -9.8 + 0.3 * np.sin(T)))
+VELOCITY = np.column_stack((10.0 + np.sin(T), 5.0 + np.cos(T), -0.5 * np.sin(T)))
+
+
+def quaternion(phi: float, theta: float, psi: float) -> Any:
+    """From forward-left-up to east-north-up, built from rotation matrices."""
+    body = Rotation.from_euler("ZYX", (psi, theta, phi))  # forward-right-down to north-east-down
+    enu_of_ned = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    frd_of_flu = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
+    return (enu_of_ned * body * frd_of_flu).as_quat()
+
+
+def message(kind: str, **fields: Any) -> Any:
+    return STORE.types[kind](**fields)
+
+
+def stamped(i: int, frame: str) -> Any:
+    at = START_S + 0.02 * i
+    stamp = message("builtin_interfaces/msg/Time", sec=int(at), nanosec=round(1e9 * (at - int(at))))
+    return message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def vector(values: Any) -> Any:
+    return message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
+
+
+def messages(frame: str = "base_link") -> dict[str, tuple[str, list[Any]]]:
+    """Topic -> type and messages, 50 a second. frame: of the IMU; one that ends in frd is in our axes."""
+    flip = np.array([1.0, 1.0, 1.0]) if frame.endswith("frd") else np.array([1.0, -1.0, -1.0])
+    nine = np.zeros(9)
+    imu, twist, pressure, joints, alpha, fix = [], [], [], [], [], []
+    for i in range(T.size):
+        x, y, z, w = quaternion(PHI[i], THETA[i], PSI[i])
+        if frame.endswith("frd"):
+            x, y, z, w = Rotation.from_euler("ZYX", (PSI[i], THETA[i], PHI[i])).as_quat()
+        imu.append(message(
+            "sensor_msgs/msg/Imu", header=stamped(i, frame),
+            orientation=message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w), orientation_covariance=nine,
+            angular_velocity=vector(flip * RATES[i]), angular_velocity_covariance=nine,
+            linear_acceleration=vector(flip * FORCES[i]), linear_acceleration_covariance=nine,
+        ))  # fmt: skip
+        north, east, down = VELOCITY[i]
+        twist.append(message(
+            "geometry_msgs/msg/TwistStamped", header=stamped(i, "map"),
+            twist=message("geometry_msgs/msg/Twist", linear=vector((east, north, -down)), angular=vector((0, 0, 0))),
+        ))  # fmt: skip
+        pressure.append(message(
+            "sensor_msgs/msg/FluidPressure", header=stamped(i, ""), fluid_pressure=150.0 + T[i], variance=0.0
+        ))  # fmt: skip
+        joints.append(message(
+            "sensor_msgs/msg/JointState", header=stamped(i, ""), name=NAMES,
+            position=np.array([0.01 * i, 0.0, 0.2, -0.1]), velocity=np.zeros(0), effort=np.zeros(0),
+        ))  # fmt: skip
+        alpha.append(message("std_msgs/msg/Float64", data=float(3.0 + np.sin(T[i]))))
+        status = message("sensor_msgs/msg/NavSatStatus", status=0, service=1)
+        fix.append(message(
+            "sensor_msgs/msg/NavSatFix", header=stamped(i, "gps"), status=status, latitude=48.0, longitude=11.0,
+            altitude=500.0, position_covariance=nine, position_covariance_type=0,
+        ))  # fmt: skip
+    return {
+        "/imu/data": ("sensor_msgs/msg/Imu", imu),
+        "/gps/vel": ("geometry_msgs/msg/TwistStamped", twist),
+        "/air/diff_pressure": ("sensor_msgs/msg/FluidPressure", pressure),
+        "/surfaces": ("sensor_msgs/msg/JointState", joints),
+        "/air/alpha_deg": ("std_msgs/msg/Float64", alpha),
+        "/gps/fix": ("sensor_msgs/msg/NavSatFix", fix),
+    }
+
+
+def write(folder: Path, plugin: StoragePlugin, topics: dict[str, tuple[str, list[Any]]]) -> Path:
+    """A rosbag2; the file in it."""
+    with Writer2(folder, version=9, storage_plugin=plugin) as bag:
+        for topic, (kind, each) in topics.items():
+            connection = bag.add_connection(topic, kind, typestore=STORE)
+            for i, one in enumerate(each):
+                bag.write(connection, (START_S * 10**9) + i * 20_000_000, STORE.serialize_cdr(one, kind))
+    (made,) = [*folder.glob("*.mcap"), *folder.glob("*.db3")]
+    return made
+
+
+def check(path: Path, tmp_path: Path) -> None:
+    target = tmp_path / "flight.mcap"
+    import_file(path, target)
+    found = extract(Recording(target), Vehicle.unknown()).signals
+    expected = {
+        **dict(zip("pqr", RATES.T, strict=True)), **dict(zip(("ax", "ay", "az"), FORCES.T, strict=True)),
+        **dict(zip(("vn", "ve", "vd"), VELOCITY.T, strict=True)), "phi": PHI, "theta": THETA,
+        "psi": (PSI + np.pi) % (2.0 * np.pi) - np.pi, "differential_pressure": 150.0 + T,
+        "alpha": np.radians(3.0 + np.sin(T)), "de": 0.01 * np.arange(200), "da": np.full(200, 0.15),
+    }  # fmt: skip
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name].values, values, rtol=1e-9, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(found[name].time_s, T, atol=2e-6, err_msg=name)
+    assert found["lat"].values[0] == pytest.approx(48.0)
+    assert Recording(target).start_ns == pytest.approx(START_S * 10**9, abs=2 * 10**9)
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin), ids=lambda plugin: plugin.name)
+@pytest.mark.parametrize("frame", ["base_link", "base_link_frd"])
+def test_standard_messages_of_rosbag2_are_signals_in_our_axes(
+    plugin: StoragePlugin, frame: str, tmp_path: Path
+) -> None:
+    check(write(tmp_path / "bag", plugin, messages(frame)), tmp_path)
+
+
+def test_a_bag_is_read_wherever_a_recording_is(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", StoragePlugin.MCAP, messages())
+    with as_recordings([path]) as (recording,):
+        assert recording != path
+        assert "q" in extract(Recording(recording), Vehicle.unknown()).signals
+
+
+def test_ros_1_s_bags_too(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind, path = "std_msgs/msg/Float64", tmp_path / "a.bag"
+    with Writer1(path) as bag:
+        connection = bag.add_connection("/air/alpha_deg", kind, typestore=store)
+        for i, value in enumerate(3.0 + np.sin(T)):
+            raw = store.serialize_ros1(store.types[kind](data=float(value)), kind)
+            bag.write(connection, START_S * 10**9 + i * 20_000_000, raw)
+    import_file(path, tmp_path / "a.mcap")
+    found = extract(Recording(tmp_path / "a.mcap"), Vehicle.unknown()).signals["alpha"]
+    np.testing.assert_allclose(found.values, np.radians(3.0 + np.sin(T)), rtol=1e-12)
+
+
+def test_a_mapping_file_names_fields_of_topics(tmp_path: Path) -> None:
+    path, columns = write(tmp_path / "bag", StoragePlugin.MCAP, messages()), tmp_path / "map.toml"
+    columns.write_text('[columns]\ndr = "/surfaces.position[1]"\nthrust = "/imu/data.linear_acceleration.x"\n'
+                       '[units]\ndr = "deg"\nthrust = "N"\n')  # fmt: skip
+    import_file(path, tmp_path / "a.mcap", columns=columns)
+    found = extract(Recording(tmp_path / "a.mcap"), Vehicle.unknown()).signals
+    np.testing.assert_allclose(found["thrust"].values, FORCES[:, 0], rtol=1e-12)
+    assert "dr" in found
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ('dr = "/nothing.x"', "no topic /nothing.x; there are"),
+        ('dr = "/surfaces.position[9]"', "have no number 'position[9]'"),
+        ("dr = 3", "name a field of a topic"),
+        ('dr = "/surfaces.position[1]"', "the unit of /surfaces.position[1] is not known"),
+    ],
+)
+def test_a_wrong_mapping_is_one_line(columns: str, words: str, tmp_path: Path) -> None:
+    path, mapping = write(tmp_path / "bag", StoragePlugin.MCAP, messages()), tmp_path / "map.toml"
+    mapping.write_text(f"[columns]\n{columns}\n")
+    with pytest.raises(ImportFileError) as refused:
+        import_file(path, tmp_path / "a.mcap", columns=mapping)
+    assert words in str(refused.value)
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_bag_of_nothing_known_and_a_damaged_one_are_one_line(tmp_path: Path) -> None:
+    text = message("std_msgs/msg/String", data="hello")
+    path = write(tmp_path / "bag", StoragePlugin.SQLITE3, {"/words": ("std_msgs/msg/String", [text] * 20)})
+    with pytest.raises(ImportFileError, match="topics are /words"):
+        import_file(path, tmp_path / "a.mcap")
+    for name in ("b.bag", "b.db3"):
+        (tmp_path / name).write_bytes(b"nothing" * 100)
+        with pytest.raises(ImportFileError, match="cannot be read as a ROS bag"):
+            import_file(tmp_path / name, tmp_path / "a.mcap")
