@@ -232,7 +232,7 @@ def design(
     without: Sequence[str] = (),
     progress: bool | None = None,
 ) -> Design:
-    """Plan a flight, and say before it is flown what it will tell.
+    """Plan a flight, and say before it is flown what it will determine.
 
     Parameters
     ----------

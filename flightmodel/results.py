@@ -81,7 +81,7 @@ class Identification(_Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """Coefficient -> estimate; what the flight cannot tell is left out."""
+        """Coefficient -> estimate; what the flight does not determine is left out."""
         return self.model.values()
 
     @property
@@ -91,7 +91,7 @@ class Identification(_Result):
 
     @property
     def refused(self) -> dict[str, str]:
-        """Coefficient that the flight cannot tell -> why."""
+        """Coefficient that the flight does not determine -> why."""
         return {name: one.refused for name, one in self.model.coefficients.items() if one.value is None}
 
     def table(self) -> str:
@@ -265,7 +265,7 @@ class Design:
 
     @property
     def refused(self) -> dict[str, str]:
-        """What it will not tell -> why."""
+        """What it will not determine -> why."""
         return {entry["name"]: entry["reason"] for entry in self.result["refused"]}
 
     def table(self) -> str:

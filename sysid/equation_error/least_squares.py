@@ -63,11 +63,34 @@ def regress(
 ) -> RegressionResult:
     """Ordinary least squares, or mixed estimation with a prior (Theil & Goldberger, 1961).
 
-    y: (N,) regressand. X: (N, P) regressors, a constant included as a column of ones where wanted.
-    names: P names. lengths: samples of each uninterrupted part, adding up to N; None is one part.
-    bandwidth: share of the Nyquist frequency that a filter left in y and X; it lowers the degrees of freedom.
-    prior: of some or all of `names`; it weighs against residuals as large and as coloured as they are found.
-    Raises EstimationError for wrong shapes, values that are not finite, or regressors that are linearly dependent.
+    Parameters
+    ----------
+    y : Array, shape (N,)
+        Regressand.
+    X : Array, shape (N, P)
+        Regressors, a constant included as a column of ones where wanted.
+    names : Sequence[str], length P
+        Names of the regressors.
+    lengths : Sequence[int] | None
+        Samples of each uninterrupted part, adding up to N; None is one part.
+    bandwidth : float
+        Share of the Nyquist frequency that a filter left in y and X; it lowers the degrees of freedom.
+    prior : Gaussian | None
+        Of some or all of `names`; it weighs against residuals as large and as coloured as they are found.
+
+    Returns
+    -------
+    RegressionResult
+        Estimates with standard errors for coloured residuals.
+
+    Raises
+    ------
+    EstimationError
+        For wrong shapes, values that are not finite, or regressors that are linearly dependent.
+
+    References
+    ----------
+    Klein & Morelli, chapter 5; Morelli & Klein, AIAA 95-3499.
     """
     y, X = np.asarray(y, dtype=np.float64), np.asarray(X, dtype=np.float64)
     parts = tuple(lengths) if lengths is not None else (y.size,)

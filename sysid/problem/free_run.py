@@ -45,7 +45,24 @@ def windows(record: Record) -> list[Record]:
 
 
 def free_run(record: Record, states: Array, model: Fixed, gusts: Array = STILL_AIR) -> Array:
-    """Outputs (N, 15) of a free run from nine initial states."""
+    """Outputs of a free run.
+
+    Parameters
+    ----------
+    record : Record
+        What drives the run, N output samples.
+    states : Array, shape (9,)
+        Initial u, v, w, m/s, p, q, r, rad/s, phi, theta, psi, rad.
+    model : Fixed
+        Model with nothing left free.
+    gusts : Array, shape (M, 3) or (0, 3)
+        Velocity of the air in body axes at every sample of the commands, m/s; none in still air.
+
+    Returns
+    -------
+    Array, shape (N, 15)
+        OUTPUTS, each column in its output's unit.
+    """
     predictor = Predictor(model.flat, (), (record,), command_first=model.command_first)
     return predictor.outputs(0, model.flat, dict(model.errors), states, gusts)
 
@@ -56,6 +73,20 @@ def start_read_alike(record: Record, start: Array, model: Fixed) -> Array:
     Motion is reconstructed without effects. What an effect makes of a reading (a pitot tube in air of another density,
     a vane in upwash) would else count as a jump of the motion at the beginning of every run. Fixed-point iteration;
     where it finds nothing (no effect, or one too large) the start stays.
+
+    Parameters
+    ----------
+    record : Record
+        The run that begins there.
+    start : Array, shape (9,)
+        States as reconstructed: u, v, w, m/s, p, q, r, rad/s, phi, theta, psi, rad.
+    model : Fixed
+        Model with nothing left free.
+
+    Returns
+    -------
+    Array, shape (9,)
+        States in the same order.
     """
     first = record.window(0, min(2, record.length))
     measured = np.isfinite(first.z[0, _READ])

@@ -27,7 +27,7 @@ _HDF5_MARK = b"MATLAB 7.3"
 
 
 @dataclass(frozen=True)
-class Table:
+class ColumnTable:
     """What a file holds as columns of numbers.
 
     columns: header -> (N,) values. units: header -> unit, where the file says them apart from the header. fdata: the
@@ -50,7 +50,7 @@ class Table:
         return self.columns, match_columns(list(self.columns), columns, said)
 
 
-def read_table(path: Path, name: str = "") -> Table:
+def read_table(path: Path, name: str = "") -> ColumnTable:
     """Read a table.
 
     Parameters
@@ -62,7 +62,7 @@ def read_table(path: Path, name: str = "") -> Table:
 
     Returns
     -------
-    Table
+    ColumnTable
         Its columns of numbers.
 
     Raises
@@ -108,7 +108,7 @@ def read_mapping(path: Path) -> tuple[dict[str, Wanted], dict[str, str] | str]:
     return columns, units
 
 
-def _text(path: Path, name: str) -> Table:
+def _text(path: Path, name: str) -> ColumnTable:
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
@@ -150,11 +150,11 @@ def _text(path: Path, name: str) -> Table:
             raise TableError(f"{name}: has a header and no rows") from None
         raise TableError(f"{name}: is no table: {text}") from None
     columns, left_out = _numbers(table)
-    return Table(Path(name).stem, columns, {header: unit for header, unit in units.items() if header in columns}, None,
-                 left_out)  # fmt: skip
+    said = {header: unit for header, unit in units.items() if header in columns}
+    return ColumnTable(Path(name).stem, columns, said, None, left_out)
 
 
-def _parquet(path: Path, name: str) -> Table:
+def _parquet(path: Path, name: str) -> ColumnTable:
     import pyarrow as pa
     import pyarrow.parquet as parquet
 
@@ -168,7 +168,7 @@ def _parquet(path: Path, name: str) -> Table:
         for one in table.schema
         if one.metadata and b"unit" in one.metadata and one.name in columns
     }
-    return Table(Path(name).stem, columns, units, None, left_out)
+    return ColumnTable(Path(name).stem, columns, units, None, left_out)
 
 
 def _numbers(table: Any) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -188,7 +188,7 @@ def _numbers(table: Any) -> tuple[dict[str, Array], tuple[str, ...]]:
     return columns, tuple(others)
 
 
-def _matlab(path: Path, name: str) -> Table:
+def _matlab(path: Path, name: str) -> ColumnTable:
     with path.open("rb") as file:
         head = file.read(512)
     found: dict[str, Array] = {}
@@ -206,7 +206,7 @@ def _matlab(path: Path, name: str) -> Table:
         _walk({key: value for key, value in variables.items() if not key.startswith("__")}, "", found, left_out)
     fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
     if fdata is not None:
-        return Table(Path(name).stem, {}, {}, fdata, tuple(left_out))
+        return ColumnTable(Path(name).stem, {}, {}, fdata, tuple(left_out))
     columns = {}
     for key, array in found.items():
         if array.ndim == 1:
@@ -219,7 +219,7 @@ def _matlab(path: Path, name: str) -> Table:
     left_out += [key for key, array in columns.items() if array.size != rows]
     short = {_last(key) for key in columns}
     names = {key: _last(key) if len(short) == len(columns) else key for key in columns}
-    return Table(
+    return ColumnTable(
         Path(name).stem, {names[key]: array for key, array in columns.items() if array.size == rows}, {}, None,
         tuple(left_out),
     )  # fmt: skip
