@@ -65,6 +65,14 @@ def identify(
     ------
     sysid.errors.SysidError
         Where the flight lacks what is needed; its text says what.
+
+    Examples
+    --------
+    >>> result = identify(flight, aircraft)
+    >>> result.verdict
+    'good'
+    >>> round(result.values["CL_alpha"], 1), result.stds["CL_alpha"] < 0.1
+    (4.6, True)
     """
     from gcs.analysis.provenance import made
     from sim_vehicle.model.model_file import model_from_json
@@ -115,6 +123,12 @@ def simulate(
     -------
     Simulation
         Measured and simulated outputs at the flight's samples.
+
+    Examples
+    --------
+    >>> flown = simulate(identify(flight, aircraft), aircraft, flight, restart_s=5.0)
+    >>> flown.tic["q"] < 0.05
+    True
     """
     from sysid.compatibility.reconstruction import smoothed_states
     from sysid.identification.repaired_flight import read_flights
@@ -201,6 +215,12 @@ def discrepancy(
     -------
     Discrepancy
         The verdict, the effects with their probabilities, and the model with them.
+
+    Examples
+    --------
+    >>> found = discrepancy(flight, aircraft, identify(flight, aircraft))
+    >>> found.effects
+    {}
     """
     from gcs.analysis.provenance import made
     from sim_vehicle.model.model_file import model_from_json
@@ -257,6 +277,12 @@ def design(
     -------
     Design
         The plan and the standard errors that it will give.
+
+    Examples
+    --------
+    >>> plan = design(aircraft, identify(flight, aircraft), ["elevator-3211"])
+    >>> plan.stds["Cm_alpha"] < 0.05
+    True
     """
     from gcs.design.prediction import Request
     from gcs.design.prediction import design as run

@@ -45,6 +45,13 @@ def coefficients(
     References
     ----------
     Klein & Morelli, Aircraft System Identification, 2nd ed., section 5.2.
+
+    Examples
+    --------
+    >>> c = coefficients(flight, aircraft, start_s=2.0)
+    >>> fit = least_squares(c["CL"], {"CL_alpha": c["alpha"], "CL_q": c["qhat"], "CL_de": c["de"]})
+    >>> fit.r2 > 0.8
+    True
     """
     from sysid.equation_error.coefficients import body_of, dynamic_pressure
     from sysid.equation_error.coefficients import coefficients as along

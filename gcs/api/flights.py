@@ -43,6 +43,8 @@ router = APIRouter(tags=["flights"])
 _PROBLEM = {"model": Problem}
 _DAY_NS = 86_400_000_000_000
 _LATEST_NS = 2**63 - 1
+# Of what says what the columns of a table are, characters: it stands in the address.
+_LONGEST_MAPPING = 4000
 _UPLOAD_BODY = {
     "requestBody": {
         "required": True,
@@ -148,12 +150,16 @@ async def upload(
     request: Request,
     service: Serving,
     name: Annotated[str, Query(description="File name of a body that is not multipart")] = "",
+    columns: Annotated[
+        str, Query(description="TOML: what the columns of a table are", max_length=_LONGEST_MAPPING)
+    ] = "",
 ) -> Uploaded:
-    """Upload a log (.mcap, .tlog, .bin, .ulg) or table (.csv, .parquet, .mat): a form with the part `file`, or the file
-    itself with `?name=`.
+    """Upload a log (.mcap, .tlog, .bin, .ulg), a table (.csv, .parquet, .mat) or a ROS bag.
+
+    A form with the part `file`, or the file itself with `?name=`.
     """
     async with receive_upload(request, service.settings, name) as (path, original):
-        flight = await run_in_threadpool(service.uploads.take_in, path, original)
+        flight = await run_in_threadpool(service.uploads.take_in, path, original, columns)
         service.views.prepare(flight)
         same = await run_in_threadpool(service.catalogue.same_flight, flight)
     seems = (

@@ -52,11 +52,12 @@ def import_table(
     except TableError as error:
         text = str(error)
         if " = {" in text or "'SI'" in text:
-            text = f"{text}; write it to a file and import with --columns FILE.toml"
+            text = f"{text}; say it in a file of columns (--columns FILE.toml; on the page, the box below the file)"
         raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
     if not flight.signals:
         raise ImportFileError(
-            f"{name or source.name}: none of its columns is a signal; name them with --columns FILE.toml"
+            f"{name or source.name}: none of its columns is a signal; name them in a file of columns"
+            " (--columns FILE.toml; on the page, the box below the file)"
         )
     start_s = matched.time.unit.factor * start_s
     used = "; ".join(use.sentence for use in (matched.time, *matched.uses))

@@ -24,7 +24,8 @@ def main() -> int:
     target = Path(order["target"])
     stand_back(order["memory_bytes"])
     try:
-        import_file(Path(order["source"]), target, order["ending"], name=order["name"])
+        columns = Path(order["columns"]) if order["columns"] else None
+        import_file(Path(order["source"]), target, order["ending"], name=order["name"], columns=columns)
         report(flight=asdict(describe([target], "", order["name"], "upload", "recording")))
     except (GcsError, SimVehicleError) as error:
         report(error=str(error))

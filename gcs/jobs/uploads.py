@@ -19,6 +19,7 @@ from gcs.jobs.once import AskedOnce
 from gcs.settings import Settings
 
 _MAX_NAME = 200
+_MAPPING = "columns.toml"
 # The largest upload takes minutes; what takes longer never ends.
 _LONGEST_S = 1800.0
 # What file systems say that have one name for each file (FAT, some network shares).
@@ -44,15 +45,16 @@ class Uploads:
         self._memory_bytes = memory_bytes or memory_limit()
         self._reader = AskedOnce(worker, longest_s)
 
-    def take_in(self, upload: Path, original_name: str) -> Flight:
+    def take_in(self, upload: Path, original_name: str, columns: str = "") -> Flight:
         """Make an uploaded file a flight of the catalogue. The original name is shown, never used as a path.
 
+        columns: TOML that says what the columns of a table are (docs/howto/tables.md).
         Further files are made beside `upload`. Raises ImportFileError when it is no recording, ServiceError when the
         service is being stopped, CatalogueFileError; no flight is left behind then.
         """
         shown = original_name.replace("\\", "/").rpartition("/")[2][:_MAX_NAME] or "upload.mcap"
         converted = upload.with_name("converted.mcap")
-        entry = Flight(**self._read(upload, converted, shown))
+        entry = Flight(**self._read(upload, converted, shown, columns))
         if entry.messages == 0:
             raise ImportFileError(f"{shown} holds no MAVLink message; nothing to take in")
         return self._list(entry, converted)
@@ -61,9 +63,13 @@ class Uploads:
         """End what is being read; nothing more is taken in."""
         self._reader.close()
 
-    def _read(self, upload: Path, converted: Path, shown: str) -> dict[str, Any]:
+    def _read(self, upload: Path, converted: Path, shown: str, columns: str) -> dict[str, Any]:
         """Write the recording to `converted`; its entry in the catalogue, as JSON."""
+        mapping = upload.with_name(_MAPPING)
+        if columns.strip():
+            mapping.write_text(columns, encoding="utf-8")
         order = {
+            "columns": mapping if columns.strip() else None,
             "source": upload,
             "target": converted,
             "ending": Path(shown).suffix,
@@ -73,7 +79,8 @@ class Uploads:
         try:
             answered = self._reader.ask(order, upload.parent, shown, ImportFileError)
         except ImportFileError as error:
-            raise ImportFileError(str(error).replace(str(upload), shown)) from error
+            words = str(error).replace(str(upload), shown).replace(str(mapping), _MAPPING)
+            raise ImportFileError(words) from error
         return dict(answered["flight"])
 
     def _list(self, entry: Flight, converted: Path) -> Flight:

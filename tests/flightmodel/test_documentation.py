@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import flightmodel
+from flightmodel import Aircraft, Flight
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "howto" / "python.md"
@@ -35,9 +36,22 @@ def test_the_page_s_examples_run_in_order(
     assert {"result.json", "model.json", "report.html", "mine.toml"} <= {path.name for path in tmp_path.iterdir()}
 
 
-@pytest.mark.parametrize("module", ["aircraft", "equations", "flight"])
+@pytest.mark.whole_flight
+@pytest.mark.parametrize("module", ["aircraft", "analyses", "equations", "flight"])
 def test_examples_of_docstrings_hold(module: str) -> None:
-    found = doctest.testmod(importlib.import_module(f"flightmodel.{module}"))
+    """`flight` and `aircraft` in them are those of the notebook."""
+    columns = {
+        "thrust": "/fdm/jsbsim/external_reactions/thrust/magnitude",
+        "da": "/fdm/jsbsim/fcs/left-aileron-pos-rad",
+    }
+    known = {
+        "flight": Flight.read(ROOT / "docs" / "notebooks" / "flight1.csv", columns=columns, units={"thrust": "lbf"}),
+        "aircraft": Aircraft.estimate(
+            span=1.27, mass=1.959, area=0.3097, chord=0.25, Ixx=0.0715, Iyy=0.0864, Izz=0.1536, Ixz=0.014,
+            surfaces="command", airspeed="true", max_thrust=7.86, thrust_line=(0.297, 0.0, -0.046),
+        ),
+    }  # fmt: skip
+    found = doctest.testmod(importlib.import_module(f"flightmodel.{module}"), extraglobs=known)
     assert found.attempted > 0
     assert found.failed == 0
 

@@ -22,6 +22,8 @@ from traffic import Vehicle, wait_until
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 def described(servo: dict[str, Any]) -> dict[str, Any]:
     """The form of an aircraft whose elevator this servo moves."""
@@ -228,4 +230,36 @@ def test_moving_the_stick_shows_which_way_the_surface_goes(browser: Browser, nod
 
                 wait_until(seen)
         visitor.check()
+        visitor.close()
+
+
+def test_a_table_is_uploaded_with_words_for_its_columns(browser: Browser, node: NodeReader, tmp_path: Path) -> None:
+    """A CSV whose headers do not say their units: the refusal opens the box, and with it the flight is identified."""
+    source = (ROOT / "docs" / "notebooks" / "flight1.csv").read_text(encoding="utf-8")
+    plain = source.replace("Q (deg/s)", "pitching").replace("Alpha (deg)", "probe")
+    table, aircraft = tmp_path / "flight.csv", tmp_path / "thor.toml"
+    table.write_text(plain.replace("/fdm/jsbsim/fcs/left-aileron-pos-rad", "aileron"), encoding="utf-8")
+    aircraft.write_text(
+        'name = "thor"\n[mass]\nmass = 1.959\n[geometry]\nS = 0.3097\nb = 1.27\nc = 0.25\n'
+        + "".join(f"[controls.{name}]\n" for name in ("elevator", "aileron", "rudder"))
+        + '[sensors]\nairspeed = { kind = "true" }\n',
+        encoding="utf-8",
+    )
+    with service("--data", tmp_path / "data", "--vehicle", aircraft) as url:
+        visitor = Visitor(browser, url, node.folder / "node_modules" / "axe-core" / "axe.min.js", "phone")
+        page = visitor.page
+        visitor.open("#/flights")
+        page.set_input_files("input[type=file]", table)
+        page.click("button.main")
+        visitor.wait_for_text("main", "was not taken: flight.csv: the unit of aileron is not known")
+        page.get_by_label("Columns and units (TOML)").fill(
+            '[columns]\nq = "pitching"\nalpha = "probe"\nthrust = "/fdm/jsbsim/external_reactions/thrust/magnitude"\n'
+            '[units]\nq = "deg/s"\nalpha = "deg"\naileron = "rad"\nthrust = "lbf"\n'
+        )
+        visitor.check("table")
+        page.click("button.main")
+        page.click("text=open it", timeout=PATIENCE_S * 1000)
+        page.click("button:text-is('Identify')", timeout=PATIENCE_S * 1000)
+        page.click("a:text-is('See the result')", timeout=PATIENCE_S * 1000)
+        assert "CL_alpha" in visitor.text("main")
         visitor.close()

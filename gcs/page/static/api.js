@@ -72,9 +72,9 @@ export async function getIfThere(path, signal) {
 }
 
 /** Send a file; progress(share) is called while it goes. Resolves to the answer's JSON. */
-export const upload = (file, progress, signal) => new Promise((resolve, reject) => {
+export const upload = (file, columns, progress, signal) => new Promise((resolve, reject) => {
   const sending = new XMLHttpRequest()
-  sending.open('POST', `/api/flights?name=${encodeURIComponent(file.name)}`)
+  sending.open('POST', `/api/flights?${new URLSearchParams({ name: file.name, ...(columns.trim() && { columns }) })}`)
   const headers = authorised({ 'Content-Type': 'application/octet-stream' })
   for (const [name, value] of Object.entries(headers)) sending.setRequestHeader(name, value)
   sending.upload.onprogress = event => progress(event.total ? event.loaded / event.total : 0)

@@ -135,11 +135,19 @@ function together() {
     h('button', { click: each({ ask: 'Delete', done: 'Deleted (for a day they can be taken back)' }, id => remove(`/api/flights/${encodeURIComponent(id)}`)) }, 'Delete those chosen')), says)
 }
 
+// Files whose columns may need words, and what these look like.
+const TABLES = /\.(csv|tsv|txt|parquet|mat|db3|bag)$/i
+const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]\nalpha = "deg"\naz = "g"'
+
 function uploadForm(done, signal) {
   const input = h('input', { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
   const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
   const words = h('p', { role: 'status' })
   const button = h('button', { class: 'main' }, 'Upload')
+  const columns = h('textarea', { rows: 8, cols: 60, spellcheck: 'false', placeholder: MAPPING })
+  const mapping = h('details', { hidden: true }, h('summary', {}, 'What its columns are'),
+    field('Columns and units (TOML)', columns, 'Only where the headers do not say it: signal = header, and the units of signals or headers. Names and units: docs/howto/tables.md'))
+  input.addEventListener('change', () => { mapping.hidden = !TABLES.test(input.files?.[0]?.name ?? '') })
   const send = async event => {
     event.preventDefault()
     const [file] = input.files
@@ -153,13 +161,14 @@ function uploadForm(done, signal) {
     }
     progress(0)
     try {
-      const flight = await upload(file, progress, signal)
+      const flight = await upload(file, mapping.hidden ? '' : columns.value, progress, signal)
       words.replaceChildren(`${file.name} is in the list: `,
         h('a', { href: `#/flights/${encodeURIComponent(flight.id)}` }, 'open it'), flight.note && ` (${flight.note})`)
       await done()
     } catch (error) {
       words.className = 'remark bad'
       words.textContent = `${file.name} was not taken: ${error.message}`
+      mapping.open ||= !mapping.hidden
       announce(words.textContent)
     } finally {
       bar.remove()
@@ -167,5 +176,5 @@ function uploadForm(done, signal) {
     }
   }
   return h('form', { class: 'panel', submit: send },
-    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'), button, words)
+    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'), mapping, button, words)
 }

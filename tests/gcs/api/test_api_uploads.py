@@ -1,5 +1,7 @@
 """Uploads over REST: as form and as body, cut off, and what is no recording."""
 
+import math
+
 import httpx
 import pytest
 from api_bench import START, Bench, problem
@@ -59,3 +61,21 @@ def test_uploads_that_are_no_recordings_leave_nothing_behind(bench: Bench, clien
     assert client.get("/api/flights").json()["flights"] == []
     assert list(bench.settings.flights.iterdir()) == []
     assert not list(bench.settings.data.glob("upload-*"))
+
+
+@pytest.mark.whole_flight
+def test_a_table_is_a_flight_once_its_columns_are_known(client: httpx.Client) -> None:
+    rows = "\n".join(f"{0.02 * i:.2f},{math.sin(0.1 * i)!r},{math.cos(0.1 * i)!r}" for i in range(100))
+    table = f"time,q,probe\n{rows}\n".encode()
+    refused = problem(client.post("/api/flights", params={"name": "a.csv"}, content=table), 422)
+    assert refused.startswith("a.csv: the unit of q is not known")
+    assert "the box below the file" in refused
+    columns = '[columns]\nalpha = "probe"\n[units]\nq = "deg/s"\nalpha = "deg"\n'
+    made = client.post("/api/flights", params={"name": "a.csv", "columns": columns}, content=table)
+    assert made.status_code == 201, made.text
+    signals = client.get(f"/api/flights/{made.json()['id']}/signals", params={"names": "alpha,q"}).json()["signals"]
+    assert signals["alpha"]["unit"] == "rad"
+    assert max(signals["q"]["value"]) == pytest.approx(math.radians(1.0), rel=1e-3)
+    wrong = client.post("/api/flights", params={"name": "a.csv", "columns": "=["}, content=table)
+    assert problem(wrong, 422).startswith("a.csv: columns.toml: is no TOML file")
+    assert problem(client.post("/api/flights", params={"name": "a.csv", "columns": "x" * 5000}, content=table), 422)
