@@ -216,11 +216,9 @@ def discrepancy(
     Discrepancy
         The verdict, the effects with their probabilities, and the model with them.
 
-    Examples
-    --------
-    >>> found = discrepancy(flight, aircraft, identify(flight, aircraft))
-    >>> found.effects
-    {}
+    Notes
+    -----
+    docs/notebooks/missing-effect.ipynb is an example, start to end.
     """
     from gcs.analysis.provenance import made
     from sim_vehicle.model.model_file import model_from_json
