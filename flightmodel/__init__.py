@@ -50,6 +50,10 @@ _PLACES = {
 
 if not TYPE_CHECKING:
 
+    def __dir__() -> list[str]:
+        """The public names, for completion."""
+        return [*__all__, "__doc__", "__version__"]
+
     def __getattr__(name: str) -> Any:
         """What `__all__` names, loaded when it is first asked for."""
         if name not in _PLACES:

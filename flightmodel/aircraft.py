@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -17,6 +18,8 @@ from sysid.tables.sidpac import aircraft_of_fdata
 
 # Of a small aircraft whose wing nobody measured: coefficients then stand on this area, whatever the true one is.
 _USUAL_ASPECT_RATIO = 7.0
+# Of a product of inertia that nobody gives, over the root of Ixx Izz, as for aircraft of which nothing was measured.
+_USUAL_PRODUCT = 0.1
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Aircraft:
         Ixz: float | None = None,
         name: str = "aircraft",
         controls: Sequence[str] = CONTROL_NAMES,
-        surfaces: str = "position",
+        surfaces: str = "command",
         airspeed: str = "calibrated",
         air_density: float | None = None,
         positions: Mapping[str, Sequence[float]] | None = None,
@@ -91,13 +94,13 @@ class Aircraft:
             Mean chord, m; None takes area / span.
         Ixx, Iyy, Izz, Ixz : float | None
             Moments of inertia, kg m^2. Where none is given what is usual for mass and span is taken, to 70 %, and the
-            moment coefficients say so in their bars.
+            moment coefficients say so in their bars; Ixz alone that is not given is known to 0.1 of the other two.
         name : str
             What it is called.
         controls : Sequence[str]
             Those it has, of elevator, aileron, rudder and throttle.
         surfaces : str
-            What the columns of the surfaces hold: the measured "position", or the "command".
+            What the columns of the surfaces hold: the "command", or the measured "position", which narrows the bars.
         airspeed : str
             What the airspeed's own column holds, "calibrated" or "true"; a column of the other kind is converted.
         air_density : float | None
@@ -135,6 +138,8 @@ class Aircraft:
         mean = float(f"{wing / span:.4g}") if chord is None else chord
         lines = [f'name = "{name}"', "", "[mass]", f"mass = {mass!r}"]
         lines += [f"{key} = {value!r}" for key, value in given.items()]
+        if given and Ixz is None:
+            lines.append(f"Ixz_std = {_USUAL_PRODUCT * math.sqrt(given['Ixx'] * given['Izz']):.3g}")
         lines += ["", "[geometry]", f"S = {wing!r}", f"b = {span!r}", f"c = {mean!r}"]
         for control in controls:
             lines += ["", f"[controls.{control}]", f'signal = "{surfaces if control != "throttle" else "command"}"']
@@ -169,7 +174,7 @@ class Aircraft:
         found = aircraft_of_fdata(np.asarray(fdata, dtype=np.float64))
         return cls.estimate(
             span=found.b, mass=found.mass, area=found.S, chord=found.c, Ixx=found.Ixx, Iyy=found.Iyy, Izz=found.Izz,
-            Ixz=found.Ixz, name=name, airspeed="true",
+            Ixz=found.Ixz, name=name, surfaces="position", airspeed="true",
         )  # fmt: skip
 
     @property

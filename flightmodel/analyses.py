@@ -11,7 +11,7 @@ import numpy as np
 from flightmodel.aircraft import Aircraft
 from flightmodel.errors import FlightModelError
 from flightmodel.flight import Flight
-from flightmodel.optional import progress_bar
+from flightmodel.optional import analysing, progress_bar
 from flightmodel.results import Array, Design, Discrepancy, Identification, Simulation, one_flight
 from sim_vehicle.model.model_file import Model, read_model
 
@@ -80,7 +80,7 @@ def identify(
     from sysid.identify import identify as run
 
     flights, judges = one_flight(flight), _several(validate_on)
-    with progress_bar(progress) as shown:
+    with progress_bar(progress) as shown, analysing(flights):
         found = run(
             [one.of(aircraft) for one in flights], aircraft.vehicle,
             validate_on=[one.of(aircraft) for one in judges],
@@ -228,9 +228,10 @@ def discrepancy(
     baseline = _model(model)
     for name in baseline.refused():
         baseline = baseline.with_coefficient(name, 0.0)
-    with progress_bar(progress) as shown:
+    flights = one_flight(flight)
+    with progress_bar(progress) as shown, analysing(flights):
         found = run(
-            [one.of(aircraft) for one in one_flight(flight)], aircraft.vehicle, baseline,
+            [one.of(aircraft) for one in flights], aircraft.vehicle, baseline,
             validate_on=[one.of(aircraft) for one in _several(validate_on)],
             start_s=start_s, stop_s=stop_s, ruled_out=tuple(ruled_out), method=method, progress=shown,
         )  # fmt: skip

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flightmodel.errors import FlightModelError
+from sysid.errors import SignalError
+
+if TYPE_CHECKING:
+    from flightmodel.flight import Flight
 
 Progress = Callable[[float, str], None]
 
@@ -27,6 +32,33 @@ def is_watched() -> bool:
     shell = sys.modules.get("IPython")
     kind = type(shell.get_ipython()).__name__ if shell is not None and hasattr(shell, "get_ipython") else ""
     return kind == "ZMQInteractiveShell" or sys.stderr.isatty()
+
+
+@contextmanager
+def analysing(flights: Sequence[Flight]) -> Iterator[None]:
+    """Around an analysis: says where time goes that is spent once, and of what is missing which columns were not used.
+
+    numpy's remarks on trials that run away help nobody.
+    """
+    from sysid.identification.compile_ahead import CompileAhead
+
+    with CompileAhead() as compiling, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        if compiling:
+            print(
+                "flightmodel: compiling, which the first analysis alone takes a minute for", file=sys.stderr, flush=True
+            )
+        compiling.wait()
+        try:
+            yield
+        except SignalError as error:
+            unused = list(dict.fromkeys(column for flight in flights for column in flight.unused))
+            if not unused:
+                raise
+            shown = ", ".join(map(repr, unused[:12])) + (f" and {len(unused) - 12} more" if len(unused) > 12 else "")
+            raise SignalError(
+                f"{error}; columns of the table that became no signal: {shown}: name them, as columns={{'de': ...}}"
+            ) from error
 
 
 @contextmanager

@@ -9,6 +9,8 @@ SysidError                     every error that data or settings can cause; its 
     └── DivergedError          the simulated motion of the aircraft runs away, from whatever start
 """
 
+from collections.abc import Mapping
+
 
 class SysidError(Exception):
     """Base of every error that data or settings can cause."""
@@ -23,7 +25,11 @@ class SignalError(SysidError):
 
 
 class TableError(SysidError):
-    """A table whose columns, units or times are not known."""
+    """A table whose columns, units or times are not known. units: columns whose unit is missing -> what it may be."""
+
+    def __init__(self, text: str, units: Mapping[str, str] | None = None) -> None:
+        super().__init__(text)
+        self.units = dict(units or {})
 
 
 class SegmentError(SysidError):

@@ -3,8 +3,8 @@
     python tools/example_tables.py docs/notebooks
 
 JSBSim flies the Ultra Stick 25e with linear aerodynamics (tests/support/jsbsim_csv.py). Of its CSV output the columns
-that a small aircraft measures are kept under JSBSim's own headers, and the noise of the reference paper's Table II is
-added to them.
+that a small aircraft measures are kept under JSBSim's own headers but for two, and the noise of the reference paper's
+Table II is added to them.
 """
 
 from __future__ import annotations
@@ -36,6 +36,11 @@ KEPT = {
     ),
     "/fdm/jsbsim/external_reactions/thrust/magnitude": (0.02 / 4.448, 4),
 }
+# Properties whose names say neither what they are nor their unit.
+RENAMED = {
+    "/fdm/jsbsim/fcs/left-aileron-pos-rad": "Aileron Position (rad)",
+    "/fdm/jsbsim/external_reactions/thrust/magnitude": "Thrust (lbf)",
+}
 
 
 def main() -> None:
@@ -44,8 +49,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as work:
             path, _ = fly_csv(Path(work), number)
             table = pandas.read_csv(path)[list(KEPT)]
+        table = table.rename(columns=RENAMED)
         generator = np.random.default_rng(number)
-        for name, (noise, decimals) in KEPT.items():
+        for column, (noise, decimals) in KEPT.items():
+            name = RENAMED.get(column, column)
             table[name] = (table[name] + noise * generator.standard_normal(len(table))).round(decimals)
         table.to_csv(folder / f"flight{number}.csv", index=False)
 

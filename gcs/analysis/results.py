@@ -74,13 +74,14 @@ def _unknown_lines(entries: Sequence[dict[str, Any]]) -> list[str]:
     """What stands between aircraft and log, as estimated beside the coefficients."""
     if not entries:
         return []
-    lines = ["", "between aircraft and log:", f"  {'unknown':<36}{'axes':<14}{'value':>10} {'std':<12} known before to"]
+    wide = max(36, *(len(unknown_words(entry)[0]) + 2 for entry in entries))
+    head = f"  {'unknown':<{wide}}{'axes':<14}{'value':>10} {'std':<12} known before to"
+    lines = ["", "between aircraft and log:", head]
     for entry in entries:
         words, unit, factor = unknown_words(entry)
         value, std, prior = (_number(factor * entry[key], 3) for key in ("value", "std", "prior_std"))
-        lines.append(
-            f"  {words:<36}{entry['group']:<14}{value:>10} ± {std:<10} {prior} {unit if unit != '1' else ''}".rstrip()
-        )
+        known = f"{prior} {unit if unit != '1' else ''}"
+        lines.append(f"  {words:<{wide}}{entry['group']:<14}{value:>10} ± {std:<10} {known}".rstrip())
     return lines
 
 

@@ -50,9 +50,7 @@ def import_table(
         flight = flight_from_table(table.name, found, matched)
         start_s = float(np.nanmin(np.asarray(found[matched.time.headers[0]], dtype=np.float64)))
     except TableError as error:
-        text = str(error)
-        if " = {" in text or "'SI'" in text:
-            text = f"{text}; say it in a file of columns (--columns FILE.toml; on the page, the box below the file)"
+        text = _with_advice(error)
         raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
     if not flight.signals:
         raise ImportFileError(
@@ -65,6 +63,18 @@ def import_table(
     notes |= {f"{IMPORT_WARNING}{number}": warning for number, warning in enumerate(flight.warnings, 1)}
     utc = round((start_s) * 1e6) - _FIRST_US if start_s > _EARLIEST_UTC_S else None
     write_recording(ImportedLog(FORMAT, 1, row_series(flight), utc, notes), source, target, progress, name)
+
+
+def _with_advice(error: TableError) -> str:
+    """What is wrong, and how a file of columns says it: in TOML, as it is to be written."""
+    where = "(--columns FILE.toml; on the page, the box below the file)"
+    if error.units:
+        lines = ", ".join(f'"{header}" = "{unit}"' for header, unit in error.units.items())
+        return (
+            f"{str(error).partition(':')[0]}: say it in a file of columns {where}, [units] and a line for each, as they"
+            f' are: {lines}; or units = "SI" alone, where all are in SI units and radians'
+        )
+    return f"{error}; say it in a file of columns {where}" if " = {" in str(error) else str(error)
 
 
 def row_series(flight: FlightSignals) -> list[Series]:

@@ -22,8 +22,13 @@ from gcs.text.utctext import utc_text
 
 
 @contextmanager
-def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator[list[Path]]:
-    """The same recordings as MCAP: other formats are imported to files that are gone afterwards."""
+def as_recordings(
+    paths: list[Path], dialect: str = DEFAULT_DIALECT, columns: Path | None = None
+) -> Iterator[list[Path]]:
+    """The same recordings as MCAP: other formats are imported to files that are gone afterwards.
+
+    columns: file that says what columns of tables are.
+    """
     if dialect != DEFAULT_DIALECT:
         # A recording holds its own definitions, but a dialect that is not there is a mistake beside one too.
         Dialect.load(dialect)
@@ -36,7 +41,7 @@ def as_recordings(paths: list[Path], dialect: str = DEFAULT_DIALECT) -> Iterator
                 continue
             target = Path(folder) / str(number) / f"{path.stem}.mcap"
             target.parent.mkdir()
-            import_file(path, target, dialect=dialect)
+            import_file(path, target, dialect=dialect, columns=columns)
             converted.append(target)
         yield converted
 

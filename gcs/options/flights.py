@@ -33,6 +33,7 @@ def add_flight_arguments(parser: argparse.ArgumentParser, validate: bool = True)
     add("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
     if validate:
         add("--validate", metavar="FILE", type=Path, action="append", default=[], help="judge on this flight")
+    add("--columns", metavar="MAP.toml", type=Path, help="what the columns of tables are, and their units")
     add_dialect_argument(parser)
 
 
@@ -82,6 +83,6 @@ def open_flights(args: argparse.Namespace) -> Iterator[OpenFlights]:
     ):  # before the job: it takes minutes, and a wrong unit makes them worthless
         print(f"gcs {args.command}: warning: {warning}", file=sys.stderr, flush=True)
     judges = getattr(args, "validate", [])
-    with as_recordings([*args.files, *judges], args.dialect) as paths, Progress() as progress:
+    with as_recordings([*args.files, *judges], args.dialect, args.columns) as paths, Progress() as progress:
         count = len(args.files)
         yield OpenFlights(paths[:count], paths[count:], vehicle.path, progress)

@@ -53,6 +53,10 @@ if TYPE_CHECKING:
 _PULLED = 4.0
 # Outputs whose errors kinematics alone determine: attitude, and the velocity of the air.
 _ALONE = ("phi", "theta", "vn", "ve", "vd")
+_GUESSED_INERTIA = (
+    "moments of inertia are those usual for mass and span, to 70 %, which the bars of this method do not hold; swing"
+    " the aircraft as a pendulum, or use --method map"
+)
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
 
@@ -198,7 +202,8 @@ def _by_the_books(
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
-    seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
+    guessed = [_GUESSED_INERTIA] if vehicle.mass.estimated else []
+    seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, [*sentences, *guessed])
     signals = [one.signals for one in read.fitted]
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.effects.thrust_line_offset import THRUST_LINE_OFFSET
 from sim_vehicle.model.coefficient_names import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -21,6 +22,7 @@ from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
+from sysid.posterior.nuisance_priors import PRODUCT_INERTIA, THRUST_ARM
 from sysid.posterior.stated_priors import unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before
@@ -31,6 +33,8 @@ from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ACCEL
 from sysid.uncertainty.inertia import inertia_shares
 
+# Parameter of the effect that a thrust line off the centre of gravity is.
+_HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
 # A part of the flight is at most so long, s, at least so long.
@@ -92,10 +96,30 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     )
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated)
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
-    every_warning = tuple(dict.fromkeys((*warnings, *found.warnings)))
+    model = _with_thrust_line(model, found)
+    every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *_product_words(vehicle, found))))
     return PosteriorIdentification(
         tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
     )
+
+
+def _with_thrust_line(model: Model, found: PosteriorEstimate) -> Model:
+    """The model with the height of the thrust line, where nobody gave it: without it the coefficients fly otherwise."""
+    arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
+    if arm is None or model.effect(THRUST_LINE_OFFSET.name) is not None:
+        return model
+    return model.with_effect(THRUST_LINE_OFFSET, {_HEIGHT: arm.value}, {_HEIGHT: arm.std})
+
+
+def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
+    """What the flight knows of the product of inertia, which belongs into the vehicle file."""
+    one = next((one for one in found.nuisances if one.name == PRODUCT_INERTIA), None)
+    if one is None or one.std > PRIOR_SHARE * one.prior_std:
+        return []
+    return [
+        f"the flight gives a product of inertia Ixz of {vehicle.mass.Ixz + one.value:.3g} ± {one.std:.2g} kg m^2: put"
+        " it into the vehicle file, with Ixz_std"
+    ]
 
 
 @dataclass(frozen=True)

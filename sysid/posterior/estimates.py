@@ -13,6 +13,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import SERVO
+from sysid.posterior.nuisance_priors import PRODUCT_INERTIA
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
@@ -131,7 +132,7 @@ class PosteriorEstimate:
 
     def of_aircraft(self) -> dict[str, float]:
         """What was estimated of the aircraft itself, by name (`sysid.posterior.stated_priors.as_estimated`)."""
-        return {one.name: one.value for one in self.nuisances if one.name in ("product_inertia", "thrust_arm")}
+        return {one.name: one.value for one in self.nuisances if one.name == PRODUCT_INERTIA}
 
     def systematic(self) -> dict[str, dict[str, float]]:
         """Change of each coefficient and effect parameter under each error of what was taken as known."""

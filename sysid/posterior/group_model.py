@@ -28,7 +28,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.inputs import surface_means, swing
-from sysid.posterior.nuisance_priors import FLOW_OF, SURFACES_OF, Unknowns
+from sysid.posterior.nuisance_priors import FLOW_OF, PRODUCT_INERTIA, SURFACES_OF, THRUST_ARM, Unknowns
 from sysid.posterior.observations import joined_at, read_at
 from sysid.problem.predictor import Predictor, coefficient, effect_parameter
 from sysid.signals.record import OUTPUTS, STATES, SURFACES, Record
@@ -49,7 +49,7 @@ _DRIVING = frozenset(
 
 
 # Nuisances that change the motion's own equations, and the constant of the vehicle that they add to.
-_SHAPING = {"product_inertia": Par.Ixz, "thrust_arm": Par.propeller_z}
+_SHAPING = {PRODUCT_INERTIA: Par.Ixz, THRUST_ARM: Par.propeller_z}
 
 # Parameters of effects that change what airspeed drives the simulation, and steps of their differences.
 _OF_AIRSPEED = {

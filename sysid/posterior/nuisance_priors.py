@@ -19,6 +19,8 @@ DEGREE = math.pi / 180.0
 GROUPS = ("longitudinal", "lateral")
 # Surfaces that move a group of axes, and the flow angle that its vane reads.
 SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+# Of the aircraft itself, where its vehicle file does not give them.
+PRODUCT_INERTIA, THRUST_ARM = "product_inertia", "thrust_arm"
 FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
 
 

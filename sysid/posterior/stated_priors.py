@@ -9,10 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.posterior.nuisance_priors import FLOW_OF, PRIORS, SURFACES_OF, ZERO_STD, Nuisance
+from sysid.posterior.nuisance_priors import (
+    FLOW_OF,
+    PRIORS,
+    PRODUCT_INERTIA,
+    SURFACES_OF,
+    THRUST_ARM,
+    ZERO_STD,
+    Nuisance,
+)
 
 # Mean and standard deviation of a prior, None where the table's stands.
 Stated = tuple[float | None, float | None]
@@ -68,7 +75,7 @@ def of_aircraft(vehicle: Vehicle, thrust: bool) -> tuple[Nuisance, ...]:
     if mass.Ixz_std:
         most = 0.9 * math.sqrt(mass.Ixx * mass.Izz)
         found.append(Nuisance(
-            "product_inertia", 0.0, mass.Ixz_std, 0.0, -most - mass.Ixz, most - mass.Ixz, 0.02 * mass.Ixz_std, "kg m^2",
+            PRODUCT_INERTIA, 0.0, mass.Ixz_std, 0.0, -most - mass.Ixz, most - mass.Ixz, 0.02 * mass.Ixz_std, "kg m^2",
             "lateral", "the vehicle file, or what is usual for mass and span",
         ))  # fmt: skip
     std = _THRUST_ARM_CHORDS * chord
@@ -77,22 +84,18 @@ def of_aircraft(vehicle: Vehicle, thrust: bool) -> tuple[Nuisance, ...]:
         std = abs(vehicle.propulsion.line[2]) * (mass.Iyy_std or 0.0) / mass.Iyy
     if thrust and std > 0.0:
         found.append(Nuisance(
-            "thrust_arm", 0.0, std, 0.0, -2.0 * chord, 2.0 * chord, 0.02 * std, "m", "longitudinal",
+            THRUST_ARM, 0.0, std, 0.0, -2.0 * chord, 2.0 * chord, 0.02 * std, "m", "longitudinal",
             "thrust lines of small aircraft",
         ))  # fmt: skip
     return tuple(found)
 
 
 def as_estimated(vehicle: Vehicle, values: Mapping[str, float]) -> Vehicle:
-    """The vehicle with what was estimated of it. values: of `of_aircraft`'s unknowns, by name."""
-    product, arm = values.get("product_inertia", 0.0), values.get("thrust_arm", 0.0)
-    if product != 0.0:
-        vehicle = replace(vehicle, mass=replace(vehicle.mass, Ixz=vehicle.mass.Ixz + product))
-    if arm != 0.0:
-        propulsion = vehicle.propulsion or Propulsion()
-        x, y, z = propulsion.line
-        vehicle = replace(vehicle, propulsion=replace(propulsion, line=(x, y, z + arm)))
-    return vehicle
+    """The vehicle with what was estimated of it. values: of `of_aircraft`'s unknowns, by name; the thrust line's is an
+    effect of the model.
+    """
+    product = values.get(PRODUCT_INERTIA, 0.0)
+    return replace(vehicle, mass=replace(vehicle.mass, Ixz=vehicle.mass.Ixz + product)) if product != 0.0 else vehicle
 
 
 def zero_stds(vehicle: Vehicle) -> dict[str, float]:

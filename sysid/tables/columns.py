@@ -123,12 +123,12 @@ def match_columns(
             continue
         uses.append(ColumnUse(signal, heads, weights, unit_of(written, _si(signal), heads[0]), written))
     if lacking:
-        example = ", ".join(
-            f"{header!r}: {usual_units(_si(_signal_of(found, header)))[:2][-1]!r}" for header in lacking[:3]
-        )
+        usual = {header: usual_units(_si(_signal_of(found, header)))[:2][-1] for header in lacking}
+        example = ", ".join(f"{header!r}: {unit!r}" for header, unit in list(usual.items())[:3])
         raise TableError(
             f"the unit of {_listed(lacking)} is not known: give units = {{{example}, ...}}, or units = 'SI' where"
-            " all others are in SI units and radians"
+            " all others are in SI units and radians",
+            usual,
         )
     (time,) = (use for use in uses if use.signal == TIME)
     unused = tuple(header for header in headers if header not in taken)
@@ -179,16 +179,20 @@ def _check_names(given: Mapping[str, Wanted], units: Mapping[str, str] | str | N
     known = (TIME, *SIGNAL_UNITS)
     for signal in given:
         if signal not in known:
-            raise TableError(
-                f"columns: {signal!r} is no signal; signals are {_listed(known[:30])} and servo1 to servo16"
+            near = difflib.get_close_matches(signal, known, 2, 0.5)
+            meant = (
+                f"did you mean {' or '.join(near)}?" if near else f"signals are {', '.join(known[:-16])}, servo1 to 16"
             )
+            raise TableError(f"columns: {signal!r} is no signal; {meant}")
     if isinstance(units, str):
         if units != ALL_SI:
             raise TableError(f"units: give a unit for each column, or 'SI' for all of them, not {units!r}")
         return
     for name in units or {}:
         if name not in known and name not in headers:
-            raise TableError(f"units: {name!r} is neither a column nor a signal; columns are {_listed(headers)}")
+            near = difflib.get_close_matches(name, [*headers, *known], 2, 0.5)
+            meant = f"did you mean {' or '.join(near)}?" if near else f"columns are {_listed(headers)}"
+            raise TableError(f"units: {name!r} is neither a column nor a signal; {meant}")
 
 
 def _named(signal: str, wanted: Wanted, headers: Sequence[str]) -> tuple[tuple[str, ...], tuple[float, ...]]:

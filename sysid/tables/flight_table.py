@@ -20,6 +20,12 @@ _FEWEST_ROWS = 20
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-4, 2.0
 # Share of values that repeat the one before, beyond which a sensor is slower than the table.
 _HELD_SHARE = 0.5
+# Angles, rad, that 99 % of the rows keep within in any aircraft: surfaces and flow, attitude however it is counted.
+_LARGEST_RAD = {
+    **dict.fromkeys(("de", "da", "dr", "theta"), 1.6),
+    **dict.fromkeys(("alpha", "beta", "alpha2", "beta2"), 3.2),
+    "phi": 6.4,
+}
 #: What a source is called that a table gave.
 SOURCE = "table"
 
@@ -69,6 +75,7 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
                     " which it changes count"
                 )
         source = f"{SOURCE}.{use.headers[0]}"
+        _check_angle(name, use, values)
         unit = "" if use.unit.si == "1" else use.unit.si
         signals[use.signal] = Signal(stamps, np.ascontiguousarray(values), unit, source)
     if "air_density" not in signals and {"static_pressure", "temperature"} <= signals.keys():
@@ -174,6 +181,17 @@ def _seconds(name: str, time_s: Array, use: ColumnUse, warnings: list[str]) -> A
         advice = f"give units = {{'time': '{likely}'}}" if likely else "a flight has 0.5 to 10,000 rows a second"
         raise TableError(f"{name}: rows are {usual:g} s apart by {use.headers[0]!r} in {use.written}: {advice}")
     return time_s
+
+
+def _check_angle(name: str, use: ColumnUse, values: Array) -> None:
+    """TableError for an angle that no aircraft has: degrees that are said to be radians."""
+    most = _LARGEST_RAD.get(use.signal)
+    reach = float(np.nanpercentile(np.abs(values), 99.0))
+    if most is not None and reach > most:
+        raise TableError(
+            f"{name}: {use.signal} reaches {reach:.3g} rad by column {use.headers[0]!r} in {use.written}, which no"
+            f" aircraft does: is it in degrees? give units = {{'{use.signal}': 'deg'}}"
+        )
 
 
 def _fits(step_s: float) -> bool:

@@ -137,7 +137,10 @@ def looks_like_fdata(array: Array) -> bool:
 
 
 def _checked(fdata: ArrayLike, name: str) -> Array:
-    array = np.asarray(fdata, dtype=np.float64)
+    try:
+        array = np.asarray(fdata, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TableError(f"{name}: is no array of numbers; give the variable fdata itself") from None
     if array.ndim != 2 or array.shape[1] < _FEWEST:
         raise TableError(
             f"{name}: an array of the shape {array.shape} is no flight data array of SIDPAC, which has 90 columns"

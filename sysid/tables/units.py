@@ -62,7 +62,10 @@ _UNITS: dict[str, Unit] = {
     **_all("K", k=1.0, kelvin=1.0, r=_RANKINE, degr=_RANKINE, rankine=_RANKINE),
     **{text: Unit("K", 1.0, _ZERO_CELSIUS) for text in ("c", "degc", "celsius")},
     **{text: Unit("K", _RANKINE, _ZERO_CELSIUS - 32.0 * _RANKINE) for text in ("f", "degf", "fahrenheit")},
-    **_all("kg/m^3", **{"kg/m3": 1.0, "slug/ft3": _SLUG / _FOOT**3, "slugs/ft3": _SLUG / _FOOT**3}),
+    **_all(
+        "kg/m^3",
+        **{"kg/m3": 1.0, "kgm3": 1.0, "kgm-3": 1.0, "slug/ft3": _SLUG / _FOOT**3, "slugs/ft3": _SLUG / _FOOT**3},
+    ),
     **_all("N", n=1.0, newton=1.0, lbf=_POUND_FORCE, lbs=_POUND_FORCE, lb=_POUND_FORCE, kgf=STANDARD_GRAVITY),
     **_all("N", gf=1e-3 * STANDARD_GRAVITY),
     **_all("1/min", rpm=1.0, **{"1/min": 1.0, "rev/min": 1.0, "hz": 60.0, "rev/s": 60.0}),

@@ -10,6 +10,7 @@ import polars
 import pytest
 import xarray
 
+import flightmodel
 from flightmodel import ERRORS, Aircraft, Flight, FlightModelError, identify
 
 T = 0.02 * np.arange(500)
@@ -73,6 +74,27 @@ def test_every_error_is_one_line_that_says_what_to_do(tmp_path: Path) -> None:
         text = str(refused.value)
         assert words.lower() in text.lower(), text
         assert "\n" not in text
+
+
+def test_what_is_missing_is_said_with_the_columns_that_became_no_signal() -> None:
+    flight = Flight.from_frame({**COLUMNS, "stick": T, "Nz": T})
+    with pytest.raises(ERRORS) as refused:
+        identify(flight, Aircraft.estimate(span=1.27, mass=1.96), progress=False)
+    assert "columns of the table that became no signal: 'stick', 'Nz': name them" in str(refused.value)
+    with pytest.raises(ERRORS, match="is no array of numbers; give the variable fdata itself"):
+        Flight.from_fdata(np.array([{"t": 1.0}]))
+
+
+def test_public_names_are_there_for_completion() -> None:
+    assert {"Aircraft", "Flight", "identify"} <= set(dir(flightmodel))
+    assert "TYPE_CHECKING" not in dir(flightmodel)
+
+
+def test_a_product_of_inertia_that_nobody_gives_is_open() -> None:
+    swung = {"Ixx": 0.07, "Iyy": 0.08, "Izz": 0.14}
+    found = Aircraft.estimate(span=1.27, mass=1.96, **swung).vehicle.mass
+    assert (found.Ixz, found.Ixz_std) == (0.0, pytest.approx(0.1 * np.sqrt(0.07 * 0.14), rel=1e-2))
+    assert Aircraft.estimate(span=1.27, mass=1.96, **swung, Ixz=0.01).vehicle.mass.Ixz_std is None
 
 
 def test_an_aircraft_by_ruler_and_scale_says_what_was_taken_for_it(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pandas
 import pytest
 from jsbsim_csv import TRUTH, fly_csv
 
-from flightmodel import Aircraft, Flight, Identification, identify
+from flightmodel import Aircraft, Flight, Identification, identify, simulate
 
 pytestmark = pytest.mark.whole_flight
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +31,7 @@ def off(result: Identification) -> dict[str, float]:
 def test_ten_lines_from_jsbsim_s_csv_to_its_coefficients(tmp_path: Path) -> None:
     table, _ = fly_csv(tmp_path)
     flight = Flight.from_frame(pandas.read_csv(table), columns=COLUMNS, units={"thrust": "lbf"})
-    aircraft = Aircraft.estimate(**WING, **SWUNG, **LINE, surfaces="command", airspeed="true")
+    aircraft = Aircraft.estimate(**WING, **SWUNG, **LINE, airspeed="true")
     result = identify(flight, aircraft, progress=False)
 
     assert result.verdict in ("good", "care")
@@ -57,9 +57,21 @@ def test_ten_lines_from_jsbsim_s_csv_to_its_coefficients(tmp_path: Path) -> None
 def test_bars_hold_what_nobody_measured_of_the_aircraft(known: dict[str, Any], widest: float) -> None:
     """Moments of inertia, the product of them, the thrust line: where they are not given the bars say so, and hold."""
     table = pandas.read_csv(ROOT / "docs" / "notebooks" / "flight1.csv")
-    flight = Flight.from_frame(table, columns=COLUMNS, units={"thrust": "lbf"})
-    result = identify(flight, Aircraft.estimate(**WING, **known, surfaces="command", airspeed="true"), progress=False)
+    flight = Flight.from_frame(table)
+    aircraft = Aircraft.estimate(**WING, **known, airspeed="true")
+    result = identify(flight, aircraft, progress=False)
     assert result.refused == {}
     assert max(map(abs, off(result).values())) < 3.0, off(result)
     for name in MAIN:
         assert result.stds[name] < widest * abs(TRUTH[name]), (name, result.values[name], result.stds[name])
+    # What was estimated of the thrust line goes along with the model.
+    ways = [simulate(model, aircraft, flight, restart_s=5.0).tic["q"] for model in (result, result.model)]
+    assert ways[0] < 0.05
+    assert ways[1] < 0.15
+
+
+def test_bars_of_the_books_say_that_they_do_not_hold_a_guessed_inertia() -> None:
+    flight = Flight.read(ROOT / "docs" / "notebooks" / "flight1.csv")
+    result = identify(flight, Aircraft.estimate(**WING, airspeed="true"), method="ee", progress=False)
+    assert result.verdict == "care"
+    assert any("which the bars of this method do not hold" in reason for reason in result.reasons)

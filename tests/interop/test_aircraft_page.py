@@ -238,7 +238,7 @@ def test_a_table_is_uploaded_with_words_for_its_columns(browser: Browser, node: 
     source = (ROOT / "docs" / "notebooks" / "flight1.csv").read_text(encoding="utf-8")
     plain = source.replace("Q (deg/s)", "pitching").replace("Alpha (deg)", "probe")
     table, aircraft = tmp_path / "flight.csv", tmp_path / "thor.toml"
-    table.write_text(plain.replace("/fdm/jsbsim/fcs/left-aileron-pos-rad", "aileron"), encoding="utf-8")
+    table.write_text(plain.replace("Aileron Position (rad)", "aileron"), encoding="utf-8")
     aircraft.write_text(
         'name = "thor"\n[mass]\nmass = 1.959\n[geometry]\nS = 0.3097\nb = 1.27\nc = 0.25\n'
         + "".join(f"[controls.{name}]\n" for name in ("elevator", "aileron", "rudder"))
@@ -253,8 +253,7 @@ def test_a_table_is_uploaded_with_words_for_its_columns(browser: Browser, node: 
         page.click("button.main")
         visitor.wait_for_text("main", "was not taken: flight.csv: the unit of aileron is not known")
         page.get_by_label("Columns and units (TOML)").fill(
-            '[columns]\nq = "pitching"\nalpha = "probe"\nthrust = "/fdm/jsbsim/external_reactions/thrust/magnitude"\n'
-            '[units]\nq = "deg/s"\nalpha = "deg"\naileron = "rad"\nthrust = "lbf"\n'
+            '[columns]\nq = "pitching"\nalpha = "probe"\n[units]\nq = "deg/s"\nalpha = "deg"\naileron = "rad"\n'
         )
         visitor.check("table")
         page.click("button.main")

@@ -72,7 +72,7 @@ def test_a_mapping_file_names_columns(tmp_path: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("head", "words"),
     [
-        ("time_s,alpha,q,de,note", "the unit of q, alpha, de is not known"),
+        ("time_s,alpha,q,de,note", 'as they are: "q" = "deg/s", "alpha" = "deg", "de" = "deg"; or units = "SI"'),
         ("a,b,c,d,e", "no column is the time"),
         ("time_s,b,c,d,e", "none of its columns is a signal"),
     ],

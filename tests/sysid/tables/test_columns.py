@@ -124,7 +124,10 @@ def test_columns_by_number_and_with_weights() -> None:
     ("headers", "given", "words"),
     [
         (["alpha_deg", "q_deg_s"], {}, "no column is the time"),
-        (["t", "x"], {"columns": {"alfa": "x"}}, "'alfa' is no signal"),
+        (["t", "x"], {"columns": {"alfa": "x"}}, "'alfa' is no signal; did you mean alpha"),
+        (["t", "x"], {"columns": {"zzz": "x"}}, "'zzz' is no signal; signals are time, ax"),
+        (["t", "AOA"], {"units": {"AOA_": "deg"}}, "neither a column nor a signal; did you mean AOA?"),
+        (["t", "elevator"], {"columns": {"de": "elevater"}}, "does not have; did you mean 'elevator'?"),
         (["t", "x"], {"columns": {"alpha": "y"}}, "which the table does not have; it has t, x"),
         (["t", "x"], {"columns": {"alpha": 7}}, "the table has 0 to 1"),
         (["t", "alpha"], {"units": {"beta2x": "deg"}}, "neither a column nor a signal"),

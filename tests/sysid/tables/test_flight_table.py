@@ -31,7 +31,7 @@ def test_signals_begin_at_zero_in_si_units() -> None:
 
 def test_a_sensor_slower_than_the_table_keeps_the_rows_in_which_it_changes() -> None:
     held = np.repeat(np.arange(20.0), 10)
-    flight = made(vn=held, de=held)
+    flight = made(vn=held, de=0.01 * held)
     assert flight.signals["vn"].time_s == pytest.approx(0.2 * np.arange(20))
     assert flight.signals["de"].time_s.size == 200  # an input is held
     assert "mostly repeats its last value; the 20 rows" in flight.warnings[0]
@@ -144,3 +144,13 @@ def test_what_is_no_such_array_is_none() -> None:
     assert not looks_like_fdata(fdata()[:, :20])
     with pytest.raises(TableError, match="is no flight data array of SIDPAC"):
         fdata_columns(np.zeros((10, 5)))
+
+
+@pytest.mark.parametrize("signal", ["de", "theta", "alpha", "phi"])
+def test_degrees_that_are_said_to_be_radians_are_refused(signal: str) -> None:
+    degrees = -30.0 + 5.0 * np.sin(T)
+    with pytest.raises(
+        TableError, match=f"{signal} reaches 3\\d rad by column '{signal}' in rad, which no aircraft does"
+    ):
+        made(**{signal: degrees})
+    assert made({signal: "deg"}, **{signal: degrees}).signals[signal].values == pytest.approx(np.radians(degrees))
