@@ -76,9 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    from sysid.errors import SysidError
-
     args = build_parser().parse_args(arguments)
+    from sysid.errors import SysidError  # which loads scipy: not for --help
+
     Progress.silent = args.quiet
     # A trial of an estimation that runs away is refused by its cost; what numpy remarks on it helps no user.
     warnings.filterwarnings("ignore", category=RuntimeWarning)

@@ -89,6 +89,9 @@ def main() -> None:
     """Work until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     portable.stand_back(_NICENESS)
+    from sysid.numerics.threads import one_thread  # not for whoever starts this process: it loads scipy
+
+    one_thread()
     answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what libraries print is no answer
     orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(orders,), daemon=True).start()

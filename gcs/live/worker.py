@@ -31,6 +31,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SysidError
 from sysid.live.identifier import LiveIdentifier
 from sysid.live.posterior_window import warm_up
+from sysid.numerics.threads import one_thread
 
 # The recorder comes first where both want the processor.
 _NICENESS = 5
@@ -244,6 +245,7 @@ def main(arguments: list[str]) -> int:
     """arguments: the dialect, and the vehicle file or "". Exit code 1 for a named error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end of the input says when to stop
     portable.stand_back(_NICENESS)
+    one_thread()
     dialect, vehicle = arguments
     second = SecondProcess()
     try:

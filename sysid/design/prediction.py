@@ -28,6 +28,7 @@ from sysid.compatibility.selection import Refusal
 from sysid.design.gust_information import GustyPath, gusty_path
 from sysid.design.simulated_flight import RATE_HZ, channel_noise, rehearse, true_starts
 from sysid.numerics.normal_equations import inverse
+from sysid.numerics.threads import single_threaded
 from sysid.output_error.estimator import OutputError
 from sysid.output_error.from_problem import build
 from sysid.problem.estimation_problem import Problem, free_coefficients, refusals
@@ -122,6 +123,7 @@ def structure_of(vehicle: Vehicle, structure: Model | None) -> list[str]:
     return list(default_structure(signal for name, signal in present.items() if name in vehicle.controls))
 
 
+@single_threaded
 def predict(
     vehicle: Vehicle,
     model: Model,

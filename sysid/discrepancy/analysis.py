@@ -28,6 +28,7 @@ from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.summary import sentence
 from sysid.errors import SysidError
 from sysid.identification.repaired_flight import read_flights
+from sysid.numerics.threads import single_threaded
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
 from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.corrected_faults import require_searched
@@ -40,6 +41,7 @@ _COMPARED = 0.8  # of the progress
 _NOTHING_NAMED = "flight and model disagree in a way that nothing in the catalogue names"
 
 
+@single_threaded
 def discrepancy(
     flights: Sequence[FlightSignals],
     vehicle: Vehicle,

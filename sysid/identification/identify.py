@@ -28,6 +28,7 @@ from sysid.identification.result_model import (
     validity_of,
     with_extra,
 )
+from sysid.numerics.threads import single_threaded
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.estimation_problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
@@ -86,6 +87,7 @@ class Identification:
     quality: Quality = NOTHING_SEEN
 
 
+@single_threaded
 def identify(
     flights: Sequence[FlightSignals],
     vehicle: Vehicle,
