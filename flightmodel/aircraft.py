@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
@@ -153,7 +153,13 @@ class Aircraft:
             )
         if air_density is not None:
             lines += ["", "[environment]", f"air_density = {air_density!r}"]
-        return cls.from_text("\n".join(lines) + "\n", name)
+        made = cls.from_text("\n".join(lines) + "\n", name)
+        if area is not None:
+            return made
+        guessed = (
+            f"geometry.S: not given; span^2 / {_USUAL_ASPECT_RATIO:g} = {wing:g} m^2 is taken: coefficients stand on it"
+        )
+        return cls(replace(made.vehicle, warnings=(*made.vehicle.warnings, guessed)), made.text)
 
     @classmethod
     def from_fdata(cls, fdata: ArrayLike, name: str = "aircraft") -> Aircraft:

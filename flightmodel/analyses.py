@@ -75,6 +75,7 @@ def identify(
     (4.6, True)
     """
     from gcs.analysis.provenance import made
+    from gcs.analysis.sameflight import repeated
     from sim_vehicle.model.model_file import model_from_json
     from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
@@ -89,7 +90,8 @@ def identify(
             method=method, start_s=start_s, stop_s=stop_s, as_recorded=tuple(as_recorded), progress=shown,
         )  # fmt: skip
     result = result_json(found)
-    result["warnings"] = list(dict.fromkeys([*aircraft.warnings, *result["warnings"]]))
+    twice = repeated([one.signals for one in flights], [one.signals for one in judges])
+    result["warnings"] = list(dict.fromkeys([*twice, *aircraft.warnings, *result["warnings"]]))
     result["made"] = made({"vehicle": aircraft.name, "method": method, "from": start_s, "to": stop_s}, [])
     return Identification(result, model_from_json(result["model"]), aircraft, found.posterior)
 

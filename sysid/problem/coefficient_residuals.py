@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.effects import slot
+from sim_vehicle.effects.thrust_line_offset import THRUST_LINE_OFFSET
 from sim_vehicle.physics.layout import Par
 from sim_vehicle.physics.propeller import along
 from sim_vehicle.physics.simulation import evaluate_path
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import smoothed_states
-from sysid.equation_error.coefficients import AXES, body_of, coefficients
+from sysid.equation_error.coefficients import AXES, Body, body_of, coefficients
 from sysid.equation_error.equations import FORCES, MOMENTS
 from sysid.numerics.smoothing import fourier_smooth, noise_sigma
 from sysid.problem.free_run import Fixed
@@ -119,7 +121,7 @@ def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, mod
             "thrust": thrust, "torque": torque, "air_density": record.rho[here],
         },
     )  # fmt: skip
-    measured = coefficients(data, body_of(vehicle), slopes)
+    measured = coefficients(data, _with_thrust_line(body_of(vehicle), model), slopes)
     variables = _variables(states, alpha, speed, record.commands[here], thrust, dt, vehicle)
     edge = round(_EDGE_S / dt)
     inner = slice(edge, record.length - edge)
@@ -128,6 +130,15 @@ def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, mod
         return {name: values[inner] for name, values in columns.items()}
 
     return CoefficientPath(record.time_s[inner], kept(measured), kept(predicted), kept(variables))
+
+
+def _with_thrust_line(body: Body, model: Fixed) -> Body:
+    """The body with the thrust line where the model's effect has it: its moment is the propulsion's, not the air's."""
+    effects = model.flat.E
+    if effects[slot(THRUST_LINE_OFFSET.name)] == 0.0:
+        return body
+    x, y, z = body.thrust_point
+    return replace(body, thrust_point=(x, y, z + float(effects[slot(THRUST_LINE_OFFSET.name, "z_T")])))
 
 
 def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:

@@ -101,6 +101,7 @@ def test_an_aircraft_by_ruler_and_scale_says_what_was_taken_for_it(tmp_path: Pat
     found = Aircraft.estimate(span=1.4, mass=2.0, positions={"alpha_vane": (0.3, 0.1, 0.0)})
     assert found.area == pytest.approx(1.4**2 / 7.0, rel=1e-3)
     assert any("swing the aircraft as a pendulum" in one for one in found.warnings)
+    assert any("0.28 m^2 is taken: coefficients stand on it" in one for one in found.warnings)
     assert found.vehicle.sensors.alpha_vane.position == (0.3, 0.1, 0.0)
     found.save(tmp_path / "a.toml")
     again = Aircraft.read(tmp_path / "a.toml")

@@ -59,8 +59,11 @@ def test_bars_hold_what_nobody_measured_of_the_aircraft(known: dict[str, Any], w
     table = pandas.read_csv(ROOT / "docs" / "notebooks" / "flight1.csv")
     flight = Flight.from_frame(table)
     aircraft = Aircraft.estimate(**WING, **known, airspeed="true")
-    result = identify(flight, aircraft, progress=False)
+    other = Flight.read(ROOT / "docs" / "notebooks" / "flight2.csv")
+    result = identify(flight, aircraft, validate_on=other, progress=False)
     assert result.refused == {}
+    assert result.result["validation"]["acceptable"]
+    assert result.result["validation"]["outputs"]["Cm"]["tic"] < 0.1
     assert max(map(abs, off(result).values())) < 3.0, off(result)
     for name in MAIN:
         assert result.stds[name] < widest * abs(TRUTH[name]), (name, result.values[name], result.stds[name])
