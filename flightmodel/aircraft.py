@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -102,7 +103,8 @@ class Aircraft:
         surfaces : str
             What the columns of the surfaces hold: the "command", or the measured "position", which narrows the bars.
         airspeed : str
-            What the airspeed's own column holds, "calibrated" or "true"; a column of the other kind is converted.
+            What a column called airspeed holds, "calibrated" or "true"; one of true airspeed (tas, vt) is turned into
+            that kind.
         air_density : float | None
             kg/m^3; None takes the flight's, or that at sea level.
         positions : Mapping[str, Sequence[float]] | None
@@ -125,8 +127,14 @@ class Aircraft:
         >>> Aircraft.estimate(span=1.27, mass=1.96).chord
         0.1814
         """
+        span, mass = _positive("span", span), _positive("mass", mass)
+        area = None if area is None else _positive("area", area)
+        chord = None if chord is None else _positive("chord", chord)
+        for key, moment in (("Ixx", Ixx), ("Iyy", Iyy), ("Izz", Izz)):
+            if moment is not None:
+                _positive(key, moment)
         inertia = {"Ixx": Ixx, "Iyy": Iyy, "Izz": Izz, "Ixz": Ixz}
-        given = {key: value for key, value in inertia.items() if value is not None}
+        given = {key: float(value) for key, value in inertia.items() if value is not None}
         lacking = [key for key in ("Ixx", "Iyy", "Izz") if key not in given]
         if given and lacking:
             raise FlightModelError(f"{', '.join(lacking)} is missing: give all moments of inertia, or none")
@@ -136,7 +144,7 @@ class Aircraft:
             raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
         wing = float(f"{span**2 / _USUAL_ASPECT_RATIO:.4g}") if area is None else area
         mean = float(f"{wing / span:.4g}") if chord is None else chord
-        lines = [f'name = "{name}"', "", "[mass]", f"mass = {mass!r}"]
+        lines = [f"name = {json.dumps(name, ensure_ascii=False)}", "", "[mass]", f"mass = {mass!r}"]
         lines += [f"{key} = {value!r}" for key, value in given.items()]
         if given and Ixz is None:
             lines.append(f"Ixz_std = {_USUAL_PRODUCT * math.sqrt(given['Ixx'] * given['Izz']):.3g}")
@@ -147,12 +155,12 @@ class Aircraft:
         for sensor, place in (positions or {}).items():
             lines.append(f"{sensor} = {{ position = [{', '.join(repr(float(one)) for one in place)}] }}")
         if max_thrust is not None:
-            lines += ["", "[propulsion]", f"max_thrust = {max_thrust!r}"]
+            lines += ["", "[propulsion]", f"max_thrust = {float(max_thrust)!r}"]
             lines += (
                 [f"line = [{', '.join(repr(float(one)) for one in thrust_line)}]"] if thrust_line is not None else []
             )
         if air_density is not None:
-            lines += ["", "[environment]", f"air_density = {air_density!r}"]
+            lines += ["", "[environment]", f"air_density = {float(air_density)!r}"]
         made = cls.from_text("\n".join(lines) + "\n", name)
         if area is not None:
             return made
@@ -230,3 +238,14 @@ class Aircraft:
         body = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows.items())
         doubts = "".join(f"<li>{escape(one)}</li>" for one in self.warnings)
         return f"<table><caption>{escape(self.name)}</caption>{body}</table>{f'<ul>{doubts}</ul>' if doubts else ''}"
+
+
+def _positive(name: str, value: float) -> float:
+    """A size as a float; FlightModelError where it is none."""
+    try:
+        size = float(value)
+    except (TypeError, ValueError):
+        size = math.nan
+    if not 0.0 < size < math.inf:
+        raise FlightModelError(f"{name} is {value!r}; give a number above 0, in SI units")
+    return size

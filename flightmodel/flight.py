@@ -78,10 +78,10 @@ class Flight:
         >>> flight.columns
         ("alpha: column 'alpha (deg)', deg",)
         """
-        table = _columns_of(frame)
+        table, left_out = _columns_of(frame)
         matched = match_columns(list(table), columns, units)
         flight = flight_from_table(name, table, matched)
-        return cls(flight, tuple(use.sentence for use in matched.uses), matched.unused)
+        return cls(flight, tuple(use.sentence for use in matched.uses), (*matched.unused, *left_out))
 
     @classmethod
     def from_fdata(cls, fdata: ArrayLike, *, name: str = "fdata") -> Flight:
@@ -180,7 +180,14 @@ class Flight:
 
     def of(self, aircraft: Aircraft) -> FlightSignals:
         """The signals as the estimators want them: airspeed of the kind that the aircraft's sensor is said to read."""
-        return with_airspeed_of(self.signals, aircraft.vehicle) if self.columns else self.signals
+        if self.columns:
+            return with_airspeed_of(self.signals, aircraft.vehicle)
+        if self.aircraft is None or self.aircraft.vehicle != aircraft.vehicle:
+            raise FlightModelError(
+                f"{self.name}: was read without this aircraft, whose servos and airspeed make it; read it with"
+                " Flight.read(path, aircraft)"
+            )
+        return self.signals
 
     def __repr__(self) -> str:
         return f"Flight({self.name!r}, {self.duration_s:.1f} s, {len(self.signals.signals)} signals)"
@@ -197,39 +204,51 @@ class Flight:
         return f"<table>{caption}{head}{rows}</table>{f'<ul>{doubts}</ul>' if doubts else ''}"
 
 
-def _columns_of(frame: Any) -> dict[str, Any]:
-    """Name -> (N,) values of whatever holds columns."""
+def _columns_of(frame: Any) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Name -> (N,) numbers of whatever holds columns; and those that hold none."""
+    found: dict[str, Any]
     if isinstance(frame, Mapping) and not hasattr(frame, "data_vars"):
-        return {str(key): np.asarray(values) for key, values in frame.items()}
-    if hasattr(frame, "data_vars"):  # xarray
-        found = {str(key): one for key, one in {**frame.coords, **frame.data_vars}.items() if one.ndim == 1}
-        named = {
+        found = {str(key): np.asarray(values) for key, values in frame.items()}
+    elif hasattr(frame, "data_vars"):  # xarray
+        each = {str(key): one for key, one in {**frame.coords, **frame.data_vars}.items() if one.ndim == 1}
+        found = {
             key if not one.attrs.get("units") else f"{key} [{one.attrs['units']}]": one.to_numpy()
-            for key, one in found.items()
+            for key, one in each.items()
         }
-        return {key: _numbers(values) for key, values in named.items()}
-    if isinstance(frame, np.ndarray) and frame.dtype.names:
-        return {key: frame[key] for key in frame.dtype.names}
-    if hasattr(frame, "columns") and hasattr(frame, "__getitem__"):
-        found = {str(key): frame[key].to_numpy() for key in frame.columns}
+    elif isinstance(frame, np.ndarray) and frame.dtype.names:
+        found = {key: frame[key] for key in frame.dtype.names}
+    elif hasattr(frame, "columns") and hasattr(frame, "__getitem__"):
+        found = {str(key): _plain(frame[key]) for key in frame.columns}
         index = getattr(frame, "index", None)
-        if index is not None and getattr(index, "name", None) and str(index.name) not in found:
-            found = {str(index.name): index.to_numpy(), **found}
-        return {key: _numbers(values) for key, values in found.items() if _is_numeric(values)}
-    raise FlightModelError(
-        f"a {type(frame).__name__} is no table: give a pandas or polars frame, an xarray Dataset, a structured array or"
-        " a mapping of names to arrays; a matrix of SIDPAC goes to from_fdata"
-    )
+        if index is not None and (getattr(index, "name", None) or getattr(index.dtype, "kind", "") in "mM"):
+            found = {str(index.name or "time"): _plain(index), **found}
+    else:
+        raise FlightModelError(
+            f"a {type(frame).__name__} is no table: give a pandas or polars frame, an xarray Dataset, a structured"
+            " array or a mapping of names to arrays; a matrix of SIDPAC goes to from_fdata"
+        )
+    numbers = {key: _numbers(values) for key, values in found.items() if values.dtype.kind in "fiubmM"}
+    return numbers, tuple(key for key in found if key not in numbers)
 
 
-def _is_numeric(values: Any) -> bool:
-    return getattr(values, "dtype", None) is not None and values.dtype.kind in "fiubmM"
+def _plain(column: Any) -> Any:
+    """A column as an array; moments of a time zone as UTC, missing values as NaN."""
+    zone = getattr(column.dtype, "tz", None)
+    if zone is not None:
+        column = column.dt.tz_convert(None) if hasattr(column, "dt") else column.tz_convert(None)
+    values = column.to_numpy()
+    if values.dtype.kind == "O":
+        try:
+            return values.astype(np.float64)
+        except (TypeError, ValueError):
+            return values
+    return values
 
 
 def _numbers(values: Any) -> Any:
-    """Values as they are; moments and spans of time as seconds."""
-    if values.dtype.kind in "mM":
-        return (
-            values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]").astype(np.int64) * 1e-9
-        )
-    return values
+    """Values as they are; moments and spans of time as seconds, those of today to less than a microsecond."""
+    if values.dtype.kind not in "mM":
+        return values
+    ns = values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]").astype(np.int64)
+    whole = int(ns[0]) // 1_000_000_000 if ns.size else 0
+    return whole + (ns - whole * 1_000_000_000) * 1e-9

@@ -41,7 +41,7 @@ HIGHRES_BITS = {
 }
 
 # Signals of a table that was imported: elements of two DEBUG_FLOAT_ARRAYs of these names for each row. Each is two,
-# whose sum it is, so that nothing of a table's 64 bits is lost; NaN where there is none. The order is that of the
+# whose sum it is, to 14 digits; NaN where there is none. The order is that of the
 # recordings there are; new ones go to its end.
 TABLE_NAMES = ("signals", "signals2")
 TABLE_SIGNALS_EACH = 29

@@ -169,6 +169,8 @@ def import_file(
         if columns is not None:
             from gcs.importers.ros import import_ros
 
+            if ending == ".mcap" and not is_bag(source):
+                raise ImportFileError(f"{name or source.name}: is a recording; leave the file of columns out")
             import_ros(source, target, progress, name or source.name, columns)
             return
         IMPORTS[ending](source, target, progress, dialect, name or source.name)

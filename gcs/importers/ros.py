@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import ImportFileError
+from gcs.flights.signalmap import TABLE_SIGNALS
 from gcs.importers import messages as make
 from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, write_recording
 from gcs.importers.table import row_series
@@ -23,13 +24,15 @@ from sysid.errors import TableError
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.tables.columns import Wanted, match_columns
 from sysid.tables.files import read_mapping
-from sysid.tables.names import SIGNAL_UNITS
+from sysid.tables.names import SIGNAL_UNITS, TIME
 
 FORMAT = "ros"
 NOTE = "its columns: signals in SI units and radians from the bag's standard messages; the bag itself is attached"
 _FIRST_US = 1_000_000
-_NED = re.compile(r"(ned|frd)$", re.IGNORECASE)
+_NED = re.compile(r"(^|[_/])(ned|frd)$", re.IGNORECASE)
 _FEWEST = 10  # messages of a topic
+# Topics that hold what is wanted, what the air does, or another temperature than its own, by words in their names.
+_NOT_MEASURED = re.compile(r"wind|cmd|command|set_?point|target|desired|goal|imu.*temp|temp.*imu", re.IGNORECASE)
 
 Values = NDArray[np.float64]
 #: Signal -> (N,) values, from (N, …) fields of a topic's messages.
@@ -50,10 +53,13 @@ def import_ros(
     called = name or source.name
     try:
         wanted, units = ({}, {}) if columns is None else read_mapping(columns)
+        named = {*wanted, *(header for header in wanted.values() if isinstance(header, str))}
+        if strange := [key for key in units if key not in named] if isinstance(units, dict) else []:
+            raise TableError(f"units: {strange[0]!r} is none of the columns that are named")
         bag = _Bag(source, called, wanted, units)
     except TableError as error:
         raise ImportFileError(f"{called}: {error}") from None
-    if not bag.signals:
+    if not bag.signals.keys() & set(TABLE_SIGNALS):
         raise ImportFileError(
             f"{called}: none of its messages is one of sensor_msgs/Imu, FluidPressure, Temperature, JointState,"
             " geometry_msgs/TwistStamped or std_msgs/Float32, Float64 of a known name; name fields with --columns"
@@ -77,8 +83,11 @@ class _Bag:
         self.fixes: list[tuple[Values, NDArray[np.float64]]] = []
         self.kinds: dict[str, str] = {}
         by_topic: dict[str, tuple[list[float], list[Any]]] = {}
-        for topic, kind, at, message in _messages(path, name):
+        headers = [header for header in wanted.values() if isinstance(header, str)]
+        for topic, kind, at, message in _messages(path, name, headers):
             self.kinds[topic] = kind
+            if message is None:
+                continue
             times, messages = by_topic.setdefault(topic, ([], []))
             times.append(at)
             messages.append(message)
@@ -99,7 +108,7 @@ class _Bag:
             fields = [(m.latitude, m.longitude, m.altitude, m.status.status) for m in messages]
             self.fixes.append((time_s, np.array(fields, np.float64)))
             return
-        reader = _READERS.get(kind)
+        reader = None if _NOT_MEASURED.search(topic) else _READERS.get(kind)
         found = reader(topic, messages) if reader is not None else {}
         for signal, values in found.items():
             if signal not in self.signals and np.isfinite(values).any():
@@ -112,6 +121,8 @@ class _Bag:
         by_topic: Mapping[str, tuple[list[float], list[Any]]],
     ) -> None:  # fmt: skip
         """A field that the user names: TOPIC.field.field[3]."""
+        if signal == TIME:
+            raise ImportFileError(f"{name}: columns.time: a bag's messages have times of their own; leave it out")
         if not isinstance(header, str):
             raise ImportFileError(f'{name}: columns.{signal}: name a field of a topic, as "/servos.position[1]"')
         topic = max((one for one in by_topic if header.startswith(one)), key=len, default=None)
@@ -133,8 +144,11 @@ class _Bag:
         self.signals[signal] = Signal(np.array(times), use.unit.factor * values + use.unit.offset, unit, header)
 
 
-def _messages(path: Path, name: str) -> Iterator[tuple[str, str, float, Any]]:
-    """Topic, type, time [s since 1970] and message of each that can be decoded, in the bag's order."""
+def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[tuple[str, str, float, Any]]:
+    """Topic, type, time [s] and message of each of a kind that is known, or of a topic that is wanted.
+
+    What has no stamp of its own is put on the clock of what has: by the median of reception less stamp.
+    """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, TypesysError, get_typestore
@@ -142,14 +156,29 @@ def _messages(path: Path, name: str) -> Iterator[tuple[str, str, float, Any]]:
         raise ImportFileError(f"{name}: is a ROS bag, for which rosbags is needed: pip install rosbags") from None
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            for connection, logged, raw in reader.messages():
+            asked = [
+                one
+                for one in reader.connections
+                if one.msgtype.rsplit("/", 1)[-1] in (*_READERS, "NavSatFix")
+                or any(header.startswith(one.topic) for header in wanted)
+            ]
+            yield from ((one.topic, one.msgtype, math.nan, None) for one in reader.connections if one not in asked)
+            late: list[float] = []
+            unstamped: list[tuple[str, str, float, Any]] = []
+            for connection, logged, raw in reader.messages(connections=asked) if asked else ():
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
                 except (TypesysError, KeyError, ValueError, AssertionError):
                     continue  # a type that the bag does not define
                 stamp = getattr(getattr(message, "header", None), "stamp", None)
                 seconds = 0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
-                yield connection.topic, connection.msgtype, seconds if seconds > 0.0 else 1e-9 * logged, message
+                if seconds > 0.0:
+                    late.append(1e-9 * logged - seconds)
+                    yield connection.topic, connection.msgtype, seconds, message
+                else:
+                    unstamped.append((connection.topic, connection.msgtype, 1e-9 * logged, message))
+            shift = float(np.median(late)) if late else 0.0
+            yield from ((topic, kind, logged - shift, message) for topic, kind, logged, message in unstamped)
     except AnyReaderError as error:
         raise ImportFileError(f"{name}: cannot be read as a ROS bag: {' '.join(str(error).split())}") from None
 
@@ -216,20 +245,20 @@ def _temperature(topic: str, messages: list[Any]) -> Found:
 
 
 def _joints(topic: str, messages: list[Any]) -> Found:
-    """Positions of joints, rad, whose names the dictionary of columns knows."""
-    names = [str(name) for name in messages[0].name]
-    if not names or any(len(m.position) != len(names) for m in messages):
+    """Positions of joints, rad, whose names the dictionary of columns knows; each message brings those it names."""
+    names = list(dict.fromkeys(str(name) for message in messages for name in message.name))
+    if not names:
         return {}
     try:
         matched = match_columns(["time", *names], None, "SI")
     except TableError:
         return {}
+    rows = [dict(zip(map(str, m.name), map(float, m.position), strict=False)) for m in messages]
     return {
-        use.signal: np.array([[m.position[names.index(head)] for head in use.headers] for m in messages], np.float64)
-        @ np.array(use.weights)
+        use.signal: np.array([[row.get(head, np.nan) for head in use.headers] for row in rows]) @ np.array(use.weights)
         for use in matched.uses
         if use.unit.si == "rad"
-    }  # fmt: skip
+    }
 
 
 def _number(topic: str, messages: list[Any]) -> Found:

@@ -52,7 +52,7 @@ def import_table(
     except TableError as error:
         text = _with_advice(error)
         raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
-    if not flight.signals:
+    if not flight.signals.keys() & set(TABLE_SIGNALS):
         raise ImportFileError(
             f"{name or source.name}: none of its columns is a signal; name them in a file of columns"
             " (--columns FILE.toml; on the page, the box below the file)"

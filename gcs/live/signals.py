@@ -208,8 +208,8 @@ class SignalStream:
     def _add_airspeed(self, found: dict[str, Samples]) -> None:
         calibrated = self._vehicle.calibration
         true = found.pop("true_airspeed", None)
-        if true is not None and "airspeed" not in found:
-            kept = self._vehicle.sensors.airspeed.kind == "true"
+        kept = self._vehicle.sensors.airspeed.kind == "true"
+        if true is not None and (kept or "airspeed" not in found):
             ratio = 1.0 if kept or not np.isfinite(self._density) else np.sqrt(self._density / SEA_LEVEL_DENSITY)
             found["airspeed"] = Samples(true.time_s, true.values * ratio)
             return

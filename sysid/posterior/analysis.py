@@ -28,7 +28,15 @@ from sysid.posterior.estimates import (
 from sysid.posterior.estimator import MAX_PASSES, Posterior, Prior
 from sysid.posterior.flight_part import FlightPart, outputs_of, with_vane
 from sysid.posterior.group_model import GroupModel
-from sysid.posterior.nuisance_priors import FLOW_OF, GROUPS, SURFACES_OF, THRUST_BY_SPEED_STD, Nuisance, unknowns_of
+from sysid.posterior.nuisance_priors import (
+    FLOW_OF,
+    GROUPS,
+    PRODUCT_INERTIA,
+    SURFACES_OF,
+    THRUST_BY_SPEED_STD,
+    Nuisance,
+    unknowns_of,
+)
 from sysid.posterior.reported_spectrum import noise_spectra
 from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
@@ -236,7 +244,7 @@ def _begun(
 ) -> _Begun:
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
-    more = (lag, *of_aircraft(vehicle, any(part.thrust_from for part in parts)))
+    more = (lag, *of_aircraft(vehicle, any(part.thrust_from for part in parts), structure))
     unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, more, flow_imposed, flights)
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
@@ -244,6 +252,8 @@ def _begun(
         # Every force and moment goes with the flow as the vane read it: its scale is not identifiable then.
         doubts = [*doubts, *(flow_doubt(scale, one.std) for one in unknowns if one.name == scale)]
         unknowns = unknowns.without(scale)
+    if any(one.name == PRODUCT_INERTIA for one in unknowns):
+        doubts = [one for one in doubts if one.name != "Ixz_std"]  # it is estimated
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
     structure = replace(structure, coefficients=own, correlation=None)
     model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)

@@ -39,7 +39,10 @@ def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
     mass = vehicle.mass
     found = [_mass("mass", mass.mass_std)] if mass.mass_std is not None else [_shares("mass_1pct", ("mass",), 0.01)]
     stated = [(key, getattr(mass, f"{key}_std")) for key in _INERTIA]
-    found += [_mass(key, std) for key, std in stated if std is not None] or [_shares("inertia_5pct", _INERTIA, 0.05)]
+    found += [_mass(key, std) for key, std in stated if std is not None]
+    usual = tuple(key for key, std in stated if std is None)
+    if len(usual) >= len(_INERTIA) - 1:  # the product alone says nothing of the moments
+        found.append(_shares("inertia_5pct", usual, 0.05))
     found.append(Doubt("density_2pct", False, lambda vehicle: Altered(vehicle, density=1.02)))
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():

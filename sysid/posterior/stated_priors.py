@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim_vehicle.effects.thrust_line_offset import THRUST_LINE_OFFSET
+from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -65,10 +67,10 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
 _THRUST_ARM_CHORDS = 0.15
 
 
-def of_aircraft(vehicle: Vehicle, thrust: bool) -> tuple[Nuisance, ...]:
+def of_aircraft(vehicle: Vehicle, thrust: bool, structure: Model) -> tuple[Nuisance, ...]:
     """Unknowns of the aircraft itself that its vehicle file does not give: they change the motion's own equations.
 
-    thrust: whether it is known, and so what its line does.
+    thrust: whether it is known, and so what its line does. structure: the model, which may have the line itself.
     """
     mass, chord = vehicle.mass, vehicle.geometry.c
     found = []
@@ -82,7 +84,7 @@ def of_aircraft(vehicle: Vehicle, thrust: bool) -> tuple[Nuisance, ...]:
     if vehicle.propulsion is not None and vehicle.propulsion.line_known:
         # A moment of inertia that is taken too small makes the thrust's moment look too small as well.
         std = abs(vehicle.propulsion.line[2]) * (mass.Iyy_std or 0.0) / mass.Iyy
-    if thrust and std > 0.0:
+    if thrust and std > 0.0 and structure.effect(THRUST_LINE_OFFSET.name) is None:
         found.append(Nuisance(
             THRUST_ARM, 0.0, std, 0.0, -2.0 * chord, 2.0 * chord, 0.02 * std, "m", "longitudinal",
             "thrust lines of small aircraft",

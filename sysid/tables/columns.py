@@ -11,6 +11,8 @@ from sysid.errors import TableError
 from sysid.tables.names import SIGNAL_UNITS, TIME, UNIT_OF_NAME, USUAL_NAMES, USUAL_PAIRS, plain
 from sysid.tables.units import Unit, is_unit, unit_of, usual_units
 
+#: How a time's unit is written that nobody said.
+TAKEN_FOR_SECONDS = "s, as nothing else is said"
 #: What `units` says where every column without a unit is in SI.
 ALL_SI = "SI"
 # Short words at the end of a name that are units there; any other is part of the name (rudder_r, vel_n, aileron_in).
@@ -121,7 +123,15 @@ def match_columns(
         if written is None:
             lacking.append(heads[0])
             continue
-        uses.append(ColumnUse(signal, heads, weights, unit_of(written, _si(signal), heads[0]), written))
+        unit = unit_of("s" if written == TAKEN_FOR_SECONDS else written, _si(signal), heads[0])
+        each = [_unit_text(signal, (head,), parsed, units) or written for head in heads]
+        for place, text in enumerate(each[1:], 1):
+            # Columns of one signal may be in several units; those with a zero of their own add up to nothing.
+            other = unit_of(text, _si(signal), heads[place])
+            if other.offset != unit.offset:
+                raise TableError(f"{signal}: {heads[0]!r} and {heads[place]!r} are in units that do not add up")
+            weights = (*weights[:place], weights[place] * other.factor / unit.factor, *weights[place + 1 :])
+        uses.append(ColumnUse(signal, heads, weights, unit, written))
     if lacking:
         usual = {header: usual_units(_si(_signal_of(found, header)))[:2][-1] for header in lacking}
         example = ", ".join(f"{header!r}: {unit!r}" for header, unit in list(usual.items())[:3])
@@ -141,9 +151,10 @@ def split_header(header: str) -> tuple[str, str]:
     Reads "Alpha (deg)", "alpha [deg]", "alpha_deg", "p_rad_s", JSBSim's "/fdm/jsbsim/velocities/p-rad_sec" and
     X-Plane's "alpha,__deg ".
     """
-    text = re.sub(r"\s*\.\d+$", "", header.strip())  # what pandas adds to a header that stands twice
-    if match := re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*)\s*[\])]", text):
-        return plain(match[1]), match[2].strip() if is_unit(match[2]) and not match[2].strip().isdigit() else ""
+    text = " ".join(header.split())
+    text = re.sub(r" ?\.\d+$", "", text)  # what pandas adds to a header that stands twice
+    if match := re.fullmatch(r"([^\[(]*(?:[\[(][^\[\]()]*[\])][^\[(]*)*)[\[(]([^\[\]()]*)[\])]", text):
+        return plain(match[1]), "" if match[2].strip().isdigit() or not is_unit(match[2]) else match[2].strip()
     if text.count(",") == 1:
         name, unit = (part.strip().strip("_").strip() for part in text.split(","))
         if is_unit(unit):
@@ -188,7 +199,9 @@ def _check_names(given: Mapping[str, Wanted], units: Mapping[str, str] | str | N
         if units != ALL_SI:
             raise TableError(f"units: give a unit for each column, or 'SI' for all of them, not {units!r}")
         return
-    for name in units or {}:
+    for name, unit in (units or {}).items():
+        if not isinstance(unit, str):
+            raise TableError(f"units: that of {name} is {unit!r}; give a text, as 'deg'")
         if name not in known and name not in headers:
             near = difflib.get_close_matches(name, [*headers, *known], 2, 0.5)
             meant = f"did you mean {' or '.join(near)}?" if near else f"columns are {_listed(headers)}"
@@ -202,6 +215,8 @@ def _named(signal: str, wanted: Wanted, headers: Sequence[str]) -> tuple[tuple[s
             raise TableError(f"columns: {signal} is column {wanted}, and the table has 0 to {len(headers) - 1}")
         return (headers[wanted],), (1.0,)
     weights = {wanted: 1.0} if isinstance(wanted, str) else dict(wanted)
+    if not weights or not all(isinstance(one, int | float) for one in weights.values()):
+        raise TableError(f"columns: {signal} needs a header, a number, or headers with a number as weight each")
     exact = {header.strip(): header for header in headers}
     for header in weights:
         if header.strip() not in exact:
@@ -240,6 +255,6 @@ def _unit_text(
     if implied is not None:
         return implied
     # A time without a unit is seconds where its steps are a flight's; that is looked at where the values are.
-    if signal in (TIME, "throttle") or units == ALL_SI:
-        return _si(signal)
-    return None
+    if signal == TIME and units != ALL_SI:
+        return TAKEN_FOR_SECONDS
+    return _si(signal) if signal in (TIME, "throttle") or units == ALL_SI else None

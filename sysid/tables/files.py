@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import re
 import tomllib
+import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,13 @@ from sysid.tables.units import is_unit
 ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mat")
 _DELIMITERS = "|\t;,"
 _NO_VALUE = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "inf", "-inf"]
+# Share of cells that are no numbers, below which they are slips; and a number with a decimal comma.
+_FEW_WORDS = 0.2
+_COMMA = re.compile(r"[-+]?\d+,\d+")
+# Of structures in structures, and bytes of one variable.
+_DEEPEST, _LARGEST_BYTES = 4, 1_000_000_000
+# Characters of a row of headers, and columns: what no logger writes.
+_LONGEST_ROW, _MOST_COLUMNS = 100_000, 5_000
 # MATLAB's files since 7.3 are HDF5's behind a header of their own.
 _HDF5_MARK = b"MATLAB 7.3"
 
@@ -44,7 +52,9 @@ class ColumnTable:
         self, columns: Mapping[str, Wanted] | None = None, units: Mapping[str, str] | str | None = None
     ) -> tuple[Mapping[str, Array], Matched]:
         """The columns and which is what, as `match_columns` finds them; SIDPAC's array by its own layout."""
-        if self.fdata is not None and not columns:
+        if self.fdata is not None:
+            if columns or units:
+                raise TableError(f"{self.name}: is SIDPAC's array, whose columns and units are fixed; leave yours out")
             return fdata_columns(self.fdata, self.name)
         said = units if isinstance(units, str) else {**self.units, **(units or {})}
         return self.columns, match_columns(list(self.columns), columns, said)
@@ -92,15 +102,15 @@ def read_mapping(path: Path) -> tuple[dict[str, Wanted], dict[str, str] | str]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise TableError(f"{path}: is no TOML file: {error}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise TableError(f"{path}: is no TOML file: {_line(error)}") from None
     columns, units = data.pop("columns", {}), data.pop("units", {})
     if data:
         raise TableError(f"{path}: {next(iter(data))!r} is not known; a mapping has [columns] and [units]")
     if not isinstance(columns, dict) or not isinstance(units, dict | str):
         raise TableError(f"{path}: [columns] and [units] are tables of names")
     for signal, wanted in columns.items():
-        weighted = isinstance(wanted, dict) and all(isinstance(weight, int | float) for weight in wanted.values())
+        weighted = isinstance(wanted, dict) and wanted and all(isinstance(one, int | float) for one in wanted.values())
         if not (weighted or isinstance(wanted, str | int)) or isinstance(wanted, bool):
             raise TableError(f"{path}: columns.{signal} must be a header, a number, or headers with weights")
     if isinstance(units, dict) and not all(isinstance(unit, str) for unit in units.values()):
@@ -120,7 +130,11 @@ def _text(path: Path, name: str) -> ColumnTable:
     if first is None:
         raise TableError(f"{name}: is empty; the first row names the columns")
     delimiter = _delimiter(lines[first])
+    if len(lines[first]) > _LONGEST_ROW:
+        raise TableError(f"{name}: the first row has {len(lines[first])} characters; it names the columns")
     headers = _cells(lines[first], delimiter)
+    if len(headers) > _MOST_COLUMNS:
+        raise TableError(f"{name}: has {len(headers)} columns; {_MOST_COLUMNS} are the most that are read")
     if not any(re.search(r"[A-Za-z]", header) for header in headers):
         raise TableError(f"{name}: the first row, {lines[first].strip()[:60]!r}, names no columns; add a row of names")
     body = [line for line in lines[first + 1 :] if line.strip() and line.lstrip()[0] not in "#%"]
@@ -150,8 +164,24 @@ def _text(path: Path, name: str) -> ColumnTable:
             raise TableError(f"{name}: has a header and no rows") from None
         raise TableError(f"{name}: is no table: {text}") from None
     columns, left_out = _numbers(table)
+    _check_words(name, table, left_out, delimiter)
     said = {header: unit for header, unit in units.items() if header in columns}
     return ColumnTable(Path(name).stem, columns, said, None, left_out)
+
+
+def _check_words(name: str, table: Any, left_out: Sequence[str], delimiter: str) -> None:
+    """TableError for a column of numbers with a few words in it, and for decimal commas."""
+    for header in left_out:
+        cells = [str(cell) for cell in table.column(header).to_pylist() if cell is not None]
+        if cells and delimiter != "," and all(_COMMA.fullmatch(cell) for cell in cells):
+            raise TableError(f"{name}: column {header!r} has decimal commas ({cells[0]}): save it with points")
+        wrong = [cell for cell in cells if not _is_number(cell)]
+        if cells and len(wrong) < _FEW_WORDS * len(cells):
+            row = next(i for i, cell in enumerate(table.column(header).to_pylist()) if cell == wrong[0])
+            raise TableError(
+                f"{name}: column {header!r} holds {wrong[0][:40]!r} in row {row + 1} of its values among numbers:"
+                " correct the cell, or leave it empty"
+            )
 
 
 def _parquet(path: Path, name: str) -> ColumnTable:
@@ -164,7 +194,7 @@ def _parquet(path: Path, name: str) -> ColumnTable:
         raise TableError(f"{name}: is no Parquet file: {str(error).splitlines()[0]}") from None
     columns, left_out = _numbers(table)
     units = {
-        one.name: one.metadata[b"unit"].decode()
+        one.name: one.metadata[b"unit"].decode(errors="replace")
         for one in table.schema
         if one.metadata and b"unit" in one.metadata and one.name in columns
     }
@@ -177,15 +207,28 @@ def _numbers(table: Any) -> tuple[dict[str, Array], tuple[str, ...]]:
 
     columns, others = {}, []
     for header, column in zip(table.column_names, table.columns, strict=True):
-        if pa.types.is_timestamp(column.type):
-            columns[header] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy() * 1e-9
-        elif pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or pa.types.is_null(column.type):
-            columns[header] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-        elif pa.types.is_boolean(column.type):
-            columns[header] = np.asarray(column.cast(pa.int8()).to_numpy(zero_copy_only=False), dtype=np.float64)
-        else:
+        kind = column.type
+        try:
+            if pa.types.is_timestamp(kind):
+                columns[header] = _seconds_of(column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()).to_numpy())
+            elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind):
+                columns[header] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+            elif pa.types.is_boolean(kind):
+                columns[header] = np.asarray(column.cast(pa.int8()).to_numpy(zero_copy_only=False), dtype=np.float64)
+            else:
+                others.append(header)
+        except pa.ArrowException:
             others.append(header)
     return columns, tuple(others)
+
+
+def _seconds_of(ns: Any) -> Array:
+    """s since 1970 of whole ns: the first by itself, for 64 bits do not hold both its size and a step of 1 us."""
+    whole = np.asarray(ns, dtype=np.float64)
+    if not np.isfinite(whole).all():
+        return whole * 1e-9
+    steps = np.asarray(ns, dtype=np.int64) - int(ns[0])
+    return np.asarray(float(int(ns[0]) // 1_000_000_000) + (steps + int(ns[0]) % 1_000_000_000) * 1e-9)
 
 
 def _matlab(path: Path, name: str) -> ColumnTable:
@@ -201,8 +244,8 @@ def _matlab(path: Path, name: str) -> ColumnTable:
 
         try:
             variables = loadmat(path, squeeze_me=True, struct_as_record=False)
-        except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError) as error:
-            raise TableError(f"{name}: is no MATLAB file that can be read: {str(error).splitlines()[0]}") from None
+        except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
+            raise TableError(f"{name}: is no MATLAB file that can be read: {_line(error)}") from None
         _walk({key: value for key, value in variables.items() if not key.startswith("__")}, "", found, left_out)
     fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
     if fdata is not None:
@@ -249,19 +292,35 @@ def _hdf5_variables(path: Path, name: str) -> dict[str, Any]:
             f"{name}: is a MATLAB file of version 7.3, for which h5py is needed (pip install h5py); or save it with -v7"
         ) from None
 
-    def read(group: Any) -> dict[str, Any]:
-        inside: dict[str, Any] = {}
-        for key, one in group.items():
-            if key.startswith("#"):
+    found: dict[str, Any] = {}
+
+    def walk(group: Any, prefix: str, depth: int) -> None:
+        for key in group:
+            # What lies in the file itself alone: a link may lead to any file of this computer.
+            if key.startswith("#") or not isinstance(group.get(key, getlink=True), h5py.HardLink):
                 continue
-            inside[key] = read(one) if isinstance(one, h5py.Group) else np.squeeze(np.asarray(one[()]).T)
-        return inside
+            one = group[key]
+            if isinstance(one, h5py.Group) and depth < _DEEPEST:
+                walk(one, f"{prefix}{key}.", depth + 1)
+            elif isinstance(one, h5py.Dataset) and _is_own(one) and one.nbytes <= _LARGEST_BYTES:
+                found[f"{prefix}{key}"] = np.squeeze(np.asarray(one[()]).T)
 
     try:
         with h5py.File(path, "r") as file:
-            return read(file)
-    except OSError as error:
-        raise TableError(f"{name}: is no MATLAB file that can be read: {str(error).splitlines()[0]}") from None
+            walk(file, "", 0)
+    except (OSError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise TableError(f"{name}: is no MATLAB file that can be read: {_line(error)}") from None
+    return found
+
+
+def _is_own(one: Any) -> bool:
+    """Whether a dataset's numbers lie in its own file, in the file's own bytes."""
+    return one.dtype.kind in "fiub" and not one.external and not one.is_virtual
+
+
+def _line(error: Exception) -> str:
+    """An error of a library as one line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _last(key: str) -> str:

@@ -10,14 +10,16 @@ from numpy.typing import ArrayLike
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import TableError
+from sysid.errors import SignalError, TableError
 from sysid.signals.flight import FlightSignals, Signal
-from sysid.tables.columns import ColumnUse, Matched
+from sysid.tables.columns import TAKEN_FOR_SECONDS, ColumnUse, Matched
 from sysid.tables.names import INPUTS
 
 # Rows of a table, and s between two of them, that a flight can be: from 2 kHz loggers to 1 Hz GPS.
 _FEWEST_ROWS = 20
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-4, 2.0
+# From so many s between rows on a time without a unit may well be one in ms.
+_UNLIKELY_STEP_S = 0.5
 # Share of values that repeat the one before, beyond which a sensor is slower than the table.
 _HELD_SHARE = 0.5
 # Angles, rad, that 99 % of the rows keep within in any aircraft: surfaces and flow, attitude however it is counted.
@@ -26,6 +28,12 @@ _LARGEST_RAD = {
     **dict.fromkeys(("alpha", "beta", "alpha2", "beta2"), 3.2),
     "phi": 6.4,
 }
+# Largest throttle that is a fraction; more is a percentage.
+_LARGEST_THROTTLE = 1.5
+# Signals that stand still for reasons of their own, and then step.
+_STEPPING = ("thrust", "rpm")
+# Longest time between changes over the usual one, up to which a slower sensor's clock is seen in them.
+_REGULAR = 3.0
 #: What a source is called that a table gave.
 SOURCE = "table"
 
@@ -55,6 +63,7 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
     """
     warnings: list[str] = []
     time_s = _seconds(name, _values(name, table, matched.time), matched.time, warnings)
+    rows = time_s.size
     order = np.flatnonzero(np.isfinite(time_s))
     keep = order[np.concatenate(([True], np.diff(time_s[order]) > 0.0))] if order.size else order
     if keep.size < order.size:
@@ -62,12 +71,15 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
     time_s = time_s[keep] - time_s[keep][0]
     signals = {}
     for use in matched.uses:
-        values = _values(name, table, use)[keep]
+        values = _values(name, table, use)
+        if values.size != rows:
+            raise TableError(f"{name}: column {use.headers[0]!r} has {values.size} rows, and the time {rows}")
+        values = values[keep]
         if not np.isfinite(values).any():
             warnings.append(f"{use.signal}: column {use.headers[0]!r} holds no value; it is left out")
             continue
         stamps = time_s
-        if use.signal not in INPUTS:
+        if use.signal not in (*INPUTS, *_STEPPING):
             stamps, values = _without_repeats(time_s, values)
             if stamps.size < time_s.size:
                 warnings.append(
@@ -89,30 +101,45 @@ def with_airspeed_of(flight: FlightSignals, vehicle: Vehicle) -> FlightSignals:
     Parameters
     ----------
     flight : FlightSignals
-        A flight with `true_airspeed` [m/s], `airspeed` [m/s, calibrated] or `differential_pressure` [Pa].
+        A flight with `airspeed` [m/s, of that kind], `true_airspeed` [m/s] or `differential_pressure` [Pa].
     vehicle : Vehicle
         Whose `sensors.airspeed.kind` is "calibrated" or "true".
 
     Returns
     -------
     FlightSignals
-        The same where there is nothing to turn: V_c = V sqrt(rho / 1.225), by the density of the vehicle file, else
-        the flight's, else that at sea level.
+        Its own column where there is one of that kind, else the other turned: V_c = V sqrt(rho / 1.225), by the density
+        of the vehicle file, else the flight's, else that at sea level, which is what the estimators take then.
+
+    Raises
+    ------
+    SignalError
+        For a true airspeed from pressure alone where the density is not known.
     """
     signals = dict(flight.signals)
-    true, calibrated = signals.pop("true_airspeed", None), signals.get("airspeed")
-    if calibrated is None and true is None and "differential_pressure" in signals:
-        pressure = signals["differential_pressure"]
-        values = np.sign(pressure.values) * np.sqrt(2.0 * np.abs(pressure.values) / SEA_LEVEL_DENSITY)
-        calibrated = Signal(pressure.time_s, np.asarray(values), "m/s", pressure.source)
+    true, own, pressure = (
+        signals.pop("true_airspeed", None),
+        signals.get("airspeed"),
+        signals.get("differential_pressure"),
+    )
     wants_true = vehicle.sensors.airspeed.kind == "true"
-    chosen = (true or calibrated) if wants_true else (calibrated or true)
-    if chosen is None:
+    if own is None and true is None and pressure is None:
         return flight
-    if chosen is (calibrated if wants_true else true):
-        ratio = np.sqrt(_density_at(flight, vehicle, chosen.time_s) / SEA_LEVEL_DENSITY)
-        values = chosen.values / ratio if wants_true else chosen.values * ratio
-        chosen = Signal(chosen.time_s, np.asarray(values), "m/s", chosen.source)
+    chosen = (true or own) if wants_true else (own or true)
+    if chosen is None and pressure is not None:
+        values = np.sign(pressure.values) * np.sqrt(2.0 * np.abs(pressure.values) / SEA_LEVEL_DENSITY)
+        if wants_true:
+            if vehicle.environment.air_density is None and "air_density" not in signals:
+                raise SignalError(
+                    f"{flight.name}: true airspeed is wanted of a pressure, and the air density is not known: give it"
+                    " (air_density, or pressure and temperature), or call the airspeed calibrated"
+                )
+            values = values / np.sqrt(_density_at(flight, vehicle, pressure.time_s) / SEA_LEVEL_DENSITY)
+        chosen = Signal(pressure.time_s, np.asarray(values), "m/s", pressure.source)
+    elif chosen is true and not wants_true and true is not None:
+        ratio = np.sqrt(_density_at(flight, vehicle, true.time_s) / SEA_LEVEL_DENSITY)
+        chosen = Signal(true.time_s, np.asarray(true.values * ratio), "m/s", true.source)
+    assert chosen is not None
     kind = "true airspeed" if wants_true else "calibrated airspeed"
     signals["airspeed"] = Signal(chosen.time_s, chosen.values, "m/s", f"{chosen.source} ({kind})")
     if vehicle.environment.air_density is not None:
@@ -152,6 +179,8 @@ def _values(name: str, table: Mapping[str, ArrayLike], use: ColumnUse) -> Array:
         if column.ndim != 1:
             raise TableError(f"{name}: column {header!r} has the shape {column.shape}; one number in a row is wanted")
         parts.append(weight * column if weight != 1.0 else column)
+    if len({part.size for part in parts}) > 1:
+        raise TableError(f"{name}: {use.signal} is made from columns of unequal length")
     total = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
     if use.unit.factor == 1.0 and use.unit.offset == 0.0:
         return np.asarray(total)
@@ -174,6 +203,11 @@ def _seconds(name: str, time_s: Array, use: ColumnUse, warnings: list[str]) -> A
             f"{name}: the time in {use.headers[0]!r} goes back at row {row + 1}: one flight in a table, in time's order"
         )
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if usual >= _UNLIKELY_STEP_S and use.written == TAKEN_FOR_SECONDS:
+        raise TableError(
+            f"{name}: rows are {usual:g} apart by {use.headers[0]!r}, whose unit nobody says: give"
+            " units = {'time': 'ms'}, or 's' where they are seconds"
+        )
     if not _SHORTEST_STEP_S <= usual <= _LONGEST_STEP_S:
         likely = next(
             (unit for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _fits(usual * factor)), ""
@@ -186,6 +220,11 @@ def _seconds(name: str, time_s: Array, use: ColumnUse, warnings: list[str]) -> A
 def _check_angle(name: str, use: ColumnUse, values: Array) -> None:
     """TableError for an angle that no aircraft has: degrees that are said to be radians."""
     most = _LARGEST_RAD.get(use.signal)
+    if use.signal == "throttle" and float(np.nanpercentile(np.abs(values), 99.0)) > _LARGEST_THROTTLE:
+        raise TableError(
+            f"{name}: throttle reaches {np.nanmax(values):.3g} by column {use.headers[0]!r} in {use.written}, and 1 is"
+            " all there is: is it in percent? give units = {'throttle': '%'}"
+        )
     reach = float(np.nanpercentile(np.abs(values), 99.0))
     if most is not None and reach > most:
         raise TableError(
@@ -199,9 +238,12 @@ def _fits(step_s: float) -> bool:
 
 
 def _without_repeats(time_s: Array, values: Array) -> tuple[Array, Array]:
-    """The rows in which a value changes, where most repeat the one before: a sensor that is slower than the table."""
+    """The rows in which a value changes, where it does so at a regular, slower rate than the table's."""
     same = np.diff(values) == 0.0
     if not _HELD_SHARE < float(np.mean(same)) < 1.0:
         return time_s, values
-    changed = np.concatenate(([True], ~same))
-    return (time_s[changed], values[changed]) if changed.sum() >= 2 else (time_s, values)
+    changed = np.flatnonzero(np.concatenate(([True], ~same)))
+    steps = np.diff(time_s[changed])
+    if changed.size < _FEWEST_ROWS or float(np.percentile(steps, 90.0)) > _REGULAR * float(np.median(steps)):
+        return time_s, values
+    return time_s[changed], values[changed]

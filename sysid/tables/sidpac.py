@@ -117,7 +117,11 @@ def aircraft_of_fdata(fdata: ArrayLike, name: str = "fdata") -> AircraftInTable:
     array = _checked(fdata, name)
     columns = (_MASS, _AREA, _SPAN, _CHORD, *list(_INERTIA.values())[:3])
     if array.shape[1] < _CHORD or any(not np.any(np.nan_to_num(array[:, column - 1])) for column in columns):
-        lacking = [str(column) for column in columns if array.shape[1] < column or not np.any(array[:, column - 1])]
+        lacking = [
+            str(column)
+            for column in columns
+            if array.shape[1] < column or not np.any(np.nan_to_num(array[:, column - 1]))
+        ]
         raise TableError(
             f"{name}: columns {', '.join(lacking)} (mass, inertia, wing) are empty; describe the aircraft yourself"
         )

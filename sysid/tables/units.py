@@ -37,7 +37,7 @@ def _all(si: str, **factors: float) -> dict[str, Unit]:
 
 # By what is written, once it is tidied (`unit_of`): lower case, "/" for "per" and "_", no blanks, dots or carets.
 _UNITS: dict[str, Unit] = {
-    **_all("s", s=1.0, sec=1.0, second=1.0, seconds=1.0, ms=1e-3, us=1e-6, usec=1e-6, ns=1e-9, min=60.0),
+    **_all("s", s=1.0, ms=1e-3, us=1e-6, usec=1e-6, ns=1e-9, min=60.0),
     **_all("rad", rad=1.0, radian=1.0, radians=1.0, mrad=1e-3, deg=math.radians(1.0), degree=math.radians(1.0)),
     **_all("rad", degrees=math.radians(1.0), cdeg=math.radians(0.01)),
     **{text: Unit("rad/s", 1.0) for text in ("rad/s", "rad/sec", "radian/s", "radians/s", "r/s")},
@@ -87,10 +87,11 @@ _BY_WANT: dict[tuple[str, str], Unit] = {
 def tidy(text: str) -> str:
     """A unit as it stands in the table above."""
     text = text.strip().strip("[]()").strip().lower()
-    for old, new in (("°", "deg"), ("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("per", "/"), ("_", "/")):
+    for old, new in (("°", "deg"), ("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("_", "/")):
         text = text.replace(old, new)
+    text = re.sub(r"\bper\b", "/", text)
     text = re.sub(r"[\s.*·^]", "", text)
-    text = text.replace("sec", "s") if text != "sec" else text
+    text = re.sub(r"(?<![a-z])(seconds|second|secs|sec)(?![a-z])", "s", text)
     # "m/s-2", "rad s-1": as physicists write them.
     text = re.sub(r"^(rad|deg|m|ft)s-1$", r"\1/s", text)
     return re.sub(r"^(rad|deg|m|ft)s-2$", r"\1/s2", text)

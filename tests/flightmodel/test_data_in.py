@@ -28,6 +28,18 @@ FRAMES = {
         },
         {"time": T},
     ),
+    "mapping with moments": {
+        **{k: v for k, v in COLUMNS.items() if k != "time_s"},
+        "time": np.datetime64("2026-05-01") + (1e9 * T).astype("timedelta64[ns]"),
+    },
+    "pandas with a time zone": pandas.DataFrame(
+        {**COLUMNS, "time_s": pandas.Timestamp("2026-05-01", tz="Europe/Vienna") + pandas.to_timedelta(T, "s")}
+    ).rename(columns={"time_s": "time"}),
+    "pandas, moments as index": pandas.DataFrame(
+        {k: v for k, v in COLUMNS.items() if k != "time_s"},
+        index=pandas.Timestamp("2026-05-01") + pandas.to_timedelta(T, "s"),
+    ),
+    "pandas, missing values of its own": pandas.DataFrame(COLUMNS).convert_dtypes(),
     "pandas with words": pandas.DataFrame({**COLUMNS, "mode": ["AUTO"] * 500}),
     "pandas with moments": pandas.DataFrame(
         {**COLUMNS, "time_s": pandas.Timestamp("2026-05-01") + pandas.to_timedelta(T, "s")}
@@ -43,6 +55,20 @@ def test_every_frame_gives_the_same_flight(kind: str) -> None:
     np.testing.assert_allclose(time_s, T, atol=1e-6)
     np.testing.assert_allclose(alpha, np.radians(COLUMNS["alpha_deg"]), rtol=1e-12)
     assert repr(flight) == "Flight('flight', 10.0 s, 2 signals)"
+
+
+def test_columns_of_words_are_not_used_and_said() -> None:
+    assert Flight.from_frame(FRAMES["pandas with words"]).unused == ("mode",)
+
+
+def test_an_aircraft_takes_numpy_s_numbers_and_any_name() -> None:
+    found = Aircraft.estimate(
+        span=np.float32(1.5), mass=np.float64(2.0), name='my "plane"\\', max_thrust=np.float32(8.0)
+    )
+    assert (found.span, found.mass, found.name) == (1.5, 2.0, 'my "plane"\\')
+    for wrong in ({"span": 0.0}, {"mass": float("nan")}, {"Izz": -1.0, "Ixx": 1.0, "Iyy": 1.0}, {"area": "x"}):
+        with pytest.raises(FlightModelError, match="give a number above 0"):
+            Aircraft.estimate(**{"span": 1.0, "mass": 1.0, **wrong})  # type: ignore[arg-type]
 
 
 def test_what_is_no_table_is_said() -> None:
@@ -63,7 +89,7 @@ def test_every_error_is_one_line_that_says_what_to_do(tmp_path: Path) -> None:
         "Iyy, Izz is missing: give all": lambda: Aircraft.estimate(span=1.0, mass=1.0, Ixx=0.1),
         "'flap' is none of elevator": lambda: Aircraft.estimate(span=1.0, mass=1.0, controls=("flap",)),
         "give max_thrust": lambda: Aircraft.estimate(span=1.0, mass=1.0, thrust_line=(0.1, 0.0, 0.0)),
-        "mass.mass is 0; it must be greater": lambda: Aircraft.estimate(span=1.0, mass=0.0),
+        "mass is 0.0; give a number above 0": lambda: Aircraft.estimate(span=1.0, mass=0.0),
         "leave columns and units out": lambda: Flight.read(log, units="SI"),
         "There is no such file": lambda: Flight.read(tmp_path / "b.bin"),
         "unknown method 'best'": lambda: identify(flight, aircraft, method="best"),

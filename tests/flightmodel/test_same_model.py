@@ -90,7 +90,7 @@ def test_the_array_of_sidpac_gives_the_recording_s_model(
     """The array has no ground velocity, pressure, throttle or rpm: the recording is asked without them too."""
     flight = Flight.read(sidpac_mat)
     kept = {name: one for name, one in recorded.signals.items() if name in {*flight.signals.signals, "airspeed"}}
-    there = Flight(replace(recorded, signals=kept))
+    there = Flight(replace(recorded, signals=kept), aircraft=aircraft)
     ours, theirs = (identify(one, aircraft, progress=False) for one in (flight, there))
     assert len(theirs.stds) > 20
     assert apart(ours.values, theirs.values, theirs.stds) < WITHIN

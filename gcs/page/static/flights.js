@@ -136,7 +136,7 @@ function together() {
 }
 
 // Files whose columns may need words, and what these look like.
-const TABLES = /\.(csv|tsv|txt|parquet|mat|db3|bag)$/i
+const TABLES = /\.(csv|tsv|txt|parquet|mat|db3|bag|mcap)$/i
 const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]\nalpha = "deg"\naz = "g"'
 
 function uploadForm(done, signal) {

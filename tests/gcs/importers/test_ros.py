@@ -132,6 +132,33 @@ def test_standard_messages_of_rosbag2_are_signals_in_our_axes(
     check(write(tmp_path / "bag", plugin, messages(frame)), tmp_path)
 
 
+def test_what_is_not_measured_is_left_out_and_unstamped_numbers_follow_the_stamped_clock(tmp_path: Path) -> None:
+    topics = messages("imu_aligned")  # a frame of REP 103, whatever its name ends in
+    kind, wind = topics["/gps/vel"]
+    twist = message("geometry_msgs/msg/Twist", linear=vector((3.0, 1.0, 0.0)), angular=vector((0, 0, 0)))
+    other = [message(kind, header=one.header, twist=twist) for one in wind]
+    topics = {"/mavros/wind_estimation": (kind, other), "/cmd_vel": (kind, other), **topics}
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        for topic, (each_kind, each) in topics.items():
+            connection = bag.add_connection(topic, each_kind, typestore=STORE)
+            for i, one in enumerate(each):
+                # Received 500 s later by another clock.
+                bag.write(connection, (START_S + 500) * 10**9 + i * 20_000_000, STORE.serialize_cdr(one, each_kind))
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    check(path, tmp_path)
+
+
+def test_joints_of_several_publishers_are_taken_by_their_names(tmp_path: Path) -> None:
+    topics = messages()
+    kind, each = topics["/surfaces"]
+    for i, one in enumerate(each):
+        one.name, one.position = (["elevator"], np.array([0.01 * i])) if i % 2 else (["rudder"], np.array([0.02 * i]))
+    import_file(write(tmp_path / "bag", StoragePlugin.MCAP, {"/surfaces": (kind, each)}), tmp_path / "a.mcap")
+    found = extract(Recording(tmp_path / "a.mcap"), Vehicle.unknown()).signals
+    np.testing.assert_allclose(found["de"].values, 0.01 * np.arange(1, 200, 2), rtol=1e-12)
+    np.testing.assert_allclose(found["dr"].values, 0.02 * np.arange(0, 200, 2), rtol=1e-12, atol=1e-15)
+
+
 def test_a_bag_is_read_wherever_a_recording_is(tmp_path: Path) -> None:
     path = write(tmp_path / "bag", StoragePlugin.MCAP, messages())
     with as_recordings([path]) as (recording,):
@@ -168,6 +195,7 @@ def test_a_mapping_file_names_fields_of_topics(tmp_path: Path) -> None:
         ('dr = "/nothing.x"', "no topic /nothing.x; there are"),
         ('dr = "/surfaces.position[9]"', "have no number 'position[9]'"),
         ("dr = 3", "name a field of a topic"),
+        ('time = "/imu/data.header.stamp.sec"', "times of their own; leave it out"),
         ('dr = "/surfaces.position[1]"', "the unit of /surfaces.position[1] is not known"),
     ],
 )

@@ -3,7 +3,7 @@
 import pytest
 
 from sysid.errors import TableError
-from sysid.tables.columns import match_columns, split_header
+from sysid.tables.columns import TAKEN_FOR_SECONDS, match_columns, split_header
 
 # What JSBSim's CSV output writes for simulation, velocities, fcs and atmosphere (FGOutputTextFile).
 JSBSIM = [
@@ -32,7 +32,7 @@ def used(headers: list[str], **given: object) -> dict[str, tuple[tuple[str, ...]
 def test_jsbsim_s_columns_are_known_with_their_units() -> None:
     found = used(JSBSIM)
     assert found == {
-        "time": (("Time",), "s"),
+        "time": (("Time",), TAKEN_FOR_SECONDS),
         "ax": (("BodyAccel_X",), "ft/s^2"),
         "p": (("P (deg/s)",), "deg/s"),
         "q": (("Q (deg/s)",), "deg/s"),
@@ -55,7 +55,7 @@ def test_jsbsim_s_columns_are_known_with_their_units() -> None:
 
 def test_x_plane_s_columns_are_known() -> None:
     assert used(XPLANE) == {
-        "time": (("_totl,_time ",), "s"),
+        "time": (("_totl,_time ",), TAKEN_FOR_SECONDS),
         "true_airspeed": (("Vtrue,_ktas ",), "ktas"),
         "q": (("____Q,deg/s ",), "deg/s"),
         "theta": (("pitch,__deg ",), "deg"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_vehicle.vehicle.vehicle_file import Environment, Sensor, Vehicle
-from sysid.errors import TableError
+from sysid.errors import SignalError, TableError
 from sysid.signals.flight import FlightSignals
 from sysid.tables.columns import match_columns
 from sysid.tables.flight_table import flight_from_table, with_airspeed_of
@@ -92,10 +92,14 @@ def test_airspeed_is_of_the_kind_that_the_aircraft_s_sensor_reads() -> None:
     assert calibrated.signals["airspeed"].values == pytest.approx(true.signals["true_airspeed"].values * factor)
     assert "true_airspeed" not in calibrated.signals
     assert with_airspeed_of(true, vehicle("true")).signals["airspeed"].values == pytest.approx(20.0 + np.sin(T))
-    read = made(cas=20.0 + np.sin(T))
-    assert with_airspeed_of(read, vehicle("true", 1.0)).signals["airspeed"].values == pytest.approx(
-        (20.0 + np.sin(T)) * np.sqrt(1.225)
-    )
+    # A column called airspeed holds what the vehicle file says that the sensor reads; a pressure gives calibrated.
+    read = made(airspeed=20.0 + np.sin(T))
+    assert with_airspeed_of(read, vehicle("true", 0.9)).signals["airspeed"].values == pytest.approx(20.0 + np.sin(T))
+    pressure = made(qbar=0.5 * 1.225 * (20.0 + np.sin(T)) ** 2)
+    turned = with_airspeed_of(pressure, vehicle("true", 0.9)).signals["airspeed"].values
+    assert turned == pytest.approx((20.0 + np.sin(T)) * np.sqrt(1.225 / 0.9))
+    with pytest.raises(SignalError, match="the air density is not known"):
+        with_airspeed_of(pressure, vehicle("true"))
 
 
 def test_dynamic_pressure_stands_in_for_an_airspeed() -> None:
@@ -154,3 +158,29 @@ def test_degrees_that_are_said_to_be_radians_are_refused(signal: str) -> None:
     ):
         made(**{signal: degrees})
     assert made({signal: "deg"}, **{signal: degrees}).signals[signal].values == pytest.approx(np.radians(degrees))
+
+
+def test_a_thrust_that_steps_stays_a_step_and_so_does_what_changes_now_and_then() -> None:
+    step = np.where(T - T[0] < 1.0, 0.0, 20.0)
+    seldom = np.zeros(200)
+    seldom[[50, 60, 150]] = 1.0
+    flight = made(thrust=step, rpm=100.0 * step, height=np.cumsum(seldom))
+    for name in ("thrust", "rpm", "height"):
+        assert flight.signals[name].time_s.size == 200
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(TableError, match="is it in percent"):
+        made(throttle=50.0 + 10.0 * np.sin(T))
+    with pytest.raises(TableError, match="has 20 rows, and the time 200"):
+        made(q=np.arange(20.0))
+    whole = {"timestamp": np.arange(300.0), "q": np.arange(300.0)}
+    with pytest.raises(TableError, match="whose unit nobody says"):
+        flight_from_table("t", whole, match_columns(["timestamp", "q"], None, {"q": "deg/s"}))
+    assert flight_from_table("t", whole, match_columns(["timestamp", "q"], None, {"q": "deg/s", "time": "ms"}))
+
+
+def test_columns_of_one_signal_may_be_in_several_units() -> None:
+    table = {"t": T, "left_aileron_deg": 10.0 * np.sin(T), "right_aileron_rad": -np.radians(10.0) * np.sin(T)}
+    flight = flight_from_table("t", table, match_columns(list(table)))
+    assert flight.signals["da"].values == pytest.approx(np.radians(10.0) * np.sin(T))

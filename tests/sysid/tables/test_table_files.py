@@ -140,6 +140,8 @@ def test_a_wrong_mapping_file_is_one_clear_line(tmp_path: Path, text: str, words
         ("a.csv", b"a,b\n1,2,3\n", "row 2 has 3 cells, the header 2"),
         ("a.csv", b"a,b\n1,2\n1,2,3\n", "is no table"),
         ("a.csv", b"\x89PNG\x00\x00", "is no text"),
+        ("a.csv", b"t,q\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(30)) + b"30,bad\n", "'bad' in row 31"),
+        ("a.csv", b"t;q\n0,02;1,5\n0,04;1,6\n", "has decimal commas (0,02): save it with points"),
         ("a.parquet", b"PAR1nothing", "is no Parquet file"),
         ("a.mat", b"nothing of MATLAB" * 20, "is no MATLAB file"),
         ("a.mat", b"MATLAB 7.3 MAT-file".ljust(600), "is no MATLAB file"),
@@ -156,3 +158,31 @@ def test_a_damaged_file_is_one_clear_line(tmp_path: Path, name: str, content: by
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(TableError, match="No such file"):
         read_table(tmp_path / "a.csv")
+
+
+def test_a_mat_of_version_7_3_reads_no_other_file(tmp_path: Path) -> None:
+    secret, path = tmp_path / "secret.txt", tmp_path / "a.mat"
+    secret.write_bytes(b"TOKEN=abcdefgh" * 100)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("time_s", data=T)
+        file.create_dataset("q_deg_s", data=np.cos(T))
+        file.create_dataset("alpha_deg", (100,), "u1", external=[(str(secret), 0, 100)])
+        file["beta_deg"] = h5py.ExternalLink(str(secret), "/")
+        file["gone"] = h5py.SoftLink("/nowhere")
+        file.create_group("loop")["again"] = file["/"]
+    data = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + data[512:])
+    assert set(signals(path)) == {"q"}
+
+
+def test_moments_in_whole_nanoseconds(tmp_path: Path) -> None:
+    ns = 1_780_000_000_000_000_000 + 20_000_000 * np.arange(100)
+    pandas.DataFrame({"timestamp": ns, "q_deg_s": np.cos(T)}).to_csv(tmp_path / "a.csv", index=False)
+    table = read_table(tmp_path / "a.csv")
+    found = flight_from_table(table.name, *table.matched(units={"timestamp": "ns"}))
+    np.testing.assert_allclose(found.signals["q"].time_s, T, atol=1e-6)
+
+
+def test_a_header_of_blanks_takes_no_time(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time_s,q_deg_s,(" + " " * 50_000 + "x\n" + "\n".join(f"{t},1,2" for t in T))
+    assert set(signals(tmp_path / "a.csv")) == {"q"}

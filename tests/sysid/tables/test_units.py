@@ -38,6 +38,10 @@ from sysid.tables.units import is_unit, unit_of
         ("%", "1", 50.0, 0.5),
         ("ms", "s", 20.0, 0.02),
         ("us", "us", 1500.0, 1500.0),
+        ("percent", "1", 50.0, 0.5),
+        ("seconds", "s", 2.0, 2.0),
+        ("deg/second", "rad/s", 180.0, math.pi),
+        ("degrees per second", "rad/s", 180.0, math.pi),
         ("us", "s", 1e6, 1.0),
     ],
 )
