@@ -35,6 +35,8 @@ from sysid.uncertainty.inertia import inertia_shares
 
 # Parameter of the effect that a thrust line off the centre of gravity is.
 _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
+# Standard error over that of the prior model from which on a value is the prior's: the flight adds a twentieth at most.
+_AS_KNOWN = 0.975
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
 # A part of the flight is at most so long, s, at least so long.
@@ -94,16 +96,18 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     found = estimate(
         parts, vehicle, structure, effects, before, asked.systematic, dead, asked.within(0.3, 0.8).progress
     )
-    refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated)
+    given = {} if before is None else before.entries()
+    refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated, tuple(given))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
-    model = _with_thrust_line(model, found)
-    every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *_product_words(vehicle, found))))
+    model = with_thrust_line(model, found)
+    words = [*_product_words(vehicle, found), *_prior_words(found, given)]
+    every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *words)))
     return PosteriorIdentification(
         tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
     )
 
 
-def _with_thrust_line(model: Model, found: PosteriorEstimate) -> Model:
+def with_thrust_line(model: Model, found: PosteriorEstimate) -> Model:
     """The model with the height of the thrust line, where nobody gave it: without it the coefficients fly otherwise."""
     arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
     if arm is None or model.effect(THRUST_LINE_OFFSET.name) is not None:
@@ -120,6 +124,13 @@ def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
         f"the flight gives a product of inertia Ixz of {vehicle.mass.Ixz + one.value:.3g} ± {one.std:.2g} kg m^2: put"
         " it into the vehicle file, with Ixz_std"
     ]
+
+
+def _prior_words(found: PosteriorEstimate, given: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Which coefficients are the prior model's and not the flight's. given: value and standard error of each there."""
+    now = found.joint.entries()
+    kept = [name for name, (_, std) in given.items() if name in now and now[name][1] > _AS_KNOWN * std]
+    return [f"{', '.join(kept)}: as the prior model has them, the flight adds nothing"] if kept else []
 
 
 @dataclass(frozen=True)
@@ -163,9 +174,15 @@ def _dead_surfaces(
 
 
 def refusals_of(
-    found: PosteriorEstimate, structure: Model, thrust: bool, estimated_inertia: bool = False
+    found: PosteriorEstimate,
+    structure: Model,
+    thrust: bool,
+    estimated_inertia: bool = False,
+    given: Sequence[str] = (),
 ) -> list[Refusal]:
-    """Coefficients that the flights cannot identify, each with the reason."""
+    """Coefficients that the flights cannot identify, each with the reason. given: those that a prior model holds, whose
+    values are knowledge even where these flights add little to them.
+    """
     refused = [
         Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
         for name in found.unexcited
@@ -188,7 +205,7 @@ def refusals_of(
             abs(value), usual_size(name)
         ):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
-        elif own > PRIOR_SHARE * found.prior_std[name]:
+        elif name not in given and own > PRIOR_SHARE * found.prior_std[name]:
             reason = "the flight adds nothing to what was known before"
         else:
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,34 @@ def test_bars_hold_what_nobody_measured_of_the_aircraft(known: dict[str, Any], w
     ways = [simulate(model, aircraft, flight, restart_s=5.0).tic["q"] for model in (result, result.model)]
     assert ways[0] < 0.05
     assert ways[1] < 0.15
+
+
+def test_a_result_serves_as_the_structure_of_the_next_and_as_what_is_known_before() -> None:
+    """Its thrust line is an effect of the model then, and estimated again."""
+    flights = [Flight.read(ROOT / "docs" / "notebooks" / f"flight{number}.csv") for number in (1, 2)]
+    aircraft = Aircraft.estimate(**WING, **SWUNG, airspeed="true")
+    first = identify(flights[0], aircraft, progress=False)
+    again = identify(flights[1], aircraft, structure=first, progress=False)
+    both = identify(flights[1], aircraft, structure=first, prior=first, progress=False)
+    for result in (again, both):
+        assert result.refused == {}
+        assert max(map(abs, off(result).values())) < 3.5, off(result)
+        effect = result.model.effect("thrust_line_offset")
+        assert effect is not None
+        assert abs(effect["z_T"] + 0.046) < 0.05
+    # One after the other they say what both say together.
+    together = identify(flights, aircraft, progress=False)
+    for name in MAIN:
+        assert both.stds[name] < again.stds[name]
+        assert abs(both.values[name] - together.values[name]) < 0.7 * together.stds[name], name
+        assert 0.8 < both.stds[name] / together.stds[name] < 1.3, name
+    assert not any("adds nothing" in warning for warning in both.warnings)
+    sure = {name: replace(entry, std=0.01 * (entry.std or 0.0)) for name, entry in first.model.coefficients.items()}
+    kept = identify(flights[1], aircraft, prior=replace(first.model, coefficients=sure), progress=False)
+    (said,) = [warning for warning in kept.warnings if "as the prior model has them" in warning]
+    assert set(MAIN) <= set(said.split(":")[0].split(", "))
+    for name in MAIN:
+        assert abs(kept.values[name] - first.values[name]) < 0.1 * first.stds[name]
 
 
 def test_bars_of_the_books_say_that_they_do_not_hold_a_guessed_inertia() -> None:

@@ -9,6 +9,7 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.effects.thrust_scale import THRUST_SCALE
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.by_posterior.forward_selection import Found, search
 from sysid.discrepancy.by_posterior.group_fits import fit_of
@@ -16,13 +17,14 @@ from sysid.discrepancy.by_posterior.textbook_flights import as_of_textbooks, is_
 from sysid.discrepancy.by_posterior.verdict import verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.errors import EstimationError
-from sysid.identification.posterior_method import Flown, effects_with, flown
+from sysid.identification.posterior_method import Flown, effects_with, flown, with_thrust_line
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.servo_replay import as_moved
+from sysid.posterior.stated_priors import as_estimated
 from sysid.problem.estimation_problem import Motion, Problem, excited_motion
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed
@@ -38,6 +40,7 @@ def compare(asked: Asked, read: FlightsRead) -> Outcome | None:
 
     read: the flights as their sensors meant them. Raises SysidError subclasses in one line.
     """
+    asked = replace(asked, vehicle=_with_the_model_s_thrust_line(asked.vehicle))
     seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
     model = _with_trims(asked.model)
@@ -53,7 +56,7 @@ def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
 
     Raises SysidError subclasses in one line.
     """
-    asked = replace(asked, vehicle=as_of_textbooks(asked.vehicle))
+    asked = replace(asked, vehicle=as_of_textbooks(_with_the_model_s_thrust_line(asked.vehicle)))
     seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
     asked = replace(asked, vehicle=with_airspeed_at_once(asked.vehicle))
@@ -121,6 +124,13 @@ def _fitted(parts: Sequence[FlightPart], asked: Asked, model: Model) -> Posterio
     return estimate(parts, asked.vehicle, model, _free_effects(model), systematic=False, progress=report)
 
 
+def _with_the_model_s_thrust_line(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with a thrust line that is as given, or through the centre of gravity: another one is an effect."""
+    if vehicle.propulsion is None:
+        return vehicle
+    return replace(vehicle, propulsion=replace(vehicle.propulsion, line_known=True))
+
+
 def _with_trims(model: Model) -> Model:
     """The model with moments about roll and yaw at rest: linkages with play stand at one side of it, surfaces are not
     neutral to a tenth of a degree, and nobody calls that an effect.
@@ -166,7 +176,8 @@ def _beside(
         if less and model.effect(THRUST_SCALE.name) is None:
             # Drag was estimated beside the thrust as it is, not as it was measured.
             model = model.with_effect(THRUST_SCALE, {"scale": -less})
-        return Fixed(flatten(asked.vehicle, model), errors, first)
+        vehicle = as_estimated(asked.vehicle, found.of_aircraft())
+        return Fixed(flatten(vehicle, with_thrust_line(model, found)), errors, first)
 
     stages = {"given": fixed(before[0], asked.model), "before": fixed(*before)}
     stages["after"] = stages["before"] if after[0] is before[0] else fixed(*after)

@@ -47,6 +47,17 @@ def test_a_roll_damping_that_the_model_lacks_is_named_though_its_slopes_tell_not
     assert abs(damping["value"] - flown.parameters["Cl_p"]) < 2.5 * damping["std"]
 
 
+def test_a_thrust_line_that_nobody_gave_is_named_and_no_unknown_of_the_baseline(tmp_path: Path) -> None:
+    flown = hidden_flight("thrust_line_offset", "typical", 3, tmp_path, size=3.0)
+    propulsion = flown.vehicle.propulsion
+    assert propulsion is not None
+    vehicle = replace(flown.vehicle, propulsion=replace(propulsion, line_known=False))
+    found = discrepancy([flown.signals], vehicle, flown.model)
+    assert [one["name"] for one in found["effects"]] == ["thrust_line_offset"], found["reasons"]
+    height = found["effects"][0]["parameters"]["z_T"]
+    assert abs(height["value"] - flown.parameters["z_T"]) < 3.0 * height["std"] < 0.03
+
+
 def test_nothing_is_named_where_nothing_is_missing(tmp_path: Path) -> None:
     flown = hidden_flight("none", "typical", 4, tmp_path)
     found = discrepancy([flown.signals], flown.vehicle, flown.model)
