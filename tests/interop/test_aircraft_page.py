@@ -260,5 +260,5 @@ def test_a_table_is_uploaded_with_words_for_its_columns(browser: Browser, node: 
         page.click("text=open it", timeout=PATIENCE_S * 1000)
         page.click("button:text-is('Identify')", timeout=PATIENCE_S * 1000)
         page.click("a:text-is('See the result')", timeout=PATIENCE_S * 1000)
-        assert "CL_alpha" in visitor.text("main")
+        visitor.wait_for_text("main", "CL_alpha")
         visitor.close()
