@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from gcs.design.ardupilot import lua_script
 from gcs.design.prediction import Design, Request, design
 from gcs.errors import GcsError, SettingsError
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.model.model_file import Coefficient, read_model
+from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.design.simulated_flight import RATE_HZ, rehearse
 from sysid.errors import SysidError
@@ -69,15 +68,6 @@ def planned(
     return {**result, "warnings": warnings, "files": files}
 
 
-def _without_vane_scales(found: Coefficient) -> float | None:
-    """The standard error less the share of the vanes' scales: they count as known only where a loop is taken to be
-    closed, and none is in the rehearsal.
-    """
-    shares = found.extra.get("systematic", {})
-    vanes = sum(shares.get(f"{name}_scale_std", 0.0) ** 2 for name in ("alpha", "beta"))
-    return None if found.std is None else math.sqrt(max(found.std**2 - vanes, 0.0)) or found.std
-
-
 def _as_identified(made: Design, gusts: float) -> dict[str, Any]:
     """Standard errors, and what is refused, of the plan flown in the simulator and identified with priors.
 
@@ -90,7 +80,7 @@ def _as_identified(made: Design, gusts: float) -> dict[str, Any]:
     reasons = {one.name: one for one in found.refused}
     kept, refused = [], [one for one in made.result["refused"] if one["name"] not in reasons]
     for entry in made.result["coefficients"]:
-        std = _without_vane_scales(known[entry["name"]]) if entry["name"] in known else None
+        std = known[entry["name"]].std if entry["name"] in known else None
         if std is None:
             why = reasons.get(entry["name"])
             reason = why.reason if why else "the simulated flight could not identify it"

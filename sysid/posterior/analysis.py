@@ -74,6 +74,10 @@ class _Begun:
         """Largest share of a command that follows what is left, as in PosteriorResult."""
         return self.posterior.of(self.model).feedback(self.theta)
 
+    def cost(self) -> float:
+        """Negative logarithm of the posterior density with the noise that is likeliest, but for a constant."""
+        return self.posterior.profile(self.theta)
+
     def values(self) -> dict[str, float]:
         """What every unknown but the initial states stands at."""
         names = self.model.names
@@ -193,12 +197,19 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
 
 
 def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], has_vane: bool) -> _Begun:
-    """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop."""
+    """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop.
+
+    What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
+    begun again from where the vane's flow leads.
+    """
     begun = begin(near).searched()
     feedback = begun.feedback()
     if feedback > 0.0 and has_vane:
         with suppress(EstimationError):
             other = begin(begun.values(), flow_imposed=True).searched()
+            again = begin(other.values()).searched()
+            if again.feedback() == 0.0 and again.cost() < begun.cost():
+                return again
             if other.feedback() < feedback + _NO_WORSE:
                 return other
     return begun

@@ -23,7 +23,6 @@ from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
 
 ROOT = Path(__file__).resolve().parents[2]
-LIFT_SLOPE = 4.58  # per rad: what the simulator flies (docs/vehicles.md)
 
 
 def described(servo: dict[str, Any]) -> dict[str, Any]:
@@ -98,8 +97,8 @@ def identify(visitor: Visitor, url: str, log: Path) -> None:
     job = httpx.get(f"{url}/api/jobs/{model['job_id']}", timeout=PATIENCE_S).json()
     assert job["request"]["vehicle"] == "thor@1"
     lift = httpx.get(f"{url}/api/models/{model['id']}", timeout=PATIENCE_S).json()["coefficients"]["CL_alpha"]
-    # The sensors sit where this form does not say.
-    assert lift["value"] == pytest.approx(LIFT_SLOPE, rel=0.1)
+    # What the simulator flew: 4.58 per rad (docs/vehicles.md); its sensors sit where this form does not say.
+    assert lift["value"] == pytest.approx(4.58, rel=0.1)
 
 
 def plan_next(visitor: Visitor, folder: Path) -> None:
@@ -109,10 +108,7 @@ def plan_next(visitor: Visitor, folder: Path) -> None:
     page.click("button:text-is('Plan it')")
     visitor.wait_for_text("h2", "Flight card: Thor", PATIENCE_S * 1000)
     row = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")
-    # Promised, and reached by the flight before, whose manoeuvre was another; `hold_against_plan` holds the promise
-    # against what the plan's own flight reaches. More than 30 % would be refused.
-    assert 0.0 < float(row[2].split()[0]) < 0.3 * LIFT_SLOPE
-    assert 0.0 < float(row[4]) < 0.05 * LIFT_SLOPE
+    assert 0.0 < float(row[2].split()[0]) < 2.0 * float(row[4])
     planned = folder / "plan.json"
     planned.write_bytes(visitor.downloaded("button:text-is('Plan for sim-vehicle (JSON)')"))
     again = run("sim-vehicle", "fly", "--vehicle", "ultrastick25e", "--plan", planned, "--record", folder / "next.mcap")
