@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import ArrayLike
 
 from flightmodel.errors import FlightModelError
@@ -144,24 +145,24 @@ class Aircraft:
             raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
         wing = float(f"{span**2 / _USUAL_ASPECT_RATIO:.4g}") if area is None else area
         mean = float(f"{wing / span:.4g}") if chord is None else chord
-        lines = [f"name = {json.dumps(name, ensure_ascii=False)}", "", "[mass]", f"mass = {mass!r}"]
-        lines += [f"{key} = {value!r}" for key, value in given.items()]
+        table: dict[str, Any] = {
+            "name": str(name),
+            "mass": {"mass": mass, **given},
+            "geometry": {"S": wing, "b": span, "c": mean},
+            "controls": {one: {"signal": surfaces if one != "throttle" else "command"} for one in controls},
+            "sensors": {"airspeed": {"kind": airspeed}},
+        }
         if given and Ixz is None:
-            lines.append(f"Ixz_std = {_USUAL_PRODUCT * math.sqrt(given['Ixx'] * given['Izz']):.3g}")
-        lines += ["", "[geometry]", f"S = {wing!r}", f"b = {span!r}", f"c = {mean!r}"]
-        for control in controls:
-            lines += ["", f"[controls.{control}]", f'signal = "{surfaces if control != "throttle" else "command"}"']
-        lines += ["", "[sensors]", f'airspeed = {{ kind = "{airspeed}" }}']
+            table["mass"]["Ixz_std"] = float(f"{_USUAL_PRODUCT * math.sqrt(given['Ixx'] * given['Izz']):.3g}")
         for sensor, place in (positions or {}).items():
-            lines.append(f"{sensor} = {{ position = [{', '.join(repr(float(one)) for one in place)}] }}")
+            table["sensors"][sensor] = {"position": [float(one) for one in place]}
         if max_thrust is not None:
-            lines += ["", "[propulsion]", f"max_thrust = {float(max_thrust)!r}"]
-            lines += (
-                [f"line = [{', '.join(repr(float(one)) for one in thrust_line)}]"] if thrust_line is not None else []
-            )
+            table["propulsion"] = {"max_thrust": float(max_thrust)}
+        if thrust_line is not None:
+            table["propulsion"]["line"] = [float(one) for one in thrust_line]
         if air_density is not None:
-            lines += ["", "[environment]", f"air_density = {float(air_density)!r}"]
-        made = cls.from_text("\n".join(lines) + "\n", name)
+            table["environment"] = {"air_density": float(air_density)}
+        made = cls.from_text(tomlkit.dumps(table), name)
         if area is not None:
             return made
         guessed = (

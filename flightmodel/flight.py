@@ -131,7 +131,7 @@ class Flight:
         if path.suffix.lower() in ENDINGS:
             read = read_table(path)
             table, matched = read.matched(columns, units)
-            found = flight_from_table(read.name, table, matched)
+            found = flight_from_table(read.name, table, matched, read.warnings)
             return cls(found, tuple(use.sentence for use in matched.uses), (*matched.unused, *read.left_out))
         if columns or units:
             raise FlightModelError(f"{path.name}: a log says itself what its fields are; leave columns and units out")

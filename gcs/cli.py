@@ -21,7 +21,7 @@ import gcs.commands
 from gcs.errors import GcsError, LinkUrlError, SettingsError
 from gcs.text.progress import Progress
 from gcs.version import VERSION
-from sim_vehicle.cli.completion import SHELLS, PrintCompletion
+from sim_vehicle.cli.completion import add_completion
 from sim_vehicle.cli.main import INTERRUPTED
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
@@ -41,13 +41,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = argparse.ArgumentParser(prog="gcs", description="Ground station: from telemetry to a flight model.")
     parser.add_argument("--version", action="version", version=f"gcs {VERSION}")
-    parser.add_argument(
-        "--print-completion",
-        action=PrintCompletion,
-        metavar="SHELL",
-        choices=SHELLS,
-        help="bash, zsh or tcsh: a script",
-    )
+    add_completion(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _modules():
         command = commands.add_parser(module.NAME, help=module.HELP, description=module.HELP)

@@ -19,7 +19,7 @@ from gcs.errors import ImportFileError
 from gcs.flights.signalmap import TABLE_SIGNALS
 from gcs.importers import messages as make
 from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, write_recording
-from gcs.importers.table import row_series
+from gcs.importers.table import FIRST_US, row_series
 from sysid.errors import TableError
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.tables.columns import Wanted, match_columns
@@ -28,7 +28,6 @@ from sysid.tables.names import SIGNAL_UNITS, TIME
 
 FORMAT = "ros"
 NOTE = "its columns: signals in SI units and radians from the bag's standard messages; the bag itself is attached"
-_FIRST_US = 1_000_000
 _NED = re.compile(r"(^|[_/])(ned|frd)$", re.IGNORECASE)
 _FEWEST = 10  # messages of a topic
 # Topics that hold what is wanted, what the air does, or another temperature than its own, by words in their names.
@@ -71,7 +70,7 @@ def import_ros(
     series += [_positions(time_s - start, values) for time_s, values in bag.fixes]
     notes = {"note": NOTE, "columns": "; ".join(f"{key}: {one.source}" for key, one in bag.signals.items()),
              "unused": ", ".join(bag.unused)}  # fmt: skip
-    utc = round(1e6 * start) - _FIRST_US if start > 1e9 else None
+    utc = round(1e6 * start) - FIRST_US if start > 1e9 else None
     write_recording(ImportedLog(FORMAT, 1, series, utc, notes), source, target, progress, called)
 
 
@@ -150,7 +149,7 @@ def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[tuple[st
     What has no stamp of its own is put on the clock of what has: by the median of reception less stamp.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, TypesysError, get_typestore
     except ImportError:
         raise ImportFileError(f"{name}: is a ROS bag, for which rosbags is needed: pip install rosbags") from None
@@ -179,8 +178,9 @@ def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[tuple[st
                     unstamped.append((connection.topic, connection.msgtype, 1e-9 * logged, message))
             shift = float(np.median(late)) if late else 0.0
             yield from ((topic, kind, logged - shift, message) for topic, kind, logged, message in unstamped)
-    except AnyReaderError as error:
-        raise ImportFileError(f"{name}: cannot be read as a ROS bag: {' '.join(str(error).split())}") from None
+    except Exception as error:  # whatever a library that reads four formats says of bytes that are none of them
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ImportFileError(f"{name}: cannot be read as a ROS bag: {said[:200]}") from None
 
 
 def _field(message: Any, path: str) -> float:
@@ -287,7 +287,7 @@ _READERS: dict[str, Callable[[str, list[Any]], Found]] = {
 def _positions(time_s: Values, fields: NDArray[np.float64]) -> Series:
     """NavSatFix as GPS_RAW_INT. fields: (N, 4) deg, deg, m, status, -1 for none."""
     nothing = np.full(time_s.size, np.nan)
-    time_us: Ints = _FIRST_US + np.rint(1e6 * time_s).astype(np.int64)
+    time_us: Ints = FIRST_US + np.rint(1e6 * time_s).astype(np.int64)
     return make.gps(
         time_us, fix=np.where(fields[:, 3] >= 0.0, 3.0, 1.0), latitude=fields[:, 0], longitude=fields[:, 1],
         altitude=fields[:, 2], speed=nothing, course=nothing, hdop=nothing, vdop=nothing, satellites=nothing,

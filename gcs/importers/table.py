@@ -28,7 +28,7 @@ NOTE = "its columns: signals in SI units and radians, one message for each row; 
 _GENERIC_AUTOPILOT = 0
 _ELEMENTS, _NAME_LENGTH = 58, 10  # of DEBUG_FLOAT_ARRAY
 # A stamp of 0 means "none"; rows begin a second after it.
-_FIRST_US = 1_000_000
+FIRST_US = 1_000_000
 _EARLIEST_UTC_S = 946_684_800.0  # the year 2000
 
 
@@ -43,25 +43,26 @@ def import_table(
 
     Raises ImportFileError in one line where the table cannot be read, or the unit of a column is not known.
     """
+    called = name or source.name
     try:
         table = read_table(source, name)
         wanted, units = ({}, {}) if columns is None else read_mapping(columns)
         found, matched = table.matched(wanted, units)
-        flight = flight_from_table(table.name, found, matched)
+        flight = flight_from_table(called, found, matched, table.warnings)
         start_s = float(np.nanmin(np.asarray(found[matched.time.headers[0]], dtype=np.float64)))
     except TableError as error:
         text = _with_advice(error)
-        raise ImportFileError(text if (name or source.name) in text else f"{name or source.name}: {text}") from None
+        raise ImportFileError(text if called in text else f"{called}: {text}") from None
     if not flight.signals.keys() & set(TABLE_SIGNALS):
         raise ImportFileError(
-            f"{name or source.name}: none of its columns is a signal; name them in a file of columns"
+            f"{called}: none of its columns is a signal; name them in a file of columns"
             " (--columns FILE.toml; on the page, the box below the file)"
         )
     start_s = matched.time.unit.factor * start_s
     used = "; ".join(use.sentence for use in (matched.time, *matched.uses))
     notes = {"note": NOTE, "columns": used, "unused": ", ".join((*matched.unused, *table.left_out))}
     notes |= {f"{IMPORT_WARNING}{number}": warning for number, warning in enumerate(flight.warnings, 1)}
-    utc = round((start_s) * 1e6) - _FIRST_US if start_s > _EARLIEST_UTC_S else None
+    utc = round(1e6 * start_s) - FIRST_US if start_s > _EARLIEST_UTC_S else None
     write_recording(ImportedLog(FORMAT, 1, row_series(flight), utc, notes), source, target, progress, name)
 
 
@@ -84,7 +85,7 @@ def row_series(flight: FlightSignals) -> list[Series]:
     """
     kept = {key: one for key, one in flight.signals.items() if key in TABLE_SIGNALS}
     times = np.unique(np.concatenate([one.time_s for one in kept.values()]))
-    time_us = _FIRST_US + np.rint(1e6 * times).astype(np.int64)
+    time_us = FIRST_US + np.rint(1e6 * times).astype(np.int64)
     series = [make.heartbeats(time_us, vehicle=FIXED_WING, autopilot=_GENERIC_AUTOPILOT, armed=[], mode=[])]
     for number, message in enumerate(TABLE_NAMES):
         names = TABLE_SIGNALS[number * TABLE_SIGNALS_EACH :][:TABLE_SIGNALS_EACH]

@@ -6,10 +6,21 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-SHELLS = ("bash", "zsh", "tcsh")
+_SHELLS = ("bash", "zsh", "tcsh")
 
 
-class PrintCompletion(argparse.Action):
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """Add --print-completion to a command."""
+    parser.add_argument(
+        "--print-completion",
+        action=_PrintCompletion,
+        metavar="SHELL",
+        choices=_SHELLS,
+        help="bash, zsh or tcsh: a script",
+    )
+
+
+class _PrintCompletion(argparse.Action):
     """Print the script for a shell and end. Its library is loaded then alone."""
 
     def __call__(

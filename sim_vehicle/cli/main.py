@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from sim_vehicle.cli.completion import SHELLS, PrintCompletion
+from sim_vehicle.cli.completion import add_completion
 from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
 INTERRUPTED = 130  # what shells say of a command that Ctrl-C ended
@@ -23,13 +23,7 @@ class _Parser(argparse.ArgumentParser):
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the commands."""
     parser = _Parser(prog="sim-vehicle", description=__doc__)
-    parser.add_argument(
-        "--print-completion",
-        action=PrintCompletion,
-        metavar="SHELL",
-        choices=SHELLS,
-        help="bash, zsh or tcsh: a script",
-    )
+    add_completion(parser)
     commands = parser.add_subparsers(dest="command", required=True)
     fly = commands.add_parser("fly", help="fly manoeuvres and send or record the telemetry")
     add = fly.add_argument

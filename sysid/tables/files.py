@@ -40,6 +40,7 @@ class ColumnTable:
 
     columns: header -> (N,) values. units: header -> unit, where the file says them apart from the header. fdata: the
     flight data array of SIDPAC, where the file holds one. left_out: what is no column of numbers of that length.
+    warnings: what the file lacks.
     """
 
     name: str
@@ -47,6 +48,7 @@ class ColumnTable:
     units: Mapping[str, str] = field(default_factory=dict)
     fdata: Array | None = None
     left_out: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def matched(
         self, columns: Mapping[str, Wanted] | None = None, units: Mapping[str, str] | str | None = None
@@ -144,6 +146,10 @@ def _text(path: Path, name: str) -> ColumnTable:
         units = {header: cell for header, cell in zip(headers, second, strict=False) if cell and is_unit(cell)}
         body = body[1:]
     headers = _distinct(headers)
+    warnings: list[str] = []
+    if len(body) > 1 and len(_cells(body[-1], delimiter)) < len(headers):
+        body.pop()
+        warnings.append("the last row is cut off; it is left out")
     for number, line in enumerate(body[:1]):
         if len(_cells(line, delimiter)) != len(headers):
             raise TableError(
@@ -166,7 +172,7 @@ def _text(path: Path, name: str) -> ColumnTable:
     columns, left_out = _numbers(table)
     _check_words(name, table, left_out, delimiter)
     said = {header: unit for header, unit in units.items() if header in columns}
-    return ColumnTable(Path(name).stem, columns, said, None, left_out)
+    return ColumnTable(Path(name).stem, columns, said, None, left_out, tuple(warnings))
 
 
 def _check_words(name: str, table: Any, left_out: Sequence[str], delimiter: str) -> None:

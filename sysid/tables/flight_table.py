@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,9 @@ _REGULAR = 3.0
 SOURCE = "table"
 
 
-def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matched) -> FlightSignals:
+def flight_from_table(
+    name: str, table: Mapping[str, ArrayLike], matched: Matched, doubts: Sequence[str] = ()
+) -> FlightSignals:
     """The signals of a table.
 
     Parameters
@@ -49,6 +51,8 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
         Header -> (N,) values; NaN where there is none.
     matched : Matched
         Which column is what (`match_columns`).
+    doubts : Sequence[str]
+        What is doubtful about the table itself, for the flight's warnings.
 
     Returns
     -------
@@ -61,7 +65,7 @@ def flight_from_table(name: str, table: Mapping[str, ArrayLike], matched: Matche
     TableError
         Where the time does not run forward in steps of a flight, or a column holds no numbers.
     """
-    warnings: list[str] = []
+    warnings = list(doubts)
     time_s = _seconds(name, _values(name, table, matched.time), matched.time, warnings)
     rows = time_s.size
     order = np.flatnonzero(np.isfinite(time_s))
@@ -227,9 +231,11 @@ def _check_angle(name: str, use: ColumnUse, values: Array) -> None:
         )
     reach = float(np.nanpercentile(np.abs(values), 99.0))
     if most is not None and reach > most:
+        radians = use.unit.factor == 1.0
+        likely = f"is it in degrees? give units = {{'{use.signal}': 'deg'}}" if radians else "its unit is another one"
         raise TableError(
             f"{name}: {use.signal} reaches {reach:.3g} rad by column {use.headers[0]!r} in {use.written}, which no"
-            f" aircraft does: is it in degrees? give units = {{'{use.signal}': 'deg'}}"
+            f" aircraft does: {likely}"
         )
 
 

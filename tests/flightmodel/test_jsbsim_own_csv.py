@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas
 import pytest
 from jsbsim_csv import TRUTH, fly_csv
@@ -72,6 +73,24 @@ def test_bars_hold_what_nobody_measured_of_the_aircraft(known: dict[str, Any], w
     ways = [simulate(model, aircraft, flight, restart_s=5.0).tic["q"] for model in (result, result.model)]
     assert ways[0] < 0.05
     assert ways[1] < 0.15
+
+
+def test_a_burst_of_lost_rows_late_commands_and_a_slow_airspeed_leave_the_coefficients_alone() -> None:
+    """What the lost commands did swings on behind the burst, and is neither a closed loop nor the aircraft's."""
+    table = pandas.read_csv(ROOT / "docs" / "notebooks" / "flight1.csv")
+    time_s = table["Time"].to_numpy()
+    for header in table.columns:
+        if any(word in header for word in ("elevator", "Aileron", "rudder")):
+            table[header] = np.interp(time_s - 0.005, time_s, table[header])
+    (airspeed,) = (header for header in table.columns if "Total" in header)
+    table[airspeed] = table[airspeed].to_numpy()[np.arange(time_s.size) // 5 * 5]
+    flight = Flight.from_frame(table[(time_s < 8.0) | (time_s > 8.6)])
+    result = identify(flight, Aircraft.estimate(**WING, **SWUNG, airspeed="true"), progress=False)
+    assert result.refused == {}
+    assert not any("loop" in warning for warning in result.warnings)
+    assert max(map(abs, off(result).values())) < 3.5, off(result)
+    for name in MAIN:
+        assert result.stds[name] < 0.15 * abs(TRUTH[name]), (name, result.values[name], result.stds[name])
 
 
 def test_a_result_serves_as_the_structure_of_the_next_and_as_what_is_known_before() -> None:

@@ -63,4 +63,4 @@ export function duration(seconds) {
 export const size = bytes => bytes >= 1e9 ? `${number(bytes / 1e9)} GB` : bytes >= 1e6 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e3)} kB`
 
 /** 2026-11-22T09:09:50.942Z as 2026-11-22 09:09:50. */
-export const utc = text => text ? text.slice(0, 19).replace('T', ' ') : NONE
+export const utc = text => text && text >= '2000' ? text.slice(0, 19).replace('T', ' ') : NONE

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from gcs.errors import ImportFileError
+from gcs.errors import GcsError, ImportFileError
 from gcs.flights.signals import extract
 from gcs.formats.conversion import import_file
 from gcs.inspection.info import as_recordings
@@ -213,7 +213,26 @@ def test_a_bag_of_nothing_known_and_a_damaged_one_are_one_line(tmp_path: Path) -
     path = write(tmp_path / "bag", StoragePlugin.SQLITE3, {"/words": ("std_msgs/msg/String", [text] * 20)})
     with pytest.raises(ImportFileError, match="topics are /words"):
         import_file(path, tmp_path / "a.mcap")
+    noise = np.random.default_rng(1).bytes(5000)
     for name in ("b.bag", "b.db3"):
-        (tmp_path / name).write_bytes(b"nothing" * 100)
-        with pytest.raises(ImportFileError, match="cannot be read as a ROS bag"):
-            import_file(tmp_path / name, tmp_path / "a.mcap")
+        for content in (b"nothing" * 100, noise, b"#ROSBAG V2.0\n" + noise):
+            (tmp_path / name).write_bytes(content)
+            with pytest.raises(ImportFileError, match="cannot be read as a ROS bag") as refused:
+                import_file(tmp_path / name, tmp_path / "a.mcap")
+            assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin), ids=lambda plugin: plugin.name)
+def test_a_bag_cut_off_anywhere_is_read_or_refused_in_one_line(plugin: StoragePlugin, tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", plugin, messages())
+    whole = path.read_bytes()
+    cut = tmp_path / f"cut{path.suffix}"
+    for share in np.linspace(0.02, 0.98, 13):
+        cut.write_bytes(whole[: int(share * len(whole))])
+        try:
+            import_file(cut, tmp_path / "a.mcap")
+        except GcsError as error:
+            said = str(error)
+        else:
+            said = "" if extract(Recording(tmp_path / "a.mcap"), Vehicle.unknown()).signals else "no signal\n"
+        assert "\n" not in said

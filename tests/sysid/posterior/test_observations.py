@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sysid.posterior.observations import AFTER_GAP_S, bursts, common_grid, joined_at, read_at
+from sysid.posterior.observations import AFTER_GAPS_S, bursts, common_grid, joined_at, read_at
 from sysid.posterior.residual_spectrum import LARGEST_MISFIT, LEAST_MISFIT, residual_spectrum
 
 GRID = np.arange(0.0, 10.0, 0.01)
@@ -24,14 +24,16 @@ def test_stamps_that_are_off_by_a_known_time_show_as_that_shift() -> None:
     np.testing.assert_allclose(read_at(GRID, stamps - 0.007) @ wave, np.sin(2.0 * np.pi * (stamps - 0.007)), atol=1e-4)
 
 
-def test_what_was_lost_does_not_count_and_neither_does_the_half_second_behind_it() -> None:
+def test_what_was_lost_does_not_count_and_neither_does_what_follows_of_it() -> None:
     stamps = np.concatenate((np.arange(0.0, 4.0, 0.02), np.arange(4.6, 10.0, 0.02)))
     (gap,) = bursts(stamps)
     assert gap == pytest.approx((3.98, 4.6))
     grid = common_grid(0.0, 10.0, 0.02, [gap], 0.5)
-    inside = (grid.points > 4.0) & (grid.points < 4.6 + AFTER_GAP_S - 0.01)
+    inside = (grid.points > 4.0) & (grid.points < 4.6 + AFTER_GAPS_S[0] - 0.01)
     assert not grid.counted[inside].any()
-    assert grid.counted[(grid.points < 3.9) | (grid.points > 5.2)].all()
+    assert grid.counted[(grid.points < 3.9) | (grid.points > 4.7 + AFTER_GAPS_S[0])].all()
+    many = common_grid(0.0, 10.0, 0.02, [(float(at), at + 0.3) for at in range(1, 10, 2)], 0.5)
+    assert 0.5 < np.mean(many.counted) < 0.7
     values = np.sin(stamps)
     values[(stamps > 4.59) & (stamps < 5.0)] = 50.0
     seen = grid.bridged(joined_at(stamps, grid.points)) @ values

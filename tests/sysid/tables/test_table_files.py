@@ -49,6 +49,16 @@ def test_csv_with_remarks_a_row_of_units_semicolons_and_words(tmp_path: Path) ->
     check(signals(path))
 
 
+def test_a_row_that_is_cut_off_is_left_out_and_said(tmp_path: Path) -> None:
+    pandas.DataFrame(COLUMNS).to_csv(tmp_path / "a.csv", index=False)
+    whole = (tmp_path / "a.csv").read_text()
+    rows = whole.count("\n") - 1
+    (tmp_path / "a.csv").write_text(whole.rstrip("\n").rpartition(",")[0])
+    read = read_table(tmp_path / "a.csv")
+    assert all(values.size == rows - 1 for values in read.columns.values())
+    assert read.warnings == ("the last row is cut off; it is left out",)
+
+
 def test_missing_values_are_none(tmp_path: Path) -> None:
     rows = [f"{t:.2f},{'' if i % 3 else 2.5 + t},{'NaN' if i == 4 else i}" for i, t in enumerate(T.tolist())]
     (tmp_path / "a.csv").write_text("t,alpha (deg),q (deg/s)\n" + "\n".join(rows))
