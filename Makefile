@@ -142,9 +142,9 @@ campaign-jsbsim: setup
 	$(BIN)/python tests/campaign/other_engine.py
 
 # Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
-# SIZES=1,0.5: of half their sizes too. FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
+# SIZES=1,0.5: of half their sizes too. AIRCRAFT=1,2,3: other aircraft. UNLISTED=1: each effect taken out of the catalogue. FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
 campaign-jsbsim-effects: setup
-	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --sizes $(or $(SIZES),1) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook)
+	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --sizes $(or $(SIZES),1) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook) --aircraft $(or $(AIRCRAFT),0) $(if $(UNLISTED),--unlisted)
 
 campaign-bad-flights: setup
 	$(BIN)/python tests/campaign/bad_flights.py

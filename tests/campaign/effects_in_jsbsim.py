@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from field_effects import ALL, CLEAN, TABLES, HiddenFlight, hidden_flight
 from field_flight import FAMILIES
-from jsbsim_effects import NAMES, hidden
-from jsbsim_flight import fly, measure
+from jsbsim_effects import NAMES, Hidden, hidden
+from jsbsim_flight import drawn_aircraft, fly, measure, table_aircraft
 from seed_lines import end_line, fingerprint, keyed_lines, progress
 
 from sysid.discrepancy import discrepancy
@@ -39,34 +40,65 @@ SECONDS = 20.0
 OFF = 0.05
 SURE = 0.9
 TEXTBOOK = "textbook"
-HEAD = ("effect", "family", "seed", "flown", "verdict", "first name", "probability", "estimate", "or", "CPU s")
+HEAD = (
+    "effect",
+    "family",
+    "aircraft",
+    "seed",
+    "flown",
+    "verdict",
+    "first name",
+    "probability",
+    "estimate",
+    "or",
+    "CPU s",
+)
 
 
-def key_of(name: str, size: float, family: str, seed: int) -> str:
-    """Name of a flight in the store."""
-    return f"{name}@{size:g}-{family}-{seed}"
+@dataclass(frozen=True)
+class Case:
+    """One flight. size: share of the effect's usual one. aircraft: number of the one drawn, 0 for the linear one.
+
+    unlisted: whether the effect is taken out of the catalogue, so that nothing in it is right.
+    """
+
+    effect: str
+    size: float
+    family: str
+    aircraft: int
+    seed: int
+    unlisted: bool
+
+    @property
+    def key(self) -> str:
+        """Name of the flight in the store."""
+        return f"{self.effect}@{self.size:g}-{self.family}-{self.aircraft}-{self.seed}{'-unlisted' * self.unlisted}"
+
+    def fly(self, folder: Path) -> HiddenFlight:
+        """Fly it."""
+        if self.family != TEXTBOOK:
+            return hidden_flight(self.effect, self.family, self.seed, folder, OFF, self.size)
+        base = drawn_aircraft(self.aircraft)
+        if self.effect == CLEAN:
+            effect = Hidden(CLEAN, {}, base, base.vehicle, base.model)
+        elif self.effect == TABLES:
+            effect = Hidden(TABLES, {}, table_aircraft(), base.vehicle, base.model)
+        else:
+            effect = hidden(self.effect, self.size, base)
+        seed = self.seed + 1000 * self.aircraft
+        signals, _ = measure(fly(folder, effect.flown, seed, SECONDS), seed, self.key)
+        return HiddenFlight(signals, effect.vehicle, effect.baseline(seed, OFF), dict(effect.parameters))
 
 
-def flight(name: str, size: float, family: str, seed: int, folder: Path) -> HiddenFlight:
-    """Fly one effect."""
-    if family != TEXTBOOK:
-        return hidden_flight(name, family, seed, folder, OFF, size)
-    effect = hidden(name, size)
-    signals, _ = measure(fly(folder, effect.flown, seed, SECONDS), seed, key_of(name, size, family, seed))
-    return HiddenFlight(signals, effect.vehicle, effect.baseline(seed, OFF), dict(effect.parameters))
-
-
-def one(name: str, size: float, family: str, seed: int) -> dict[str, Any]:
+def one(case: Case) -> dict[str, Any]:
     """Fly one effect and ask what is missing: a line of the store."""
     with tempfile.TemporaryDirectory() as folder:
-        flown = flight(name, size, family, seed, Path(folder))
-    line: dict[str, Any] = {
-        "key": key_of(name, size, family, seed), "effect": name, "size": size, "family": family, "seed": seed,
-        "flown": dict(flown.parameters),
-    }  # fmt: skip
+        flown = case.fly(Path(folder))
+    line: dict[str, Any] = {"key": case.key, **asdict(case), "flown": dict(flown.parameters)}
     began = time.process_time()
     try:
-        found = discrepancy([flown.signals], flown.vehicle, flown.model)
+        ruled_out = (case.effect,) if case.unlisted else ()
+        found = discrepancy([flown.signals], flown.vehicle, flown.model, ruled_out=ruled_out)
     except SysidError as error:
         line |= {"verdict": f"refused: {error}", "named": [], "reasons": []}
     else:
@@ -76,7 +108,9 @@ def one(name: str, size: float, family: str, seed: int) -> dict[str, Any]:
 
 
 def is_right(line: Mapping[str, Any]) -> bool:
-    """Whether the effect that was flown is the first that is named, and none where nothing was."""
+    """Whether the effect that was flown is the first that is named, and none where nothing of the catalogue was."""
+    if line["unlisted"] or line["effect"] == TABLES:
+        return line["verdict"] == "unexplained" and not line["named"]
     if line["effect"] == CLEAN:
         return line["verdict"] in ("none", "parameter_error")
     return bool(line["named"]) and line["named"][0]["name"] == line["effect"]
@@ -85,7 +119,13 @@ def is_right(line: Mapping[str, Any]) -> bool:
 def row(line: Mapping[str, Any]) -> list[str]:
     """One flight in the table."""
     flown = ", ".join(f"`{name}` {value:g}" for name, value in line["flown"].items())
-    head = [f"`{line['effect']}`", f"{line['family']}, {line.get('method', '')}", str(line["seed"]), flown]
+    head = [
+        f"`{line['effect']}`",
+        f"{line['family']}, {line.get('method', '')}",
+        str(line["aircraft"]),
+        str(line["seed"]),
+        flown,
+    ]
     if not line["named"]:
         return [*head, line["verdict"], "", "", "", "", f"{line['cpu_seconds']:.0f}"]
     first, *more = line["named"]
@@ -128,12 +168,13 @@ def main() -> int:
     parser.add_argument(
         "--families", default=TEXTBOOK, help=f"{TEXTBOOK} (default), or of field flights: {', '.join(FAMILIES[:6])}"
     )
+    parser.add_argument("--aircraft", default="0", help="numbers of aircraft, 0 (default): the linear one, else drawn")
+    parser.add_argument("--unlisted", action="store_true", help="take each effect out of the catalogue")
     parser.add_argument("--table", action="store_true", help="fly nothing, print what is there of these sources")
     given = parser.parse_args()
     names = NAMES if given.effects == "all" else tuple(given.effects.split(","))
     families = given.families.split(",")
     unknown = [name for name in names if name not in (*NAMES, CLEAN, TABLES)]
-    unknown += [name for name in names if name in (CLEAN, TABLES) and TEXTBOOK in families]
     names = tuple(name for name in names if TEXTBOOK in families or name in (*ALL, TABLES))
     if unknown:
         parser.error(f"JSBSim flies no effect {unknown[0]!r}; there are {', '.join(NAMES)}")
@@ -142,22 +183,23 @@ def main() -> int:
     end_line(path)
     sizes = [float(size) for size in given.sizes.split(",")]
     wanted = [
-        (name, size, family, seed)
+        Case(name, size, family, number, seed, given.unlisted)
         for seed in range(given.seeds)
+        for number in map(int, given.aircraft.split(","))
         for family in families
         for size in sizes
         for name in names
     ]
     done = keyed_lines(path, "key")
-    missing = [] if given.table else [case for case in wanted if key_of(*case) not in done]
+    missing = [] if given.table else [case for case in wanted if case.key not in done]
     begin = time.monotonic()
     for count, case in enumerate(missing, 1):
-        line = one(*case)
+        line = one(case)
         done[line["key"]] = line
         with path.open("a", encoding="utf-8") as store:
             store.write(json.dumps(line) + "\n")
         progress(count, len(missing), time.monotonic() - begin)
-    shown = [key_of(*case) for case in sorted(wanted, key=lambda case: names.index(case[0]))]
+    shown = [case.key for case in sorted(wanted, key=lambda case: names.index(case.effect))]
     print(table([done[key] for key in shown if key in done]))
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -265,3 +266,11 @@ def test_a_constant_written_out_is_found(tmp_path: Path) -> None:
         (tmp_path / package).mkdir()
     (tmp_path / "sysid" / "weight.py").write_text("def weight(mass):\n    return mass * 9.80665\n")
     assert constants_written_out(tmp_path) == ["sysid/weight.py:2 9.80665"]
+
+
+def test_the_stages_of_identification_name_modules_that_are_there() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    stages = text.split("## Parts of identification")[1].split("Imports go down")[0]
+    named = set(re.findall(r"\b([a-z_]+)\.([a-z_]+)\b", stages))
+    assert len(named) > 5
+    assert [f"{room}.{module}" for room, module in named if not (ROOT / "sysid" / room / f"{module}.py").exists()] == []

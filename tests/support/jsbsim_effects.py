@@ -81,8 +81,7 @@ _TERMS: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
 _VALUES = {"Cm_alpha2": -2.0, "CD_CL": 0.03, "CD_de2": 1.5, "CL_alpha_de": 2.0, "CD_beta2": 1.0}
 
 
-def _term_effect(name: str, size: float) -> Hidden:
-    base = linear_aircraft()
+def _term_effect(name: str, base: Aircraft, size: float) -> Hidden:
     own = base.model.values()
     parameters = {key: size * _VALUES.get(key, own.get(key, 0.0)) for key in _TERMS[name]}
     rest = _without(base.model, parameters)
@@ -98,11 +97,10 @@ def _without(model: Model, names: Mapping[str, float]) -> Model:
     return replace(model, coefficients={key: c for key, c in model.coefficients.items() if key not in names})
 
 
-def _stall(size: float) -> Hidden:
+def _stall(base: Aircraft, size: float) -> Hidden:
     """Lift and drag go over to those of a flat plate: Beard & McLain (2012), eq. (4.9) and (4.10). Of half the size it
     comes 0.02 rad later.
     """
-    base = linear_aircraft()
     angle, sharpness = 0.13 + 0.04 * (1.0 - size), 50.0
 
     def rise(offset: float, sign: float) -> str:
@@ -127,9 +125,9 @@ def _stall(size: float) -> Hidden:
     return Hidden("stall", {"alpha_stall": angle}, flown, base.vehicle, base.model)
 
 
-def _reynolds_drag(size: float) -> Hidden:
+def _reynolds_drag(base: Aircraft, size: float) -> Hidden:
     """The drag at zero lift goes with airspeed to the power -n about that of the flight."""
-    base, n = linear_aircraft(), 0.5 * size
+    n = 0.5 * size
     rest = _without(base.model, {"CD_0": 0.0})
     ratio = f"<quotient><property>velocities/vt-fps</property>{_value(AIRSPEED / FT)}</quotient>"
     term = product(_value(base.model.values()["CD_0"]), f"<pow>{ratio}{_value(-n)}</pow>")
@@ -138,9 +136,9 @@ def _reynolds_drag(size: float) -> Hidden:
     return Hidden("reynolds_drag", {"n": n}, flown, base.vehicle, base.model)
 
 
-def _unsteady_lift(size: float) -> Hidden:
+def _unsteady_lift(base: Aircraft, size: float) -> Hidden:
     """Lift follows the angle of attack of before, by a lag."""
-    base, tau = linear_aircraft(), 0.06 * size
+    tau = 0.06 * size
     functions = linear_coefficients(base.vehicle, base.model)
     functions["CL"] = functions["CL"].replace("aero/alpha-rad", "fcs/felt-alpha")
     flow = "<property>velocities/w-fps</property><property>velocities/u-fps</property>"
@@ -149,9 +147,9 @@ def _unsteady_lift(size: float) -> Hidden:
     return Hidden("unsteady_lift", {"tau": tau}, flown, base.vehicle, base.model)
 
 
-def _actuator_lag(size: float) -> Hidden:
+def _actuator_lag(base: Aircraft, size: float) -> Hidden:
     """The surfaces follow the commands by lags."""
-    base, tau = linear_aircraft(), 0.05 * size
+    tau = 0.05 * size
     surfaces = {"elevator": "elevator-pos-rad", "aileron": "left-aileron-pos-rad", "rudder": "rudder-pos-rad"}
     functions = linear_coefficients(base.vehicle, base.model)
     for name, command in surfaces.items():
@@ -164,23 +162,23 @@ def _actuator_lag(size: float) -> Hidden:
     return Hidden("actuator_lag", {"tau": tau}, flown, base.vehicle, base.model)
 
 
-def _thrust_line_offset(size: float) -> Hidden:
+def _thrust_line_offset(base: Aircraft, size: float) -> Hidden:
     """The force of the thrust acts lower than the vehicle file says."""
-    base, offset = linear_aircraft(), 0.02 * size
+    offset = 0.02 * size
     assert base.vehicle.propulsion is not None
     x, y, z = base.vehicle.propulsion.line
     true = replace(base.vehicle, propulsion=replace(base.vehicle.propulsion, line=(x, y, z + offset)))
     return Hidden("thrust_line_offset", {"z_T": offset}, replace(base, vehicle=true), base.vehicle, base.model)
 
 
-def _mass_error(size: float) -> Hidden:
+def _mass_error(base: Aircraft, size: float) -> Hidden:
     """The aircraft weighs more than the vehicle file says; its moments of inertia are as told."""
-    base, scale = linear_aircraft(), 0.05 * size
+    scale = 0.05 * size
     true = replace(base.vehicle, mass=replace(base.vehicle.mass, mass=(1.0 + scale) * base.vehicle.mass.mass))
     return Hidden("mass_error", {"scale": scale}, replace(base, vehicle=true), base.vehicle, base.model)
 
 
-_OTHERS: dict[str, Callable[[float], Hidden]] = {
+_OTHERS: dict[str, Callable[[Aircraft, float], Hidden]] = {
     "stall": _stall,
     "reynolds_drag": _reynolds_drag,
     "unsteady_lift": _unsteady_lift,
@@ -191,6 +189,10 @@ _OTHERS: dict[str, Callable[[float], Hidden]] = {
 NAMES = (*_TERMS, *_OTHERS)
 
 
-def hidden(name: str, size: float = 1.0) -> Hidden:
-    """The effect of that name (one of `NAMES`) in JSBSim, of that share of its usual size."""
-    return _OTHERS[name](size) if name in _OTHERS else _term_effect(name, size)
+def hidden(name: str, size: float = 1.0, base: Aircraft | None = None) -> Hidden:
+    """The effect of that name (one of `NAMES`) in JSBSim, of that share of its usual size.
+
+    base: a linear aircraft, the usual one if it is not given.
+    """
+    base = base or linear_aircraft()
+    return _OTHERS[name](base, size) if name in _OTHERS else _term_effect(name, base, size)

@@ -135,6 +135,33 @@ def linear_aircraft() -> Aircraft:
     return Aircraft("linear", vehicle, model, linear_coefficients(vehicle, model))
 
 
+def drawn_aircraft(number: int) -> Aircraft:
+    """The linear aircraft for 0; for others one of its size, with mass, wing, inertia and derivatives drawn."""
+    if number == 0:
+        return linear_aircraft()
+    draw = np.random.default_rng([number, 17]).uniform
+    vehicle = _vehicle()
+    mass, geometry = vehicle.mass, vehicle.geometry
+    heavier, larger = draw(0.85, 1.2), draw(0.95, 1.15)
+    span, chord = geometry.b * draw(0.85, 1.2), geometry.c * draw(0.85, 1.2)
+    turned = {
+        "Ixx": heavier * (span / geometry.b) ** 2 * draw(0.8, 1.25),
+        "Iyy": heavier * draw(0.8, 1.25),
+    }
+    moments = {name: getattr(mass, name) * share for name, share in turned.items()}
+    # A flat body turns about the vertical as about both others together, less what stands up.
+    moments["Izz"] = draw(0.93, 0.99) * (moments["Ixx"] + moments["Iyy"])
+    moments["Ixz"] = mass.Ixz * draw(0.0, 1.5)
+    vehicle = replace(
+        vehicle,
+        name=f"drawn-{number}",
+        mass=replace(mass, mass=heavier * mass.mass, **moments),
+        geometry=replace(geometry, S=larger * geometry.S, b=span, c=chord),
+    )
+    model = _model({name: value * draw(0.7, 1.35) for name, value in _LINEAR.items()})
+    return Aircraft(vehicle.name, vehicle, model, linear_coefficients(vehicle, model))
+
+
 def table_aircraft() -> Aircraft:
     """The aircraft whose aerodynamics are tables, as a wind tunnel or a panel code gives them."""
     vehicle = _vehicle()

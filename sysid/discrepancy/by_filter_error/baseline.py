@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
@@ -85,7 +87,7 @@ def fitted_again(used: Flights, model: Model, ruled_out: Sequence[str] = ()) -> 
     used.progress(0.15, "its coefficients fitted again")
     before = _followed(used, problem, model, names, effects)
     used.progress(0.24, "timing of the commands")
-    problem, before = _timed(problem, model, names, effects, before)
+    problem, before = timed(problem, model, names, effects, before)
     if is_beyond_bench(before, problem):
         problem = without_bench(problem)
         start = {name: value for name, value in before.values().items() if name not in BENCH}
@@ -98,19 +100,30 @@ def fitted_again(used: Flights, model: Model, ruled_out: Sequence[str] = ()) -> 
 def _followed(
     used: Flights, problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> FilterErrorResult:
-    """The model's parameters fitted from where they are, or where that loses the flight from equation error's."""
+    """The model's parameters fitted from where they are, or from equation error's.
+
+    From where they are the fit may lose the flight, or end where it takes the whole motion for noise, which makes it
+    less likely than equation error's values as they are.
+    """
     gusts = used.compatible.gust_sigma
+    start = start_model(used.prepared, used.vehicle, used.compatible, model, problem.motion, model)
+    begin = partial(fitted, problem, start, names, effects, {}, gusts)
     try:
-        return fitted(problem, model, names, effects, {}, gusts)
+        found = fitted(problem, model, names, effects, {}, gusts)
     except EstimationError:
-        start = start_model(used.prepared, used.vehicle, used.compatible, model, problem.motion, model)
-        return fitted(problem, start, names, effects, {}, gusts)
+        return begin()
+    with suppress(EstimationError):
+        if begin(max_iterations=0).cost < found.cost:
+            return min(found, begin(), key=lambda one: one.cost)
+    return found
 
 
-def _timed(
+def timed(
     problem: Problem, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]], before: FilterErrorResult
 ) -> tuple[Problem, FilterErrorResult]:
-    """The likelier timing of the commands, if it explains the flight: else a delay may be what is missing."""
+    """The likelier timing of the commands with the estimate, if it explains the flight: else a delay may be what is
+    missing.
+    """
     if 0.0 < problem.command_first < 1.0:
         return problem, before
     other = replace(problem, command_first=1.0 - problem.command_first)

@@ -17,7 +17,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.candidates import Candidate, extended, stepping_of, within
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
-from sysid.filter_error.estimator import FilterErrorResult
+from sysid.filter_error.estimator import MAX_ITERATIONS, FilterErrorResult
 from sysid.filter_error.noise_scoring import SEARCH_S
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
@@ -95,14 +95,15 @@ def wald_statistic(candidate: Candidate, result: FilterErrorResult) -> float | N
 
 
 def fitted(
-    problem: Problem, model: Model, coefficients: Sequence[str], effects: Effects, start: Start, gust_sigma: float = 0.0
-) -> FilterErrorResult:
+    problem: Problem, model: Model, coefficients: Sequence[str], effects: Effects, start: Start,
+    gust_sigma: float = 0.0, max_iterations: int = MAX_ITERATIONS,
+) -> FilterErrorResult:  # fmt: skip
     """The estimate of a model from start values by name. gust_sigma: m/s, to start from."""
     values = start_values(problem, model, coefficients, effects) | dict(start)
     sigma = max(gust_sigma, _LEAST_GUSTS)
     flight = build_filter(problem, model, coefficients, effects)
-    found = flight.solve(values, Turbulence(sigma, sigma), brief=True)
-    if not is_gusty(found):
+    found = flight.solve(values, Turbulence(sigma, sigma), brief=True, max_iterations=max_iterations)
+    if not is_gusty(found) or max_iterations == 0:
         return found
     # Gusts can stand where the likelihood is flat, far above those that are there, until all has been moved once.
     with suppress(EstimationError):

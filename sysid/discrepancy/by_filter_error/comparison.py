@@ -24,6 +24,7 @@ from sysid.discrepancy.by_filter_error.baseline import (
     is_beyond_bench,
     posed,
     sensors_alone,
+    timed,
     without_bench,
 )
 from sysid.discrepancy.by_filter_error.candidate_fits import fitted
@@ -113,6 +114,7 @@ def _searched(used: Flights, base: Baseline) -> Search:
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)
+        _with_timing(search)
     eliminate_redundant(search)
     if search.named and is_rough(search.result):
         used.progress(0.72, "standard errors in turbulence")
@@ -150,6 +152,14 @@ def _with_bench(used: Flights, search: Search) -> None:
         if not is_beyond_bench(result, problem):
             search.problem = problem
             update_estimate(search, result)
+
+
+def _with_timing(search: Search) -> None:
+    """Choose the timing of the commands again: what was missing may have made the other one the likelier."""
+    problem, result = timed(search.problem, search.model, search.coefficients, search.effects, search.result)
+    if problem is not search.problem:
+        search.problem = problem
+        update_estimate(search, result)
 
 
 def _held_out(held_out: Sequence[Prepared], problem: Problem, models: Mapping[str, Model]) -> Compared:

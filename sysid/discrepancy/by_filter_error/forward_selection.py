@@ -12,7 +12,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.candidate_weights import Weight, is_significant, is_unlikely, smallest_set, weigh
-from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight
+from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
@@ -120,8 +120,12 @@ def adopt(search: Search, named: Named) -> bool:
 
 
 def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResult) -> bool:
+    """Whether an effect as fitted is one: its moment within a flight, and no less than a step of what goes in steps,
+    which is known to half of one.
+    """
     values = {name: result.value(candidate.parameter(name)) for name in candidate.free}
-    return happens_in_flight(candidate, values, problem)
+    steps = stepping_of(candidate.effect)
+    return happens_in_flight(candidate, values, problem) and all(values[name] >= step for name, step in steps.items())
 
 
 @dataclass(frozen=True)
