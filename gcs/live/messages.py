@@ -2,12 +2,11 @@
 
 A recording knows the whole flight when its clock is fitted; here each stamp must be placed at once. Stamps since boot
 are the clock; what carries a stamp since 1970 is moved by SYSTEM_TIME where the vehicle sends it, else, and what
-carries no stamp at all, by the smallest delay seen between stamp and reception.
+carries no stamp at all, by its reception (gcs.live.reception).
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +18,7 @@ from gcs.flights.sender import AUTOPILOT_INVALID, GCS
 from gcs.flights.signalmap import INSTANCE_FIELDS
 from gcs.flights.streams import Stream
 from gcs.links.datagrams import Batch
+from gcs.live.reception import Reception
 from gcs.mavlink.columns import FrameColumns, message_columns
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE, frame_times
@@ -27,56 +27,34 @@ from gcs.mavlink.framing import Framer, Frames
 NS_PER_S = 1_000_000_000
 # Stamps beyond are since 1970: nothing is switched on for thirty years.
 _EPOCH_NS = 30 * 365 * 86_400 * NS_PER_S
-# The smallest delay counts that was seen in this time, in stretches of a second.
-_MEMORY_S = 30
 # A stamp that falls behind the newest by more says that the vehicle has started anew.
 _RESET_S = 5.0
-
-
-class _SmallestDelay:
-    """Reception less stamp, ns: the smallest of the last seconds, which follows a clock that runs otherwise."""
-
-    def __init__(self) -> None:
-        self._seconds: deque[tuple[int, int]] = deque(maxlen=_MEMORY_S)
-        self.known = False
-
-    def add(self, log_ns: int, delay: int) -> None:
-        second = log_ns // NS_PER_S
-        if self._seconds and self._seconds[-1][0] == second:
-            delay = min(delay, self._seconds.pop()[1])
-        self._seconds.append((second, delay))
-        self.known = True
-
-    @property
-    def ns(self) -> int:
-        return min(delay for _, delay in self._seconds)
 
 
 @dataclass
 class _Clock:
     """One vehicle's clock. since: the two kinds of stamps, since boot and since 1970."""
 
-    boot: _SmallestDelay = field(default_factory=_SmallestDelay)
-    epoch: _SmallestDelay = field(default_factory=_SmallestDelay)
+    boot: Reception = field(default_factory=Reception)
+    epoch: Reception = field(default_factory=Reception)
     epoch_less_boot: int | None = None
     start_ns: int | None = None
 
     def place(self, stamps: Stamps) -> NDArray[np.int64]:
         """(N,) ns since boot of each message."""
-        raw, valid = stamps.raw_ns, stamps.valid
+        raw, valid, log_ns = stamps.raw_ns, stamps.valid, stamps.log_ns
         if not valid.any():
-            offset = self.boot.ns if self.boot.known else 0
-            return stamps.log_ns - offset
+            return self.boot.at(log_ns) if self.boot.known else log_ns
         if stamps.period_ns and self.boot.known:
-            expected = stamps.log_ns - self.boot.ns
-            raw = raw + np.rint((expected - raw) / stamps.period_ns).astype(np.int64) * stamps.period_ns
+            whole = np.rint((self.boot.at(log_ns) - raw) / stamps.period_ns)
+            raw = raw + whole.astype(np.int64) * stamps.period_ns
         epoch = bool(raw[valid][0] > _EPOCH_NS)
-        delays = stamps.log_ns[valid] - raw[valid]
-        (self.epoch if epoch else self.boot).add(int(stamps.log_ns[-1]), int(delays.min()))
+        (self.epoch if epoch else self.boot).add(log_ns[valid], raw[valid])
         if not epoch or not self.boot.known:
             return raw
+        last = log_ns[-1:]
         shift = self.epoch_less_boot
-        return raw - (self.boot.ns - self.epoch.ns if shift is None else shift)
+        return raw - (self.epoch.at(last) - self.boot.at(last) if shift is None else shift)
 
 
 class VehicleMessages:

@@ -18,6 +18,7 @@ from gcs.formats.conversion import import_file
 from gcs.links.datagrams import Batch
 from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Flight, Unpacker, pack_batch, pack_flight
+from gcs.live.reception import Reception
 from gcs.live.signals import SignalStream
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
@@ -72,6 +73,48 @@ def test_signals_are_those_of_the_recording_in_whatever_pieces_and_however_often
         assert time_s.size >= 0.9 * recorded[name].time_s.size
         assert abs(offset) < 0.1
         np.testing.assert_allclose(values, recorded[name].values[-values.size :], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("pace", [0.3, 1.0, 2.0, 5.0, 10.0])
+def test_messages_without_a_stamp_follow_a_stream_of_any_pace(tmp_path: Path, pace: float) -> None:
+    """A replay, and a simulation that flies faster than time goes by; what comes is held for a tenth of a second."""
+    path = tmp_path / "flight.tlog"
+    sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "20", "--record", str(path)])
+    sent = list(datagrams(path))
+    first = sent[0][1]
+    random = np.random.default_rng(5)
+    late = [round(random.uniform(0.0, 200_000.0)) for _ in sent]
+    placed = {}
+    for speed in (1.0, pace):
+        received = np.maximum.accumulate(
+            [first + round((at - first) / speed) + delay for (_, at), delay in zip(sent, late, strict=True)]
+        )
+        messages = VehicleMessages(Dialect.load(), ["HIGHRES_IMU", "AIRSPEED"])
+        streams: list[Stream] = []
+        for turn in np.unique(received // (SECOND // 10)):
+            inside = np.flatnonzero(received // (SECOND // 10) == turn)
+            streams += messages.take([Batch.of([(sent[i][0], int(received[i])) for i in inside], "radio")])
+        times = [one.time_s for one in streams if one.message == "AIRSPEED"]
+        placed[speed] = np.concatenate(times)
+    lost = placed[1.0].size - placed[pace].size
+    assert lost < 15
+    off = placed[pace] - placed[1.0][lost:]
+    # What came before the pace was known is placed by a clock's.
+    known = placed[1.0][lost:] > {0.3: 0.3, 1.0: 0.0, 2.0: 1.2}.get(pace, 0.4 * pace)
+    assert known.mean() > 0.75
+    np.testing.assert_allclose(off[known], 0.0, atol=0.001 + 0.0004 * max(pace, 1.0))
+
+
+def test_a_link_that_stalls_is_no_other_pace() -> None:
+    """A board's clock at a radio that holds everything for a second and a half, and brings it then at once."""
+    reception, rate = Reception(), 50
+    raw = np.arange(30 * rate) * (SECOND // rate)
+    log = raw + 7 * SECOND
+    log[400:475] = log[475]
+    for begin in range(0, raw.size, 5):
+        reception.add(log[begin : begin + 5], raw[begin : begin + 5])
+        assert reception.pace() == 1.0
+        assert abs(int(reception.at(np.array([log[begin]]))[0]) - (int(log[begin]) - 7 * SECOND)) < 1_000
 
 
 def test_what_one_link_loses_another_brings_and_a_turn_takes_both(flight: Path) -> None:
