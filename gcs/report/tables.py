@@ -8,6 +8,7 @@ from typing import Any
 
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
+from gcs.text.meanings import meaning
 from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.model.coefficient_names import AXES
 
@@ -48,7 +49,8 @@ def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
 def _named(name: str) -> str:
     """A coefficient's symbol and its name in files; other names as they are."""
     code = f"<code>{text(name)}</code>"
-    return code if symbol(name) == text(name) else f"{symbol(name)} {code}"
+    words = f"<br><small>{text(meaning(name))}</small>" if meaning(name) else ""
+    return f"{code if symbol(name) == text(name) else f'{symbol(name)} {code}'}{words}"
 
 
 def _percent(share: float) -> str:

@@ -9,6 +9,10 @@ from typing import Any
 
 import pytest
 
+from gcs.text.meanings import meaning
+from sysid.problem.model_structure import default_structure
+from sysid.signals.record import SURFACES
+
 MODULE = Path(__file__).resolve().parents[2] / "gcs" / "page" / "static" / "modeltitle.js"
 PROGRAM = "import(process.argv[1]).then(m => console.log(m.modelTitle(JSON.parse(process.argv[2]))))"
 
@@ -47,3 +51,11 @@ def test_a_manoeuvre_separates_an_effect_only_from_another(alternatives: list[di
     command = ["node", "-e", program, str(MODULE.with_name("discrepancy.js")), json.dumps(effect)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
     assert done.stdout.strip() == told
+
+
+def test_the_page_says_of_a_coefficient_what_the_report_says() -> None:
+    names = [*default_structure(SURFACES), "CD_CL", "Cm_alpha_de", "CL_alpha3", "CL_alphadot", "gyro_bias_p", "Cm_", "x"]
+    program = "import(process.argv[1]).then(m => console.log(JSON.stringify(JSON.parse(process.argv[2]).map(m.meaning))))"
+    command = ["node", "-e", program, str(MODULE.with_name("meanings.js")), json.dumps(names)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    assert json.loads(done.stdout) == [meaning(name) for name in names]

@@ -2,6 +2,7 @@
 
 import { h, svg, table } from './dom.js'
 import { estimate, interval, NONE, number, percent, plusMinus } from './format.js'
+import { meaning } from './meanings.js'
 
 const [WIDTH, HEIGHT, EDGE] = [180, 28, 8]
 
@@ -48,7 +49,7 @@ export function coefficientTable(model) {
     head, estimated(model).map(([name, entry]) => {
       // What the vehicle file states of its own errors is in σ already.
       const moved = Object.entries(entry.systematic ?? {}).filter(([cause, value]) => !cause.endsWith('_std') && Number.isFinite(value)).map(([, value]) => value)
-      return [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]),
+      return [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry), between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
         moved.length ? number(Math.hypot(...moved), 2) : NONE]
     }))
@@ -64,4 +65,4 @@ export const sensorTable = errors => table(
 /** What was refused, why, and what to fly. */
 export const refusedTable = refused => table('Refused: not identifiable from this flight',
   ['Name', 'Reason', 'Manoeuvre that would identify it'],
-  refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre || NONE]))
+  refused.map(one => [h('span', {}, h('code', {}, one.name), h('small', { class: 'meaning' }, meaning(one.name))), one.reason, one.manoeuvre || NONE]))
