@@ -84,6 +84,10 @@ class ReportError(GcsError):
     """A file is no result, or holds not what its schema says."""
 
 
+class ExportError(GcsError):
+    """A model cannot be written in the form asked for."""
+
+
 class SettingsError(GcsError):
     """A setting, of the command line or the environment, is missing or impossible."""
 

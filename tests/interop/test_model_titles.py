@@ -54,8 +54,19 @@ def test_a_manoeuvre_separates_an_effect_only_from_another(alternatives: list[di
 
 
 def test_the_page_says_of_a_coefficient_what_the_report_says() -> None:
-    names = [*default_structure(SURFACES), "CD_CL", "Cm_alpha_de", "CL_alpha3", "CL_alphadot", "gyro_bias_p", "Cm_", "x"]
-    program = "import(process.argv[1]).then(m => console.log(JSON.stringify(JSON.parse(process.argv[2]).map(m.meaning))))"
+    names = [
+        *default_structure(SURFACES),
+        "CD_CL",
+        "Cm_alpha_de",
+        "CL_alpha3",
+        "CL_alphadot",
+        "gyro_bias_p",
+        "Cm_",
+        "x",
+    ]
+    program = (
+        "import(process.argv[1]).then(m => console.log(JSON.stringify(JSON.parse(process.argv[2]).map(m.meaning))))"
+    )
     command = ["node", "-e", program, str(MODULE.with_name("meanings.js")), json.dumps(names)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
     assert json.loads(done.stdout) == [meaning(name) for name in names]

@@ -35,6 +35,7 @@ PARTS = (
         "formats",
         "inspection",
         "report",
+        "exports",
         "catalogue",
         "vehicles",
         "design",

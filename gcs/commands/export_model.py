@@ -1,0 +1,43 @@
+"""`gcs export-model`: a model in the form of another program."""
+
+import argparse
+import sys
+from pathlib import Path
+
+NAME = "export-model"
+HELP = "write a model for JSBSim, MATLAB, python-control, a spreadsheet or a paper"
+FORMS = ("jsbsim", "mat", "statespace", "csv", "latex")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("model", metavar="MODEL.json", help="a model, a result, or the name of a built-in model")
+    parser.add_argument("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
+    parser.add_argument("--to", choices=FORMS, required=True, help="jsbsim writes a folder, the others a file")
+    parser.add_argument("-o", "--output", metavar="PATH", type=Path, required=True, help="must not exist")
+    parser.add_argument("--samples", metavar="N", type=int, default=0, help="more models, drawn from the errors")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the models drawn (default 0)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write, and say what was left out."""
+    from gcs.exports import jsbsim, matlab, state_space, tables
+    from gcs.exports.exported import Exported, model_of
+    from gcs.exports.samples import drawn
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+    writers = {
+        "jsbsim": jsbsim.write, "mat": matlab.write, "statespace": state_space.write, "csv": tables.write_csv,
+        "latex": tables.write_latex,
+    }  # fmt: skip
+    model = Exported(model_of(args.model), load_vehicle(args.vehicle))
+    others = drawn(model, args.samples, args.seed) if args.samples > 0 else []
+    path: Path = args.output
+    for note in writers[args.to](model, path):
+        print(f"left out: {note}", file=sys.stderr)
+    print(path)
+    for number, one in enumerate(others, 1):
+        beside = path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
+        writers[args.to](one, beside)
+        print(beside)
+    return 0

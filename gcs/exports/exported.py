@@ -1,0 +1,91 @@
+"""What is exported: a model of a vehicle, what every form says of it, and what a form may not hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.errors import ExportError
+from gcs.text.meanings import meaning
+from gcs.version import VERSION
+from sim_vehicle.effects import EFFECTS, Stage
+from sim_vehicle.model.model_file import Coefficient, Model, model_from_json, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+AXES_AND_SIGNS = (
+    "SI units, angles in rad. CL and CD in stability axes, CY along body y; moments about the centre of gravity in body"
+    " axes (x forward, y right, z down). p, q, r in coefficients are p b / 2V, q c / 2V, r b / 2V. Deflections have the"
+    " signs of the vehicle file."
+)
+Z95 = 1.96
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A model and its vehicle.
+
+    Effects of sensors and of the air are nothing that flies along, and are named in `left_out`.
+    """
+
+    model: Model
+    vehicle: Vehicle
+
+    @property
+    def title(self) -> str:
+        """One line: which model, of which vehicle, by what."""
+        return f"{self.model.name}, identified model of {self.vehicle.name}, exported by gcs {VERSION}"
+
+    @property
+    def estimates(self) -> dict[str, Coefficient]:
+        """Coefficients and effect parameters that have a value, effect.parameter for the latter."""
+        entries = dict(self.model.coefficients)
+        for effect in self.model.effects:
+            entries |= {f"{effect.name}.{name}": entry for name, entry in effect.parameters.items()}
+        return {name: entry for name, entry in entries.items() if entry.value is not None}
+
+    def effects_flown(self, form: str, known: Collection[str]) -> dict[str, dict[str, float]]:
+        """Effects that fly along, with their values. Raises ExportError for one that the form does not hold."""
+        found = {}
+        for effect in self.model.effects:
+            if EFFECTS[effect.name].stage in (Stage.SENSOR, Stage.ENVIRONMENT):
+                continue
+            if effect.name not in known:
+                raise ExportError(
+                    f"{self.model.name}: {form} does not hold the effect {effect.name} ({EFFECTS[effect.name].title});"
+                    f" it holds {', '.join(sorted(known)) or 'none'}: identify without it, or take another form"
+                )
+            found[effect.name] = effect.values()
+        return found
+
+    @property
+    def left_out(self) -> list[str]:
+        """What no form holds: effects of sensors and air, refused coefficients."""
+        every = [one.name for one in self.model.effects if EFFECTS[one.name].stage in (Stage.SENSOR, Stage.ENVIRONMENT)]
+        lines = [f"{name} is no part of the aircraft" for name in every]
+        refused = self.model.refused()
+        return [*lines, *([f"refused, taken as 0: {', '.join(refused)}"] if refused else [])]
+
+
+def model_of(name_or_path: str) -> Model:
+    """The model of a model file, of a result, or the built-in one of that name. Raises ModelFileError in one line."""
+    path = Path(name_or_path)
+    with suppress(OSError, ValueError):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(found, dict) and isinstance(found.get("model"), dict):
+            return model_from_json(found["model"], str(path))
+    return read_model(name_or_path)
+
+
+def described(name: str) -> str:
+    """A coefficient in words, or an effect's title."""
+    effect = name.partition(".")[0]
+    return meaning(name) or (EFFECTS[effect].title if effect in EFFECTS else "")
+
+
+def require_new(path: Path) -> None:
+    """Raise ExportError where something is in the way."""
+    if path.exists():
+        raise ExportError(f"{path}: exists already; give another name")

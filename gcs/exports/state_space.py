@@ -1,0 +1,33 @@
+"""A model about steady level flight: the matrices that control.ss, scipy.signal.StateSpace and MATLAB's ss take."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs.exports.exported import Exported, require_new
+from gcs.text.files import write_whole
+from sim_vehicle.physics.atmosphere import density
+from sysid.identification.linear_model import linearise
+from sysid.numerics.gaussian import known_from
+
+
+def state_space(model: Exported) -> dict[str, Any]:
+    """Matrices, names, trim and modes at the vehicle file's airspeed and height. Raises SimVehicleError for no trim."""
+    flight, stated = model.vehicle.flight, model.vehicle.environment.air_density
+    air = float(density(np.array(flight.altitude))) if stated is None else stated
+    known, _ = known_from(model.model)
+    covariance = None if known is None else (known.names, known.covariance)
+    linear = linearise(model.vehicle, model.model, flight.airspeed, air, covariance)
+    return {**linear.system.to_json(), "modes": [mode.to_json() for mode in linear.modes()]}
+
+
+def write(model: Exported, path: Path) -> list[str]:
+    """Write them as JSON. Returns what the form does not hold, a line each."""
+    require_new(path)
+    found = {"title": model.title, **state_space(model)}
+    write_whole(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    return model.left_out

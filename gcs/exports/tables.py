@@ -1,0 +1,90 @@
+"""Estimates as tables: CSV for programs, LaTeX (booktabs) for papers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, require_new
+from gcs.report.markup import decimals
+from gcs.text.files import write_whole
+from sim_vehicle.effects import EFFECTS
+from sim_vehicle.errors import ModelFileError
+from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.model_file import Coefficient
+
+_REGRESSORS = {
+    "alpha": r"\alpha", "alphadot": r"\hat{\dot{\alpha}}", "beta": r"\beta", "p": r"\hat{p}", "q": r"\hat{q}",
+    "r": r"\hat{r}", "de": r"\delta_e", "da": r"\delta_a", "dr": r"\delta_r", "CL": "C_L", "throttle": r"\delta_t",
+}  # fmt: skip
+
+
+def write_csv(model: Exported, path: Path) -> list[str]:
+    """A row for each estimate, and beside it PATH-correlation.csv where the model has one. Returns what is left out."""
+    require_new(path)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("name", "value", "std", "low95", "high95", "unit", "meaning"))
+    for name, entry in model.estimates.items():
+        value, std = float(entry.value or 0.0), entry.std
+        bars = ("", "", "") if std is None else (std, value - Z95 * std, value + Z95 * std)
+        rows.writerow((name, value, *bars, _unit(name), described(name)))
+    write_whole(path, text.getvalue())
+    if model.model.correlation is not None:
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(("", *model.model.correlation.names))
+        for name, row in zip(model.model.correlation.names, model.model.correlation.matrix, strict=True):
+            rows.writerow((name, *row))
+        write_whole(path.with_name(f"{path.stem}-correlation{path.suffix}"), text.getvalue())
+    return model.left_out
+
+
+def _unit(name: str) -> str:
+    """Coefficients are per radian, rates nondimensional; parameters of effects have their own units."""
+    effect, _, parameter = name.partition(".")
+    return EFFECTS[effect].parameter(parameter).unit if parameter else "1"
+
+
+def write_latex(model: Exported, path: Path) -> list[str]:
+    """A table for the package booktabs: symbol, value with standard error, 95 % interval. Returns what is left out."""
+    require_new(path)
+    lines = [
+        f"% {model.title}.",
+        f"% {AXES_AND_SIGNS}",
+        r"\begin{tabular}{lrr}",
+        r"\toprule",
+        r"Coefficient & Value $\pm$ 1$\sigma$ & 95\,\% interval \\",
+        r"\midrule",
+        *(_latex_row(name, entry) for name, entry in model.estimates.items()),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    write_whole(path, "\n".join(lines) + "\n")
+    return model.left_out
+
+
+def _latex_row(name: str, entry: Coefficient) -> str:
+    value, std = entry.value or 0.0, entry.std
+    if not std:
+        return rf"{_symbol(name)} & ${value:.4g}$ & -- \\"
+    places = decimals(value, std)
+    places = 6 if places is None else places
+    low, high = value - Z95 * std, value + Z95 * std
+    return (
+        rf"{_symbol(name)} & ${value:.{places}f} \pm {std:.{places}f}$ & ${low:.{places}f} \ldots {high:.{places}f}$ \\"
+    )
+
+
+def _symbol(name: str) -> str:
+    """A coefficient as the field writes it; other names as they are."""
+    try:
+        term = parse_term(name)
+    except ModelFileError:
+        return rf"\texttt{{{name.replace('_', chr(92) + '_')}}}"
+    if name == "CD_k":
+        return "$k$"
+    counted = {one: term.factors.count(one) for one in term.factors}
+    index = " ".join(_REGRESSORS[one] + (f"^{count}" if count > 1 else "") for one, count in counted.items()) or "0"
+    return f"$C_{{{term.axis[1:]}_{{{index}}}}}$"

@@ -1,0 +1,180 @@
+"""Exported aircraft flown by JSBSim itself, against the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import jsbsim
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gcs.errors import ExportError
+from gcs.exports import jsbsim as exporter
+from gcs.exports.exported import Exported
+from sim_vehicle.effects import parse_effect
+from sim_vehicle.flight.plant import OUTPUTS, Plant
+from sim_vehicle.flight.state import PlantState
+from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+
+Array = NDArray[np.float64]
+SECONDS, STEP, HEIGHT = 20.0, 0.001, 300.0
+FT = 0.3048
+SLUG = 0.45359237 * 9.80665 / FT
+RADIUS = 6.371e8
+STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "p", "q", "r", "altitude")
+# Largest difference over the whole flight, as a share of the state's range.
+SHARE = 1e-3
+
+
+def craft(name: str) -> tuple[Vehicle, Model]:
+    """A packaged vehicle in air of one density, with its model and cross terms."""
+    vehicle = load_vehicle(name)
+    vehicle = replace(vehicle, environment=replace(vehicle.environment, air_density=1.18))
+    model = read_model(name)
+    for key, value in {"CL_alpha2": -0.6, "Cm_alpha_de": 0.3}.items():
+        model = model.with_coefficient(key, value)
+    return vehicle, model
+
+
+def multisine(times: Array, size: float, harmonics: tuple[int, ...], phase: float) -> Array:
+    angles = 2.0 * np.pi * np.outer(times / SECONDS, harmonics) + phase * np.arange(len(harmonics)) ** 2
+    return size * np.clip(times, 0.0, 1.0) * np.sin(angles).sum(axis=1) / np.sqrt(len(harmonics))
+
+
+def commands(trim: Array, times: Array) -> Array:
+    """(N, 4) de, da, dr, throttle."""
+    sizes = (
+        (0.03, (4, 9, 17, 26, 38), 0.7),
+        (0.02, (6, 11, 20, 31), 1.1),
+        (0.03, (5, 13, 22), 0.4),
+        (0.08, (2, 7), 1.9),
+    )
+    return trim + np.column_stack([multisine(times, *one) for one in sizes])
+
+
+def flown_here(vehicle: Vehicle, model: Model) -> tuple[Array, PlantState, Array]:
+    """(N, 10) STATES in our simulation, the state it began with, and the trimmed commands."""
+    plant = Plant(vehicle, model)
+    trim = plant.trim(vehicle.flight.airspeed, HEIGHT)
+    state, begun = trim.state.copy(), trim.state.copy()
+    held = commands(trim.command, (np.arange(round(SECONDS / STEP)) + 0.5) * STEP)
+    rows = [plant.outputs(state)]
+    for command in held:
+        plant.step(state, command, STEP)
+        rows.append(plant.outputs(state))
+    places = [OUTPUTS.index(name if name != "altitude" else "down") for name in STATES]
+    flown = np.array(rows)[:, places]
+    flown[:, -1] *= -1.0
+    return flown, begun, trim.command
+
+
+def flown_there(folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, late: float = 0.0) -> Array:
+    """(N, 10) STATES of the exported aircraft in JSBSim.
+
+    late: of the commands, in steps: a lag answers what is held over a step, as our simulation holds its middle.
+    """
+    twin = jsbsim.FGFDMExec(str(folder))
+    twin.set_debug_level(0)
+    twin.set_aircraft_path("aircraft")
+    assert twin.load_planet(str(folder / "flat.xml"), False)
+    assert twin.load_model(vehicle.name)
+    twin.set_dt(STEP)
+    for part in ("rate/rotational", "rate/translational", "position/rotational", "position/translational"):
+        twin.set_property_value(f"simulation/integrator/{part}", 5)
+    twin.set_property_value("simulation/gravity-model", 0)
+    assert vehicle.environment.air_density is not None
+    twin.set_property_value("atmosphere/override/density", vehicle.environment.air_density / SLUG * FT**3)
+    for name, value in zip(("u", "v", "w"), begun.x[3:6], strict=True):
+        twin.set_property_value(f"ic/{name}-fps", value / FT)
+    q0, q1, q2, q3 = begun.x[6:10]
+    twin.set_property_value("ic/theta-rad", float(np.arcsin(2.0 * (q0 * q2 - q3 * q1))))
+    twin.set_property_value("ic/phi-rad", float(np.arctan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1**2 + q2**2))))
+    twin.set_property_value("ic/h-sl-ft", HEIGHT / FT)
+    twin.set_property_value("fcs/motor-norm", trim[3])
+    for name, value in zip(("elevator", "aileron", "rudder"), trim, strict=False):
+        twin.set_property_value(f"fcs/{name}-servo-rad", float(value))
+    inputs = commands(trim, (np.arange(round(SECONDS / STEP) + 1) - late) * STEP)
+    give(twin, vehicle, inputs[0])
+    assert twin.run_ic()
+    rows = []
+    for row in inputs:
+        give(twin, vehicle, row)
+        if rows:
+            twin.run()
+        rows.append(read(twin))
+    return np.array(rows)
+
+
+def give(twin: jsbsim.FGFDMExec, vehicle: Vehicle, row: Array) -> None:
+    for name, value in zip(("elevator", "aileron", "rudder"), row, strict=False):
+        travel = exporter._travel(vehicle.controls[name])
+        twin.set_property_value(f"fcs/{name}-cmd-norm", float(value) / (travel[1] if value > 0.0 else -travel[0]))
+    twin.set_property_value("fcs/throttle-cmd-norm", float(row[3]))
+
+
+def read(twin: jsbsim.FGFDMExec) -> list[float]:
+    get = twin.get_property_value
+    return [
+        get("velocities/vt-fps") * FT, get("aero/alpha-rad"), get("aero/beta-rad"), get("attitude/phi-rad"),
+        get("attitude/theta-rad"), np.angle(np.exp(1j * get("attitude/psi-rad"))),
+        *(get(f"velocities/{name}-rad_sec") for name in "pqr"), get("position/h-sl-ft") * FT,
+    ]  # fmt: skip
+
+
+def shares(here: Array, there: Array) -> dict[str, float]:
+    """Largest difference of each state as a share of its range."""
+    off = np.abs(here - there).max(axis=0) / np.ptp(here, axis=0)
+    return dict(zip(STATES, off.tolist(), strict=True))
+
+
+def flown_both(folder: Path, vehicle: Vehicle, model: Model) -> dict[str, float]:
+    here, begun, trim = flown_here(vehicle, model)
+    exporter.write(Exported(model, vehicle), folder)
+    return shares(here, flown_there(folder, vehicle, begun, trim))
+
+
+@pytest.mark.parametrize("name", ["iitb-mav", "ultrastick25e", "aerosonde"])
+def test_jsbsim_flies_what_the_simulator_flies(name: str, tmp_path: Path) -> None:
+    """The second and third have propellers by CT and CQ over the advance ratio, the second a motor that lags."""
+    off = flown_both(tmp_path / "out", *craft(name))
+    assert max(off.values()) < SHARE, off
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "stall:alpha_stall=0.16,sharpness=40", "reynolds_drag:n=0.6", "thrust_line_offset:z_T=0.03",
+        "thrust_scale:scale=0.1", "thrust_speed_loss:dT_dV=-0.3", "mass_error:scale=0.08", "inertia_error:scale=0.1",
+        "cg_shift:x=0.01", "elastic_tail:k=0.2", "propwash_elevator:k=0.3", "actuator_lag:tau=0.05",
+        "motor_lag:tau=0.3",
+    ],
+)  # fmt: skip
+def test_an_effect_goes_along(effect: str, tmp_path: Path) -> None:
+    vehicle, model = craft("iitb-mav")
+    name, values = parse_effect(effect)
+    changed = model.with_effect(name, values)
+    here, begun, trim = flown_here(vehicle, changed)
+    exporter.write(Exported(changed, vehicle), tmp_path / "with")
+    off = shares(here, flown_there(tmp_path / "with", vehicle, begun, trim, 0.5 * (name.name == "actuator_lag")))
+    assert max(off.values()) < SHARE, off
+    exporter.write(Exported(model, vehicle), tmp_path / "without")
+    assert max(shares(here, flown_there(tmp_path / "without", vehicle, begun, trim)).values()) > 10.0 * SHARE
+
+
+def test_what_it_cannot_hold_is_named(tmp_path: Path) -> None:
+    vehicle, model = craft("iitb-mav")
+    deaf: Mapping[str, float] = {"width": 0.01}
+    with pytest.raises(ExportError, match="does not hold the effect servo_deadband"):
+        exporter.write(
+            Exported(model.with_effect(parse_effect("servo_deadband:width=0.01")[0], deaf), vehicle), tmp_path / "a"
+        )
+    assert not (tmp_path / "a").exists()
+    late, values = parse_effect("vane_lag:tau=0.05")
+    notes = exporter.write(Exported(model.with_effect(late, values), vehicle), tmp_path / "b")
+    assert any("vane_lag is no part of the aircraft" in note for note in notes)
+    with pytest.raises(ExportError, match="exists already"):
+        exporter.write(Exported(model, vehicle), tmp_path / "b")

@@ -1,0 +1,170 @@
+"""Models as tables, matrices and functions of other programs, read back by what is not ours."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from gcs.cli import main
+from gcs.errors import ExportError
+from gcs.exports import matlab, state_space, tables
+from gcs.exports.exported import Exported, model_of
+from gcs.exports.samples import drawn
+from sim_vehicle.effects import parse_effect
+from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.model_file import Coefficient, Correlation, Model, read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+
+def estimated() -> Exported:
+    """A model with errors that hang together, terms of all kinds and an effect."""
+    model = read_model("iitb-mav")
+    for name, value in {"CL_alpha3": -2.0, "Cm_alpha_de": 0.3, "CD_CL": 0.02, "CD_k": 0.4}.items():
+        model = model.with_coefficient(name, value)
+    effect, values = parse_effect("thrust_line_offset:z_T=0.02")
+    model = model.with_effect(effect, values, {"z_T": 0.002})
+    entries = {name: Coefficient(value, 0.03 * abs(value) + 1e-4) for name, value in model.values().items()}
+    names = (*entries, "thrust_line_offset.z_T")
+    vectors = np.random.default_rng(1).normal(size=(len(names), 3 * len(names)))
+    # Neighbours hang together by 0.6.
+    vectors[1:] += 0.75 * vectors[:-1]
+    matrix = np.corrcoef(vectors).round(6)
+    rows = tuple(tuple(row) for row in ((matrix + matrix.T) / 2.0).tolist())
+    model = Model(model.name, {**entries, "CY_p": Coefficient(None, refused="no roll")}, model.effects, {},
+                  Correlation(names, rows))  # fmt: skip
+    return Exported(model, load_vehicle("iitb-mav"))
+
+
+def without_effects(model: Exported) -> Exported:
+    assert model.model.correlation is not None
+    bare = Model(model.model.name, model.model.coefficients, (), {}, None)
+    return Exported(bare, model.vehicle)
+
+
+def test_a_spreadsheet_holds_every_estimate_its_error_and_what_it_is(tmp_path: Path) -> None:
+    model = estimated()
+    notes = tables.write_csv(model, tmp_path / "a.csv")
+    rows = {row["name"]: row for row in csv.DictReader((tmp_path / "a.csv").read_text().splitlines())}
+    assert set(rows) == {*model.model.values(), "thrust_line_offset.z_T"}
+    for name, row in rows.items():
+        entry = model.estimates[name]
+        assert (float(row["value"]), float(row["std"])) == (entry.value, entry.std)
+        assert float(row["low95"]) < float(row["value"]) < float(row["high95"])
+        assert row["meaning"]
+    assert (rows["thrust_line_offset.z_T"]["unit"], rows["Cl_p"]["meaning"]) == (
+        "m",
+        "roll damping: rolling moment by roll rate",
+    )
+    read = list(csv.reader((tmp_path / "a-correlation.csv").read_text().splitlines()))
+    assert model.model.correlation is not None
+    np.testing.assert_array_equal(np.array(read)[1:, 1:].astype(float), model.model.correlation.matrix)
+    assert notes == ["refused, taken as 0: CY_p"]
+    with pytest.raises(ExportError, match="exists already"):
+        tables.write_csv(model, tmp_path / "a.csv")
+
+
+def test_a_table_of_a_paper_has_the_digits_that_the_errors_warrant(tmp_path: Path) -> None:
+    tables.write_latex(estimated(), tmp_path / "a.tex")
+    text = (tmp_path / "a.tex").read_text()
+    assert all(text.count(one) == 1 for one in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{lrr}"))
+    body = text.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
+    assert len(body) == len(estimated().estimates)
+    for row in body:
+        assert row.endswith(r" \\")
+        assert row.count("&") == 2
+        assert row.count("$") % 2 == 0
+        assert row.count("{") == row.count("}")
+    assert r"$C_{L_{\alpha^3}}$ & $-2.000 \pm 0.060$" in text
+    assert r"$C_{m_{\alpha \delta_e}}$" in text
+    assert r"\texttt{thrust\_line\_offset.z\_T} & $0.0200 \pm 0.0020$" in text
+
+
+def matlab_values(text: str, arguments: dict[str, Any]) -> dict[str, Any]:
+    """What the six lines of a function of MATLAB give, element by element."""
+    known: dict[str, Any] = dict(arguments)
+    for axis, expression in re.findall(r"^(C\w) = (.*);$", text, re.MULTILINE):
+        known[axis] = eval(expression.replace(".*", "*"), {}, known)
+    return {axis: known[axis] for axis in AXES}
+
+
+def test_the_function_for_matlab_gives_the_model_s_coefficients(tmp_path: Path) -> None:
+    model = without_effects(estimated())
+    matlab.write(model, tmp_path / "my model.mat")
+    text = (tmp_path / "my_model_coefficients.m").read_text()
+    names = re.search(r"my_model_coefficients\((.*)\)", text)
+    assert names is not None
+    random = np.random.default_rng(2)
+    given = {name: random.uniform(-0.5, 0.5, 1000) for name in names[1].split(", ")}
+    found = matlab_values(text, given)
+    places = {"p": "phat", "q": "qhat", "r": "rhat", "alphadot": "alphadothat"}
+    truth = {axis: np.zeros(1000) for axis in AXES}
+    for axis in AXES:
+        for name, value in model.model.values().items():
+            term = parse_term(name)
+            if term.axis == axis:
+                factors = [truth["CL"] if one == "CL" else given[places.get(one, one)] for one in term.factors]
+                truth[axis] = truth[axis] + value * np.prod(factors, axis=0)
+        np.testing.assert_allclose(found[axis], truth[axis], rtol=1e-9, atol=1e-12, err_msg=axis)
+
+
+def test_the_mat_file_holds_values_errors_and_matrices(tmp_path: Path) -> None:
+    model = estimated()
+    bare = Exported(Model(model.model.name, model.model.coefficients, (), {}, model.model.correlation), model.vehicle)
+    with pytest.raises(ExportError, match="a function of MATLAB does not hold the effect thrust_line_offset"):
+        matlab.write(model, tmp_path / "a.mat")
+    matlab.write(without_effects(bare), tmp_path / "b.mat")
+    read = loadmat(tmp_path / "b.mat", squeeze_me=True, struct_as_record=False)
+    assert read["coefficients"].CL_alpha == model.model.values()["CL_alpha"]
+    assert read["std"].CL_alpha == model.estimates["CL_alpha"].std
+    assert list(read["linear"].states) == ["V", "alpha", "q", "theta", "beta", "p", "r", "phi"]
+    assert read["linear"].A.shape == (8, 8)
+
+
+def test_python_control_has_the_modes_that_the_file_says(tmp_path: Path) -> None:
+    state_space.write(estimated(), tmp_path / "a.json")
+    read = json.loads((tmp_path / "a.json").read_text())
+    system = control.ss(*(np.array(read[name]) for name in "ABCD"))
+    poles = system.poles()
+    for mode in read["modes"]:
+        wanted = complex(*mode["eigenvalue"])
+        assert np.abs(poles - wanted).min() < 1e-9 * max(abs(wanted), 1.0)
+    assert len(read["modes"]) >= 4
+
+
+def test_models_are_drawn_with_their_correlations(tmp_path: Path) -> None:
+    model = estimated()
+    assert model.model.correlation is not None
+    many = drawn(model, 4000, seed=3)
+    values = np.array([[one.estimates[name].value for name in model.model.correlation.names] for one in many])
+    stds = np.array([model.estimates[name].std for name in model.model.correlation.names])
+    np.testing.assert_allclose(values.std(axis=0), stds, rtol=0.06)
+    np.testing.assert_allclose(np.corrcoef(values.T), model.model.correlation.matrix, atol=0.08)
+    again = drawn(model, 2, seed=3)
+    assert again[1].estimates["Cl_p"].value == drawn(model, 2, seed=3)[1].estimates["Cl_p"].value
+    with pytest.raises(ExportError, match="no models can be drawn"):
+        drawn(without_effects(model), 3)
+
+
+def test_the_command_writes_what_is_asked_and_says_what_it_leaves_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = estimated()
+    result = tmp_path / "result.json"
+    result.write_text(json.dumps({"schema": "identification/1", "model": model.model.to_json()}))
+    assert model_of(str(result)).values() == model.model.values()
+    command = ["export-model", str(result), "--vehicle", "iitb-mav", "--to"]
+    assert main([*command, "jsbsim", "-o", str(tmp_path / "sim"), "--samples", "2"]) == 0
+    said = capsys.readouterr()
+    assert said.out.split() == [str(tmp_path / one) for one in ("sim", "sim-0001", "sim-0002")]
+    assert "refused, taken as 0: CY_p" in said.err
+    assert (tmp_path / "sim-0002" / "aircraft" / "iitb-mav" / "iitb-mav.xml").exists()
+    assert main([*command, "csv", "-o", str(tmp_path / "sim")]) == 1
+    assert capsys.readouterr().err.strip() == f"gcs export-model: {tmp_path / 'sim'}: exists already; give another name"
