@@ -6,12 +6,15 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, Response
 from pydantic import ValidationError
 
 from gcs.api.schemas import JobChanges, JobRequest, JobView, ModelItem, PlanUpload, Problem
 from gcs.api.service import Serving
 from gcs.errors import JobError
+from gcs.exports.archive import archived
+from gcs.exports.exported import Exported
+from sim_vehicle.model.model_file import model_from_json
 
 router = APIRouter(tags=["estimation"])
 
@@ -133,3 +136,22 @@ def models(service: Serving) -> list[ModelItem]:
 def model(service: Serving, model_id: str) -> dict[str, Any]:
     """A model of schema model/1, as `--model` and `--prior` read it."""
     return service.catalogue.model(model_id)
+
+
+@router.get(
+    "/api/models/{model_id}/export",
+    response_class=Response,
+    responses={**_MISSING, 409: {"model": Problem}, 200: {"content": {"application/octet-stream": {}}}},
+)
+def export_model(
+    service: Serving,
+    model_id: str,
+    to: Annotated[Literal["jsbsim", "csv", "latex"], Query(description="For which program; jsbsim is a ZIP archive")],
+) -> Response:
+    """The model in the form of another program, as `gcs export-model` writes it; a ZIP archive of several files."""
+    entries = service.catalogue.model(model_id)
+    made = next(one for one in service.catalogue.models() if one["id"] == model_id)
+    vehicle = service.jobs.aircraft_of(service.catalogue.job(made["job_id"]))
+    content, name = archived(Exported(model_from_json(entries), vehicle), to, f"model-{model_id}")
+    given = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type="application/octet-stream", headers=given)

@@ -16,6 +16,7 @@ from gcs.api.schemas import JobChanges
 from gcs.errors import (
     CatalogueError,
     CatalogueFileError,
+    ExportError,
     GcsError,
     ImportFileError,
     JobError,
@@ -38,6 +39,7 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (QueueFullError, 503),
     (JobError, 409),
     (VehicleError, 409),
+    (ExportError, 409),
     (ImportFileError, 422),
     (RecordingError, 422),
     (GcsError, 400),

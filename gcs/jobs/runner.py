@@ -32,6 +32,7 @@ from gcs.vehicles.shelf import VehicleShelf
 from sim_vehicle.effects import effect_called
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import model_from_json
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 _log = logging.getLogger(__name__)
 
@@ -170,6 +171,10 @@ class JobRunner:
         self._recordings(flight_id)
         if flight.system is None:
             raise JobError(f"flight {flight_id} holds no message of a vehicle; choose another")
+
+    def aircraft_of(self, job: Job) -> Vehicle:
+        """The aircraft that a job was for. Raises CatalogueError, VehicleError, VehicleFileError."""
+        return self._chosen(job.flight_id, job.request).vehicle.vehicle
 
     def _chosen(self, flight_id: str, request: dict[str, Any]) -> Chosen:
         """The aircraft that a job is for. Raises CatalogueError, VehicleError, VehicleFileError."""

@@ -63,7 +63,12 @@ async function planned(place, id, signal) {
 export async function modelLink(place, flight, kind, signal) {
   const models = await get('/api/models', signal)
   const mine = models.find(model => model.flight_id === flight && model.kind === kind)
-  if (mine) place.append(download(`/api/models/${mine.id}`, `${flight}-model.json`, 'Model (JSON)'))
+  if (!mine) return
+  const model = `/api/models/${encodeURIComponent(mine.id)}`
+  place.append(download(model, `${flight}-model.json`, 'Model (JSON)'),
+    download(`${model}/export?to=jsbsim`, `${flight}-jsbsim.zip`, 'Aircraft for JSBSim'),
+    download(`${model}/export?to=csv`, `${flight}-model.zip`, 'Table (CSV)'),
+    download(`${model}/export?to=latex`, `${flight}-model.tex`, 'Table (LaTeX)'))
 }
 
 const QUALITY = { good: ['good', 'The flight is good for identification.'],

@@ -1,5 +1,7 @@
 """Jobs over REST, from request to model, and requests that cannot work."""
 
+import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -80,6 +82,14 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     assert model["flight_id"] == flight
     assert client.get(f"/api/models/{model['id']}").json()["coefficients"] == {"CL_0": {"value": 0.25}}
     assert client.get(f"/api/flights/{flight}").json()["jobs"][0]["state"] == "done"
+    table = client.get(f"/api/models/{model['id']}/export?to=csv")
+    assert table.headers["content-disposition"] == f'attachment; filename="model-{model["id"]}.csv"'
+    assert table.text.splitlines()[1].startswith("CL_0,0.25,")
+    with zipfile.ZipFile(io.BytesIO(client.get(f"/api/models/{model['id']}/export?to=jsbsim").content)) as archive:
+        assert any(name.endswith("/flat.xml") for name in archive.namelist())
+        assert len(archive.namelist()) == 2
+    assert "'jsbsim', 'csv' or 'latex'" in problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
+    assert "no model 'x'" in problem(client.get("/api/models/x/export?to=csv"), 404)
     assert job["report"] is None
     page = client.get(ended["report"])
     assert page.headers["content-type"] == "text/html; charset=utf-8"

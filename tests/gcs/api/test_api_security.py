@@ -92,6 +92,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/vehicles/{vehicle_id}/trends",
         "GET /api/models",
         "GET /api/models/{model_id}",
+        "GET /api/models/{model_id}/export",
         "GET /api/live",
         "GET /api/live/minute",
         "GET /api/live/stream",
