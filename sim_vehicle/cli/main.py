@@ -27,18 +27,12 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     fly = commands.add_parser("fly", help="fly manoeuvres and send or record the telemetry")
     add = fly.add_argument
-    add("--vehicle", default="iitb-mav", metavar="NAME|FILE", help="vehicle file, or one that comes with the package")
-    add("--model", metavar="FILE", help="model file (default: the vehicle's own)")
+    _add_aircraft(fly)
     add("--manoeuvre", action="append", default=[], metavar="NAME[,NAME...]", help="manoeuvres, in order")
     add("--plan", metavar="PLAN.json", help="a plan file instead of --manoeuvre")
-    add("--effect", action="append", default=[], metavar="NAME[:KEY=VALUE...]", help="add an effect to the model")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
-        help="a coefficient (CL_alpha), manoeuvre.amplitude, sensors.accel_bias_x, flight.airspeed ...")  # fmt: skip
     add("--fail", action="append", default=[], metavar="NAME[=SIZE]@SECONDS",
         help="break a surface, a wing, a sensor in flight, as elevator=0.5@40; see docs/simulator.md")  # fmt: skip
-    add("--seed", type=int, default=0, metavar="N", help="seed of noise and gusts (default 0)")
     add("--duration", type=float, metavar="S", help="repeat or cut the manoeuvres to this many seconds")
-    add("--wind", default="0,0,0", metavar="N,E,D", help="velocity of the air, m/s")
     add("--noise", choices=("table2", "none"), default="table2", help="sensor errors (default table2)")
     add("--taxi", action="store_true", help="begin and end standing on the ground")
     add("--truth", metavar="FILE.json", help="write the simulation's truth")
@@ -55,7 +49,23 @@ def build_parser() -> argparse.ArgumentParser:
     where = fly.add_mutually_exclusive_group(required=True)
     where.add_argument("--out", metavar="URL", help="udpout:HOST:PORT, tcp:HOST:PORT, /dev/TTY,BAUD ...")
     where.add_argument("--record", metavar="FILE.mcap|FILE.tlog", help="record as fast as the machine goes")
+    sitl = commands.add_parser("sitl", help="be the aircraft of an ArduPilot SITL (JSON interface)")
+    _add_aircraft(sitl)
+    sitl.add_argument("--listen", default="127.0.0.1:9002", metavar="HOST:PORT", help="UDP (default 127.0.0.1:9002)")
+    sitl.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="of the runway (default 0, north)")
     return parser
+
+
+def _add_aircraft(parser: argparse.ArgumentParser) -> None:
+    """Which aircraft, with which model, in which air."""
+    add = parser.add_argument
+    add("--vehicle", default="iitb-mav", metavar="NAME|FILE", help="vehicle file, or one that comes with the package")
+    add("--model", metavar="FILE", help="model file (default: the vehicle's own)")
+    add("--effect", action="append", default=[], metavar="NAME[:KEY=VALUE...]", help="add an effect to the model")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
+        help="a coefficient (CL_alpha), manoeuvre.amplitude, sensors.accel_bias_x, flight.airspeed ...")  # fmt: skip
+    add("--seed", type=int, default=0, metavar="N", help="seed of noise and gusts (default 0)")
+    add("--wind", default="0,0,0", metavar="N,E,D", help="velocity of the air, m/s")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,10 +76,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     from sim_vehicle.cli.options import UsageError
-    from sim_vehicle.cli.session import run
 
     try:
-        run(given)
+        if given.command == "sitl":
+            from sim_vehicle.cli.autopilot import serve
+
+            serve(given)
+        else:
+            from sim_vehicle.cli.session import run
+
+            run(given)
     except (UsageError, VehicleFileError) as error:
         print(f"sim-vehicle: {error}", file=sys.stderr)
         return 2

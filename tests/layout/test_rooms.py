@@ -62,7 +62,7 @@ ORDER = {
             "derivatives",
             "flight",
         ),
-        *("mavlink", "cli"),
+        *("mavlink", "sitl", "cli"),
     ),
 }
 # Standard gravity, density at sea level, gas constant of air: in sim_vehicle/constants.py alone.

@@ -1,0 +1,1 @@
+"""The simulator as the physics of an autopilot's own simulation: ArduPilot's JSON interface."""
