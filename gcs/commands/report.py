@@ -10,23 +10,31 @@ HELP = "write a result of identify or discrepancy as one HTML page"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("result", metavar="RESULT.json", type=Path, help="what identify -o or discrepancy -o wrote")
-    parser.add_argument("-o", "--output", metavar="REPORT.html", type=Path, required=True)
+    parser.add_argument("-o", "--output", metavar="REPORT.html", type=Path)
+    parser.add_argument("--paper", metavar="FOLDER", type=Path, help="figures as SVG, PDF and CSV, tables in LaTeX")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read the result, write the page."""
     from gcs.analysis.results import check_targets
-    from gcs.errors import ReportError
+    from gcs.errors import ReportError, SettingsError
+    from gcs.exports.paper import write_paper
     from gcs.report.page import report
     from gcs.report.source import read_result
     from gcs.text.files import write_whole
 
+    if args.output is None and args.paper is None:
+        raise SettingsError("give -o REPORT.html, --paper FOLDER, or both")
     check_targets(args.output, inputs=[args.result])
     result = read_result(args.result)
     try:
-        page = report(result)
+        page = report(result) if args.output is not None else ""
+        if args.paper is not None:
+            written = write_paper(result, args.paper)
+            print(f"{args.paper}: {len(written)} files written")
     except ReportError as error:
         raise ReportError(f"{args.result}: {error}") from error
-    write_whole(args.output, page)
-    print(f"{args.output} written")
+    if args.output is not None:
+        write_whole(args.output, page)
+        print(f"{args.output} written")
     return 0

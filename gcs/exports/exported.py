@@ -41,10 +41,7 @@ class Exported:
     @property
     def estimates(self) -> dict[str, Coefficient]:
         """Coefficients and effect parameters that have a value, effect.parameter for the latter."""
-        entries = dict(self.model.coefficients)
-        for effect in self.model.effects:
-            entries |= {f"{effect.name}.{name}": entry for name, entry in effect.parameters.items()}
-        return {name: entry for name, entry in entries.items() if entry.value is not None}
+        return estimates_of(self.model)
 
     def effects_flown(self, form: str, known: Collection[str]) -> dict[str, dict[str, float]]:
         """Effects that fly along, with their values. Raises ExportError for one that the form does not hold."""
@@ -67,6 +64,14 @@ class Exported:
         lines = [f"{name} is no part of the aircraft" for name in every]
         refused = self.model.refused()
         return [*lines, *([f"refused, taken as 0: {', '.join(refused)}"] if refused else [])]
+
+
+def estimates_of(model: Model) -> dict[str, Coefficient]:
+    """Coefficients and effect parameters of a model that have a value, effect.parameter for the latter."""
+    entries = dict(model.coefficients)
+    for effect in model.effects:
+        entries |= {f"{effect.name}.{name}": entry for name, entry in effect.parameters.items()}
+    return {name: entry for name, entry in entries.items() if entry.value is not None}
 
 
 def model_of(name_or_path: str) -> Model:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, require_new
@@ -50,31 +51,41 @@ def _unit(name: str) -> str:
 def write_latex(model: Exported, path: Path) -> list[str]:
     """A table for the package booktabs: symbol, value with standard error, 95 % interval. Returns what is left out."""
     require_new(path)
+    write_whole(path, latex_table(model.estimates, model.title))
+    return model.left_out
+
+
+def latex_table(estimates: Mapping[str, Coefficient], title: str) -> str:
+    """The table itself, behind remarks of what it is."""
     lines = [
-        f"% {model.title}.",
+        f"% {title}.",
         f"% {AXES_AND_SIGNS}",
         r"\begin{tabular}{lrr}",
         r"\toprule",
         r"Coefficient & Value $\pm$ 1$\sigma$ & 95\,\% interval \\",
         r"\midrule",
-        *(_latex_row(name, entry) for name, entry in model.estimates.items()),
+        *(_latex_row(name, entry) for name, entry in estimates.items()),
         r"\bottomrule",
         r"\end{tabular}",
     ]
-    write_whole(path, "\n".join(lines) + "\n")
-    return model.left_out
+    return "\n".join(lines) + "\n"
 
 
 def _latex_row(name: str, entry: Coefficient) -> str:
-    value, std = entry.value or 0.0, entry.std
+    value, std = float(entry.value or 0.0), entry.std
     if not std:
-        return rf"{_symbol(name)} & ${value:.4g}$ & -- \\"
+        return rf"{_symbol(name)} & {latex_number(value, None)} & -- \\"
+    low, high = (latex_number(value + side * Z95 * std, std, bare=True) for side in (-1.0, 1.0))
+    return rf"{_symbol(name)} & {latex_number(value, std)} & ${low} \ldots {high}$ \\"
+
+
+def latex_number(value: float, std: float | None, *, bare: bool = False) -> str:
+    """A value with as many digits as its standard error warrants, which follows unless it is to stand `bare`."""
+    if not std:
+        return f"{value:.4g}" if bare else f"${value:.4g}$"
     places = decimals(value, std)
     places = 6 if places is None else places
-    low, high = value - Z95 * std, value + Z95 * std
-    return (
-        rf"{_symbol(name)} & ${value:.{places}f} \pm {std:.{places}f}$ & ${low:.{places}f} \ldots {high:.{places}f}$ \\"
-    )
+    return f"{value:.{places}f}" if bare else rf"${value:.{places}f} \pm {std:.{places}f}$"
 
 
 def _symbol(name: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
+from gcs.report.svg import LIMIT, MEASURED, PREDICTED, Drawing, pages
 from sim_vehicle.model.coefficient_names import AXES
 from sysid.arrays import Array
 
@@ -19,9 +19,29 @@ _SYMBOLS = {axis: f"$C_{{{axis[1:]}}}$" for axis in AXES}
 # Consecutive points further apart than this many usual steps belong to different stretches.
 _BREAK = 8.0
 _SPECTRA_IN_A_ROW = 4
+_FEWEST_CORRELATED = 2
 
 
-def flights(series: Result) -> list[str]:
+def every(result: Result) -> list[Drawing]:
+    """All figures of a result of schema identification/1, in the order of the report."""
+    series = result.get("series") or {}
+    return [
+        *correlations(result["model"]), *noise_spectra(result.get("noise_spectrum") or []), *flights(series),
+        *residual_statistics(series), *bode(result.get("frequency_responses") or []),
+    ]  # fmt: skip
+
+
+def correlations(model: Result) -> list[Drawing]:
+    """How the errors of the estimates depend on each other."""
+    found = model.get("correlation")
+    if not found or len(found["names"]) < _FEWEST_CORRELATED:
+        return []
+    side = 1.6 + 0.19 * len(found["names"])
+    caption = "Correlation of the estimates' errors, -1 (blue) to 1 (red): what is dark is known together alone"
+    return [Drawing("correlation", caption, (min(side + 0.6, 7.4), min(side, 6.8)), partial(_heat, found=found))]
+
+
+def flights(series: Result) -> list[Drawing]:
     """Per flight measured against predicted coefficients, and the residual over time and over angle of attack."""
     found = []
     for index, flight in enumerate(series.get("flights", [])):
@@ -30,39 +50,39 @@ def flights(series: Result) -> list[str]:
             continue
         height = 1.35 * len(axes) + 0.5
         found += [
-            figure(f"fit{index}", f"Flight {name}: coefficients measured (blue) and predicted by the model (red) over "
+            Drawing(f"fit{index}", f"Flight {name}: coefficients measured (blue) and predicted by the model (red) over "
                    "time", (7.4, height), partial(_fit, axes=axes)),
-            figure(f"residual{index}", f"Flight {name}: residual, measured minus predicted, over time", (7.4, height),
+            Drawing(f"residual{index}", f"Flight {name}: residual, measured minus predicted, over time", (7.4, height),
                    partial(_residual, axes=axes)),
-            figure(f"alpha{index}", f"Flight {name}: residual over angle of attack", (7.4, 2.1 * -(-len(axes) // 3)),
+            Drawing(f"alpha{index}", f"Flight {name}: residual over angle of attack", (7.4, 2.1 * -(-len(axes) // 3)),
                    partial(_over_alpha, axes=axes)),
         ]  # fmt: skip
     return found
 
 
-def residual_statistics(series: Result) -> list[str]:
+def residual_statistics(series: Result) -> list[Drawing]:
     """Autocorrelation and distribution of the coefficients' residuals, and autocorrelation of the outputs'."""
     found = []
     residuals = _ordered(series.get("residuals", {}))
     if residuals:
         size = (7.4, 2.1 * -(-len(residuals) // 3))
         found += [
-            figure("acf", "Autocorrelation of the coefficients' residuals; dashed: 95 % limits of a white series", size,
-                   partial(_autocorrelations, residuals=residuals)),
-            figure("histogram", "Distribution of the coefficients' residuals; curve: normal density of the same mean "
+            Drawing("acf", "Autocorrelation of the coefficients' residuals; dashed: 95 % limits of a white series",
+                   size, partial(_autocorrelations, residuals=residuals)),
+            Drawing("histogram", "Distribution of the coefficients' residuals; curve: normal density of the same mean "
                    "and standard deviation", size, partial(_histograms, residuals=residuals)),
         ]  # fmt: skip
     outputs = series.get("outputs", {})
     if outputs:
         size = (7.4, 1.7 * -(-len(outputs) // 4))
         found.append(
-            figure("outputs", "Autocorrelation of the estimation's output residuals; dashed: 95 % limits of a white "
+            Drawing("outputs", "Autocorrelation of the estimation's output residuals; dashed: 95 % limits of a white "
                    "series", size, partial(_autocorrelations, residuals=outputs, columns=4))
         )  # fmt: skip
     return found
 
 
-def noise_spectra(spectra: list[Result]) -> list[str]:
+def noise_spectra(spectra: list[Result]) -> list[Drawing]:
     """Per flight the spectrum of what the simulation leaves of each output, and the sensor's own noise."""
     found = []
     for index, flight in enumerate(dict.fromkeys(one["flight"] for one in spectra)):
@@ -76,18 +96,27 @@ def noise_spectra(spectra: list[Result]) -> list[str]:
         else:
             caption += "the vehicle file gives no sensor's noise that it could be compared with"
         size = (7.4, 2.0 * -(-len(mine) // _SPECTRA_IN_A_ROW))
-        found.append(figure(f"noise{index}", caption, size, partial(_noise_spectra, spectra=mine)))
+        found.append(Drawing(f"noise{index}", caption, size, partial(_noise_spectra, spectra=mine)))
     return found
 
 
-def bode(responses: list[Result]) -> list[str]:
+def bode(responses: list[Result]) -> list[Drawing]:
     """Gain and phase with 95 % bands, one figure for each input."""
     found = []
     for source in dict.fromkeys(one["input"] for one in responses):
         mine = [one for one in responses if one["input"] == source]
         caption = f"Frequency responses to {source}, with 95 % bands; gain in dB of output (SI units, rad) per rad"
-        found.append(figure(f"bode-{source}", caption, (7.4, 4.4), partial(_bode, responses=mine)))
+        found.append(Drawing(f"bode-{source}", caption, (7.4, 4.4), partial(_bode, responses=mine)))
     return found
+
+
+def _heat(made: Figure, found: Result) -> None:
+    plot, names = made.subplots(), found["names"]
+    image = plot.imshow(np.array(found["matrix"]), cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    plot.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+    plot.set_yticks(range(len(names)), names, fontsize=6)
+    plot.grid(visible=False)
+    made.colorbar(image, shrink=0.7)
 
 
 def _with_breaks(entry: Result, values: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gcs.report.svg import LIMIT, MEASURED, PREDICTED, figure, pages
+from gcs.report.svg import LIMIT, MEASURED, PREDICTED, Drawing, pages
 from sysid.arrays import Array
 from sysid.discrepancy.summary import shrinking
 
@@ -43,7 +43,12 @@ _WIDE = 20.0
 _MARGIN = 0.6
 
 
-def simulations(result: Result) -> list[str]:
+def every(result: Result) -> list[Drawing]:
+    """All figures of a result of schema discrepancy/1, in the order of the report."""
+    return [*residual_curves(result), *gap_bars(result), *simulations(result)]
+
+
+def simulations(result: Result) -> list[Drawing]:
     """Per flight the measurement and two free-running simulations over it."""
     found = []
     for use, flights in (result.get("series") or {}).items():
@@ -58,7 +63,7 @@ def simulations(result: Result) -> list[str]:
                 f"windows of 5 s by {models}; the outputs whose gap shrinks most"
             )
             draw = partial(draw_simulations, flight=flight, outputs=names, stages=stages)
-            found.append(figure(f"gap-{use}{index}", caption, (7.4, 1.6 * len(names) + 0.5), draw))
+            found.append(Drawing(f"gap-{use}{index}", caption, (7.4, 1.6 * len(names) + 0.5), draw))
     return found
 
 
@@ -82,7 +87,7 @@ def draw_simulations(made: Figure, flight: Result, outputs: Sequence[str], stage
     made.legend(*plots[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(stages) + 1)
 
 
-def residual_curves(result: Result) -> list[str]:
+def residual_curves(result: Result) -> list[Drawing]:
     """For every axis that disagrees, its residual over the variable that explains it."""
     places = [place for place in result.get("where", []) if place.get("curve")]
     if not places:
@@ -94,7 +99,7 @@ def residual_curves(result: Result) -> list[str]:
     )
     columns = min(3, len(places))
     size = (2.5 * columns if columns > 1 else 4.5, 2.4 * -(-len(places) // columns))
-    return [figure("where", caption, size, partial(draw_curves, places=places))]
+    return [Drawing("where", caption, size, partial(draw_curves, places=places))]
 
 
 def draw_curves(made: Figure, places: Sequence[Result]) -> None:
@@ -120,13 +125,13 @@ def shown_gaps(result: Result) -> dict[str, Result]:
     return {use: {s: gap[s] for s in gap if added or s != "after"} for use, gap in gaps.items()}
 
 
-def gap_bars(result: Result) -> list[str]:
+def gap_bars(result: Result) -> list[Drawing]:
     """For each set of flights the gaps of all stages over their noise floors."""
     found = []
     for use, gap in shown_gaps(result).items():
         if gap.get("noise_floor"):
             caption = f"Gap on the flights {_USES.get(use, use)}, in times of the noise floor (dashed) at each stage"
-            found.append(figure(f"bars-{use}", caption, (7.4, 2.4), partial(_one_plot, gap=gap)))
+            found.append(Drawing(f"bars-{use}", caption, (7.4, 2.4), partial(_one_plot, gap=gap)))
     return found
 
 

@@ -43,6 +43,7 @@ def report(result: Any) -> str:
 
 def _identification(result: Result) -> str:
     from gcs.report import figures
+    from gcs.report.svg import element
 
     model, series = result["model"], result.get("series") or {}
     name = model.get("name", "")
@@ -62,21 +63,23 @@ def _identification(result: Result) -> str:
             tables.coefficients(model),
             tables.systematic(model),
             tables.refused(result),
+            *map(element, figures.correlations(model)),
         ),
         section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                 tables.sensor_errors(result)),
         section("Mistakes and delays", _mistakes(result), tables.nuisances(result),
-                *figures.noise_spectra(result.get("noise_spectrum") or [])),
-        section("Measured and predicted", paragraph(_series_words(series)), *figures.flights(series)),
-        section("Residuals", *figures.residual_statistics(series)),
+                *map(element, figures.noise_spectra(result.get("noise_spectrum") or []))),
+        section("Measured and predicted", paragraph(_series_words(series)), *map(element, figures.flights(series))),
+        section("Residuals", *map(element, figures.residual_statistics(series))),
         section("Modes", tables.modes(result)),
-        section("Frequency responses", *figures.bode(result.get("frequency_responses") or [])),
+        section("Frequency responses", *map(element, figures.bode(result.get("frequency_responses") or []))),
         section("How it was made", tables.segments(result), _made(result)),
     )  # fmt: skip
 
 
 def _discrepancy(result: Result) -> str:
     from gcs.report import discrepancy, gapfigures
+    from gcs.report.svg import element
 
     verdict = result["verdict"].replace("_", " ")
     facts = {"Flights": ", ".join(map(str, result.get("flights", []))), "Verdict": verdict}
@@ -91,10 +94,10 @@ def _discrepancy(result: Result) -> str:
         _quality(result),
         _warnings(result),
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
-        section("Where", discrepancy.where(result), *gapfigures.residual_curves(result)),
+        section("Where", discrepancy.where(result), *map(element, gapfigures.residual_curves(result))),
         section("Effects", *discrepancy.effects(result)),
-        section("Gap", *gapfigures.gap_bars(result), *discrepancy.gaps(result)),
-        section("Measured and simulated", *gapfigures.simulations(result)),
+        section("Gap", *map(element, gapfigures.gap_bars(result)), *discrepancy.gaps(result)),
+        section("Measured and simulated", *map(element, gapfigures.simulations(result))),
         section("Model", *(f'<p class="equation">{e}</p>' for e in equations(result["model"]["coefficients"])),
                 paragraph(LEGEND), tables.coefficients(result["model"])),
         section("How it was made", _made(result)),

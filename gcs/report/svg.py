@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from sysid.arrays import Array
 
 _STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "report", "font.size": 8.0, "font.family": "sans-serif", "axes.grid": True,
@@ -22,14 +30,31 @@ _NARROW, _FEW_INTERVALS = 3, 3
 MEASURED, PREDICTED, LIMIT = "#4c78a8", "#c0392b", "#777777"
 
 
-def figure(name: str, caption: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """A figure element with an SVG drawn by `draw` on a Figure of `size` (inches).
+@dataclass(frozen=True)
+class Drawing:
+    """A figure before it is drawn, by `draw` on a Figure of `size` (inches).
 
     name: unique in the page; it goes before every identifier. caption: text, which is the picture's description too.
     """
+
+    name: str
+    caption: str
+    size: tuple[float, float]
+    draw: Callable[[Figure], None]
+
+    def drawn(self, facecolor: str = "none") -> Figure:
+        """The figure, in the report's style."""
+        with mpl.rc_context(_STYLE):
+            made = Figure(figsize=self.size, layout="constrained", facecolor=facecolor)
+            self.draw(made)
+        return made
+
+
+def element(drawing: Drawing) -> str:
+    """A figure element with an SVG inside."""
+    name, caption = drawing.name, drawing.caption
+    made = drawing.drawn()
     with mpl.rc_context(_STYLE):
-        made = Figure(figsize=size, layout="constrained")
-        draw(made)
         buffer = io.StringIO()
         made.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     label = f'<svg role="img" aria-label="{escape(caption)}"'
@@ -39,10 +64,43 @@ def figure(name: str, caption: str, size: tuple[float, float], draw: Callable[[F
 
 def save(path: Path, size: tuple[float, float], draw: Callable[[Figure], None]) -> None:
     """The same figure as a PNG file on white."""
-    with mpl.rc_context(_STYLE):
-        made = Figure(figsize=size, layout="constrained", facecolor="white")
-        draw(made)
-        made.savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
+    Drawing(path.stem, "", size, draw).drawn("white").savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
+
+
+def publish(drawing: Drawing, folder: Path) -> list[Path]:
+    """The figure as SVG and PDF with letters that stay letters, and what it shows as CSV, in files named after it."""
+    made = drawing.drawn("white")
+    base = re.sub(r"[^A-Za-z0-9_-]+", "-", drawing.name)
+    with mpl.rc_context({**_STYLE, "pdf.fonttype": 42}):
+        for ending, metadata in ((".svg", {"Date": None}), (".pdf", {"CreationDate": None})):
+            made.savefig(folder / f"{base}{ending}", metadata=metadata)
+    data = folder / f"{base}.csv"
+    with data.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(("plot", "curve", "x", "y", "value"))
+        for number, plot in enumerate(made.axes, 1):
+            title = plot.get_title() or plot.get_ylabel() or str(number)
+            for curve, points in _shown(plot):
+                rows.writerows((title, curve, *point) for point in points)
+    return [folder / f"{base}{ending}" for ending in (".svg", ".pdf")] + [data]
+
+
+def _shown(plot: Axes) -> Iterator[tuple[str, Array]]:
+    """What a plot shows: name of each curve, and its (N, 2) points; of a bar its middle and height, of a picture
+    (N, 3) column, row and value.
+    """
+    for place, line in enumerate(plot.get_lines(), 1):
+        label = str(line.get_label())
+        yield str(place) if label.startswith("_") else label, np.asarray(line.get_xydata(), dtype=np.float64)
+    for stems in plot.collections:
+        if isinstance(stems, LineCollection):
+            yield "stems", np.array([segment[-1] for segment in stems.get_segments()], dtype=np.float64)
+    bars = [patch for patch in plot.patches if isinstance(patch, Rectangle)]
+    if bars:
+        yield "bars", np.array([(bar.get_x() + 0.5 * bar.get_width(), bar.get_height()) for bar in bars])
+    for image in plot.images:
+        values = np.asarray(image.get_array(), dtype=np.float64)
+        yield "picture", np.array([(x, y, value) for (y, x), value in np.ndenumerate(values)])
 
 
 def _inline(svg: str, name: str) -> str:

@@ -34,8 +34,10 @@ _MOVED = 10.0
 _STILL = 1e-4
 
 
-# Of the constants only that of drag is one that ice changes and no bias of a sensor does.
-_DRAG, _DRAG_SHARE = "CD_0", 0.2
+# Of the constants that of drag is one that ice changes and no bias of a sensor does, and that of lift one that a mass
+# changes that is dropped, while the sensors agree with one another. What counts is the share of the coefficient for
+# drag, of all the lift for lift.
+_DRAG, _DRAG_SHARE, _LIFT, _LIFT_SHARE = "CD_0", 0.2, "CL_0", 0.1
 _SETTLES_S = 0.2  # s behind a change in which smoothed samples are of both
 
 
@@ -140,10 +142,11 @@ class ChangeDetector:
         self, X: Array, residuals: Array, theta: Array, P: Array, noise: Array
     ) -> tuple[int, float, float] | None:
         total = float(residuals @ residuals)
+        lift = abs(float(np.mean(X @ theta + residuals)))
         best: tuple[float, int, float, float] = (_RATIO, -1, 0.0, 0.0)
         for j, name in enumerate(self._names):
-            known = np.sqrt(P[j, j]) < _KNOWN * abs(theta[j])
-            if not known or (name.endswith("_0") and name != _DRAG):
+            size = lift if name == _LIFT else abs(theta[j])
+            if not np.sqrt(P[j, j]) < _KNOWN * size or (name.endswith("_0") and name not in (_DRAG, _LIFT)):
                 continue
             x, e = _about_means(name, X[:, j], residuals)
             power = float(x @ x)
@@ -161,8 +164,9 @@ class ChangeDetector:
         ratio, j, step, explained = best
         if j < 0 or total < 4.0 * self._variance * residuals.size:
             return None
-        share = _DRAG_SHARE if self._names[j] == _DRAG else _SHARE
-        if abs(step) <= share * abs(theta[j]) or explained <= _EXPLAINED:
+        name = self._names[j]
+        least = _LIFT_SHARE * lift if name == _LIFT else (_DRAG_SHARE if name == _DRAG else _SHARE) * abs(theta[j])
+        if abs(step) <= least or explained <= _EXPLAINED:
             return None
         return j, step, abs(step) / float(np.sqrt(ratio))
 
@@ -173,4 +177,4 @@ class ChangeDetector:
 
 def _about_means(name: str, x: Array, e: Array) -> tuple[Array, Array]:
     """A term's samples and the residuals, each about its mean; those of a constant as they are."""
-    return (x, e) if name == _DRAG or not x.size else (x - np.mean(x), e - np.mean(e))
+    return (x, e) if name in (_DRAG, _LIFT) or not x.size else (x - np.mean(x), e - np.mean(e))

@@ -17,7 +17,7 @@ from matplotlib.image import imread
 from gcs.cli import main
 from gcs.report import gapfigures
 from gcs.report.discrepancy import gaps
-from gcs.report.svg import save
+from gcs.report.svg import element, save
 
 pytestmark = pytest.mark.whole_flight
 
@@ -132,7 +132,7 @@ def test_bars_are_gaps_in_times_of_the_floor() -> None:
 def test_without_an_effect_no_bar_says_that_one_was_added() -> None:
     found = {**result(), "verdict": "none"}
     assert set(gapfigures.shown_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
-    for told in ("".join(gaps(found)), "".join(gapfigures.gap_bars(found))):
+    for told in ("".join(gaps(found)), "".join(element(one) for one in gapfigures.gap_bars(found))):
         assert "fitted again" in told
         assert "effect added" not in told
     assert "effect added" in gaps(result())[0]
@@ -167,7 +167,7 @@ def test_the_page_has_the_sentence_and_a_figure_of_each(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_the_residual_says_against_which_model_it_is(verdict: str, model: str) -> None:
     [figure] = gapfigures.residual_curves({**result(), "verdict": verdict})
-    assert f"measured minus {model}, over" in figure
+    assert f"measured minus {model}, over" in figure.caption
 
 
 def test_a_figure_is_saved_as_a_picture_on_white(tmp_path: Path) -> None:

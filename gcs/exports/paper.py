@@ -1,0 +1,67 @@
+"""A result as material for a paper: figures at journal size with their data, tables in LaTeX, captions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import ExportError, ReportError
+from gcs.exports.exported import estimates_of, require_new
+from gcs.exports.tables import latex_number, latex_table
+from gcs.text.files import write_whole
+from sim_vehicle.errors import ModelFileError
+from sim_vehicle.model.model_file import model_from_json
+
+Result = Mapping[str, Any]
+
+
+def write_paper(result: Result, folder: Path) -> list[Path]:
+    """Write every figure of the report as SVG, PDF and CSV, coefficients.tex, modes.tex and captions.md.
+
+    result: of schema identification/1 or discrepancy/1. Returns the files. Raises ExportError where the folder exists
+    or cannot be made, ReportError for a result that does not hold what its schema says.
+    """
+    from gcs.report import figures, gapfigures  # slow to import
+    from gcs.report.svg import publish
+
+    require_new(folder)
+    of_schema = {"identification/1": figures.every, "discrepancy/1": gapfigures.every}
+    if result.get("schema") not in of_schema:
+        raise ReportError(f"this is no result that figures can be made of: its schema is {result.get('schema')!r}")
+    try:
+        drawings = of_schema[result["schema"]](result)
+        model = model_from_json(result["model"])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ModelFileError) as error:
+        raise ReportError(f"the result does not hold what its schema says ({error}); make it again") from error
+    try:
+        folder.mkdir(parents=True)
+        written = [path for drawing in drawings for path in publish(drawing, folder)]
+    except OSError as error:
+        raise ExportError(f"{folder}: cannot be written: {error.strerror}; give another place") from None
+    flights = ", ".join(map(str, result.get("flights", [])))
+    texts = {"coefficients.tex": latex_table(estimates_of(model), f"{model.name}, identified from {flights}")}
+    if isinstance(result.get("modes"), list) and result["modes"]:
+        texts["modes.tex"] = _modes(result["modes"])
+    texts["captions.md"] = "".join(f"**{one.name}**: {one.caption}.\n\n" for one in drawings)
+    for name, text in texts.items():
+        write_whole(folder / name, text)
+    return [*written, *(folder / name for name in texts)]
+
+
+def _modes(modes: list[Result]) -> str:
+    """A table of the modes with their standard errors."""
+    rows = [
+        rf"{mode['name'].replace('_', ' ')} & {_pair(mode['frequency_hz'])} & {_pair(mode['damping_ratio'])}"
+        rf" & {_pair(mode['time_constant_s'])} \\"
+        for mode in modes
+    ]
+    head = r"Mode & Frequency, Hz & Damping ratio & Time constant, s \\"
+    lines = [r"\begin{tabular}{lrrr}", r"\toprule", head, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}"]
+    return "\n".join(lines) + "\n"
+
+
+def _pair(entry: Result | None) -> str:
+    if entry is None:
+        return "--"
+    return latex_number(entry["value"], entry.get("std"))

@@ -1,0 +1,78 @@
+"""Figures, data and tables for a paper, of results that the package makes itself."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from gcs.cli import main
+
+
+def result() -> dict[str, Any]:
+    """A small result of an identification with everything that a figure is made of."""
+    axes = {
+        axis: {"time_s": [0.0, 0.1, 0.2], "measured": [0.1, 0.2, 0.3], "predicted": [0.11, 0.19, 0.3],
+               "alpha": [0.01, 0.02, 0.03]}
+        for axis in ("CL", "Cm")
+    }  # fmt: skip
+    residual = {"autocorrelation": [1.0, 0.2, -0.1], "lag_step_s": 0.1, "limit": 0.3, "mean": 0.0, "std": 0.01,
+                "histogram": {"low": -0.02, "high": 0.02, "counts": [1, 2]}}  # fmt: skip
+    response = {"input": "de", "output": "q", "frequency_hz": [0.1, 1.0], "gain_db": [3.0, 1.0],
+                "gain_std_db": [0.1, 0.2], "phase_rad": [0.0, -1.0], "phase_std_rad": [0.01, 0.02]}  # fmt: skip
+    model = {
+        "schema": "model/1", "name": "mine", "effects": [], "validity": {},
+        "coefficients": {"CL_alpha": {"value": 4.5, "std": 0.12}, "Cm_q": {"value": -9.5, "std": 1.5}},
+        "correlation": {"names": ["CL_alpha", "Cm_q"], "matrix": [[1.0, 0.3], [0.3, 1.0]]},
+    }  # fmt: skip
+    mode = {"name": "short_period", "eigenvalue": [-2.0, 8.0], "frequency_hz": {"value": 1.3, "std": 0.02},
+            "damping_ratio": {"value": 0.24, "std": 0.01}, "time_constant_s": {"value": 0.5, "std": 0.1}}  # fmt: skip
+    return {
+        "schema": "identification/1", "flights": ["first"], "model": model, "modes": [mode],
+        "frequency_responses": [response],
+        "series": {"use": "estimation", "flights": [{"flight": "first", "axes": axes}], "residuals": {"CL": residual}},
+    }  # fmt: skip
+
+
+def test_a_folder_for_a_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, folder = tmp_path / "result.json", tmp_path / "paper"
+    file.write_text(json.dumps(result()))
+    assert main(["report", str(file), "--paper", str(folder)]) == 0, capsys.readouterr().err
+    captions = re.findall(r"^\*\*(.+?)\*\*: (.+)\.$", (folder / "captions.md").read_text(), re.MULTILINE)
+    names = [name for name, _ in captions]
+    assert names == ["correlation", "fit0", "residual0", "alpha0", "acf", "histogram", "bode-de"]
+    assert all(len(words) > 20 for _, words in captions)
+    for name in names:
+        picture = ElementTree.parse(folder / f"{name}.svg").getroot()
+        # Journals take 180 mm across; letters stay letters.
+        assert float(picture.attrib["width"].removesuffix("pt")) <= 7.5 * 72.0
+        assert picture.find(".//{http://www.w3.org/2000/svg}text") is not None
+        assert (folder / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    fit = list(csv.reader((folder / "fit0.csv").read_text().splitlines()))
+    assert ["$C_{m}$", "predicted", "0.1", "0.19"] in fit
+    assert ["CL", "0", "0"] not in fit
+    picture_values = list(csv.reader((folder / "correlation.csv").read_text().splitlines()))
+    assert ["1", "picture", "1.0", "0.0", "0.3"] in picture_values
+    assert "stems,0.1,0.2" in (folder / "acf.csv").read_text()
+    assert "bars,-0.01," in (folder / "histogram.csv").read_text()
+    assert r"$C_{L_{\alpha}}$ & $4.50 \pm 0.12$ & $4.26 \ldots 4.74$ \\" in (folder / "coefficients.tex").read_text()
+    assert (
+        r"short period & $1.300 \pm 0.020$ & $0.240 \pm 0.010$ & $0.50 \pm 0.10$ \\"
+        in (folder / "modes.tex").read_text()
+    )
+
+
+def test_what_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(result()))
+    assert main(["report", str(file)]) == 2
+    assert "give -o REPORT.html, --paper FOLDER, or both" in capsys.readouterr().err
+    (tmp_path / "there").mkdir()
+    file.write_text(json.dumps(result()))
+    assert main(["report", str(file), "--paper", str(tmp_path / "there")]) == 1
+    assert "exists already" in capsys.readouterr().err
