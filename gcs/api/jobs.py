@@ -146,12 +146,13 @@ def model(service: Serving, model_id: str) -> dict[str, Any]:
 def export_model(
     service: Serving,
     model_id: str,
-    to: Annotated[Literal["jsbsim", "csv", "latex"], Query(description="For which program; jsbsim is a ZIP archive")],
+    to: Annotated[
+        Literal["jsbsim", "csv", "latex"], Query(description="For which program; jsbsim and csv are ZIP archives")
+    ],
 ) -> Response:
-    """The model in the form of another program, as `gcs export-model` writes it; a ZIP archive of several files."""
+    """The model in the form of another program, as `gcs export-model` writes it."""
     entries = service.catalogue.model(model_id)
-    made = next(one for one in service.catalogue.models() if one["id"] == model_id)
-    vehicle = service.jobs.aircraft_of(service.catalogue.job(made["job_id"]))
+    vehicle = service.jobs.aircraft_of(service.catalogue.job(service.catalogue.job_of_model(model_id)))
     content, name = archived(Exported(model_from_json(entries), vehicle), to, f"model-{model_id}")
     given = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=given)

@@ -127,6 +127,13 @@ class ResultTable(JobTable):
         )
         return [{**dict(row), "effects": json.loads(row["effects"])} for row in rows]
 
+    def job_of_model(self, model_id: str) -> str:
+        """The job that a model is of; CatalogueError if there is no such model."""
+        rows = self._rows("SELECT job_id FROM models WHERE id = ?", model_id)
+        if not rows:
+            raise CatalogueError(f"there is no model {model_id!r}; GET /api/models lists them")
+        return str(rows[0]["job_id"])
+
     def model(self, model_id: str) -> dict[str, Any]:
         """One model; CatalogueError if there is none."""
         rows = self._rows("SELECT json FROM models WHERE id = ?", model_id)

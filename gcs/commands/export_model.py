@@ -21,8 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write, and say what was left out."""
+    from gcs.errors import SettingsError
     from gcs.exports import jsbsim, matlab, state_space, tables
-    from gcs.exports.exported import Exported, model_of
+    from gcs.exports.exported import Exported, model_of, require_new
     from gcs.exports.samples import drawn
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
@@ -30,14 +31,18 @@ def run(args: argparse.Namespace) -> int:
         "jsbsim": jsbsim.write, "mat": matlab.write, "statespace": state_space.write, "csv": tables.write_csv,
         "latex": tables.write_latex,
     }  # fmt: skip
-    model = Exported(model_of(args.model), load_vehicle(args.vehicle))
-    others = drawn(model, args.samples, args.seed) if args.samples > 0 else []
     path: Path = args.output
+    if args.samples < 0 or args.seed < 0:
+        raise SettingsError("--samples and --seed are whole numbers from 0")
+    besides = [path.with_name(f"{path.stem}-{number:04d}{path.suffix}") for number in range(1, args.samples + 1)]
+    for place in (path, *besides):
+        require_new(place)
+    model = Exported(model_of(args.model), load_vehicle(args.vehicle))
+    others = drawn(model, args.samples, args.seed) if args.samples else []
     for note in writers[args.to](model, path):
         print(f"left out: {note}", file=sys.stderr)
     print(path)
-    for number, one in enumerate(others, 1):
-        beside = path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
+    for one, beside in zip(others, besides, strict=True):
         writers[args.to](one, beside)
         print(beside)
     return 0

@@ -15,13 +15,13 @@ WRITERS = {"jsbsim": (jsbsim.write, ""), "csv": (tables.write_csv, ".csv"), "lat
 
 
 def archived(model: Exported, form: str, name: str) -> tuple[bytes, str]:
-    """Content and name of the file: a ZIP archive where the form is more than one. Raises ExportError."""
+    """Content and name of the file: a ZIP archive for a form that may be several. Raises ExportError."""
     writer, ending = WRITERS[form]
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         writer(model, folder / f"{name}{ending}")
         files = sorted(path for path in folder.rglob("*") if path.is_file())
-        if len(files) == 1:
+        if form == "latex":
             return files[0].read_bytes(), files[0].name
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -36,7 +36,7 @@ class Exported:
     @property
     def title(self) -> str:
         """One line: which model, of which vehicle, by what."""
-        return f"{self.model.name}, identified model of {self.vehicle.name}, exported by gcs {VERSION}"
+        return one_line(f"{self.model.name}, identified model of {self.vehicle.name}, exported by gcs {VERSION}")
 
     @property
     def estimates(self) -> dict[str, Coefficient]:
@@ -45,6 +45,7 @@ class Exported:
 
     def effects_flown(self, form: str, known: Collection[str]) -> dict[str, dict[str, float]]:
         """Effects that fly along, with their values. Raises ExportError for one that the form does not hold."""
+        self.require_values()
         found = {}
         for effect in self.model.effects:
             if EFFECTS[effect.name].stage in (Stage.SENSOR, Stage.ENVIRONMENT):
@@ -56,6 +57,15 @@ class Exported:
                 )
             found[effect.name] = effect.values()
         return found
+
+    def require_values(self) -> None:
+        """Raise ExportError where a parameter of an effect was refused, so that nobody knows how large it is."""
+        for effect in self.model.effects:
+            if refused := effect.refused():
+                raise ExportError(
+                    f"{self.model.name}: the effect {effect.name} has no value for {', '.join(refused)}; identify"
+                    " it, or take the effect out of the model"
+                )
 
     @property
     def left_out(self) -> list[str]:
@@ -82,6 +92,11 @@ def model_of(name_or_path: str) -> Model:
         if isinstance(found, dict) and isinstance(found.get("model"), dict):
             return model_from_json(found["model"], str(path))
     return read_model(name_or_path)
+
+
+def one_line(text: str) -> str:
+    """A text of any origin as one printable line, for remarks in files that programs read."""
+    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
 
 
 def described(name: str) -> str:

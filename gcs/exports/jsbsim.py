@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from gcs.errors import ExportError
 from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.model.coefficient_names import AXES, Term, parse_term
@@ -29,6 +30,7 @@ EFFECTS_HELD = frozenset(
         *("reynolds_drag", "stall", "thrust_line_offset", "thrust_scale", "thrust_speed_loss"),
     }
 )
+_OF_THRUST = frozenset({"motor_lag", "propwash_elevator", "thrust_line_offset", "thrust_scale", "thrust_speed_loss"})
 _FT = 0.3048
 _POUND_FORCE = 0.45359237 * STANDARD_GRAVITY  # N
 _SLUG = _POUND_FORCE / _FT  # kg
@@ -59,14 +61,34 @@ def write(model: Exported, folder: Path) -> list[str]:
     require_new(folder)
     effects = model.effects_flown("JSBSim", EFFECTS_HELD)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", model.vehicle.name).strip("-") or "aircraft"
-    notes = [*model.left_out, "no ground contact: JSBSim cannot roll or land it"]
+    notes = [*model.left_out, *_assumed(model, effects), "no ground contact: JSBSim cannot roll or land it"]
     tree = _aircraft(model, name, effects, notes)
     path = folder / "aircraft" / name / f"{name}.xml"
-    path.parent.mkdir(parents=True)
-    for node, place in ((tree, path), (_planet(model.vehicle), folder / "flat.xml")):
-        ElementTree.indent(node)
-        ElementTree.ElementTree(node).write(place, encoding="utf-8", xml_declaration=True)
+    try:
+        path.parent.mkdir(parents=True)
+        for node, place in ((tree, path), (_planet(model.vehicle), folder / "flat.xml")):
+            ElementTree.indent(node)
+            ElementTree.ElementTree(node).write(place, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise ExportError(f"{folder}: cannot be written: {error.strerror}; give another place") from None
     return notes
+
+
+def _assumed(model: Exported, effects: dict[str, dict[str, float]]) -> list[str]:
+    """What the vehicle file lacks, and what stands for it. Raises ExportError where nothing can."""
+    vehicle = model.vehicle
+    if vehicle.propulsion is None:
+        if needing := sorted(_OF_THRUST & effects.keys()):
+            raise ExportError(f"{vehicle.path}: has no [propulsion], which the effect {needing[0]} is of")
+        notes = ["no thrust: the vehicle file has no [propulsion]"]
+    elif not vehicle.propulsion.by_throttle:
+        raise ExportError(
+            f"{vehicle.path}: nothing gives thrust by the throttle; give max_thrust, or max_rpm beside CT"
+        )
+    else:
+        notes = []
+    bare = [one for one, _ in _SURFACES.values() if one in vehicle.controls and not vehicle.controls[one].servos]
+    return [*notes, *([f"travel of {', '.join(bare)} is not given: {_USUAL_TRAVEL} rad assumed"] if bare else [])]
 
 
 def _aircraft(model: Exported, name: str, effects: dict[str, dict[str, float]], notes: Sequence[str]) -> _Node:
@@ -183,12 +205,7 @@ def _controls(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> _Node:
 
 def _travel(control: Control) -> tuple[float, float]:
     """The least and largest deflection, rad."""
-    if not control.servos:
-        return -_USUAL_TRAVEL, _USUAL_TRAVEL
-    ends = [
-        sorted((weight * ys[0], weight * ys[-1])) for weight, ys in zip(control.mix, control.deflection, strict=True)
-    ]
-    return float(sum(low for low, _ in ends)), float(sum(high for _, high in ends))
+    return control.limits if control.servos else (-_USUAL_TRAVEL, _USUAL_TRAVEL)
 
 
 def _lag(name: str, source: str, output: str, tau: float) -> _Node:

@@ -32,11 +32,12 @@ def write(model: Exported, path: Path) -> list[str]:
     notes = model.left_out
     vehicle, mass, geometry = model.vehicle, model.vehicle.mass, model.vehicle.geometry
     names = list(model.estimates)
+    estimates = {_identifier(name): entry for name, entry in model.estimates.items()}
     content: dict[str, Any] = {
         "title": model.title,
         "conventions": AXES_AND_SIGNS,
-        "coefficients": {name: float(entry.value or 0.0) for name, entry in model.estimates.items()},
-        "std": {name: np.nan if entry.std is None else entry.std for name, entry in model.estimates.items()},
+        "coefficients": {key: float(entry.value or 0.0) for key, entry in estimates.items()},
+        "std": {key: np.nan if entry.std is None else entry.std for key, entry in estimates.items()},
         "names": np.array(names, dtype=object),
         "mass": {key: getattr(mass, key) for key in ("mass", "Ixx", "Iyy", "Izz", "Ixz")},
         "geometry": {key: getattr(geometry, key) for key in ("S", "b", "c")},
@@ -53,7 +54,9 @@ def write(model: Exported, path: Path) -> list[str]:
     try:
         savemat(path, content, long_field_names=True)
     except OSError as error:
-        raise ExportError(f"{path} could not be written: {error.strerror}; give another place for it") from None
+        raise ExportError(
+            f"{path} could not be written: {error.strerror or 'no such folder'}; give another place for it"
+        ) from None
     write_whole(function, _function(model, function.stem))
     return notes
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from gcs.errors import ExportError, ReportError
-from gcs.exports.exported import estimates_of, require_new
+from gcs.exports.exported import estimates_of, one_line, require_new
 from gcs.exports.tables import latex_number, latex_table
 from gcs.text.files import write_whole
 from sim_vehicle.errors import ModelFileError
@@ -19,8 +20,9 @@ Result = Mapping[str, Any]
 def write_paper(result: Result, folder: Path) -> list[Path]:
     """Write every figure of the report as SVG, PDF and CSV, coefficients.tex, modes.tex and captions.md.
 
-    result: of schema identification/1 or discrepancy/1. Returns the files. Raises ExportError where the folder exists
-    or cannot be made, ReportError for a result that does not hold what its schema says.
+    result: of schema identification/1 or discrepancy/1. The folder is there whole or not at all. Returns the files.
+    Raises ExportError where the folder exists or cannot be made, ReportError for a result that does not hold what its
+    schema says.
     """
     from gcs.report import figures, gapfigures  # slow to import
     from gcs.report.svg import publish
@@ -29,24 +31,30 @@ def write_paper(result: Result, folder: Path) -> list[Path]:
     of_schema = {"identification/1": figures.every, "discrepancy/1": gapfigures.every}
     if result.get("schema") not in of_schema:
         raise ReportError(f"this is no result that figures can be made of: its schema is {result.get('schema')!r}")
+    flights = ", ".join(map(str, result.get("flights", [])))
     try:
-        drawings = of_schema[result["schema"]](result)
-        model = model_from_json(result["model"])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ModelFileError) as error:
-        raise ReportError(f"the result does not hold what its schema says ({error}); make it again") from error
-    try:
-        folder.mkdir(parents=True)
-        written = [path for drawing in drawings for path in publish(drawing, folder)]
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
+            made = Path(beside) / folder.name
+            made.mkdir()
+            drawings = of_schema[result["schema"]](result)
+            for drawing in drawings:
+                publish(drawing, made)
+            model = model_from_json(result["model"])
+            title = one_line(f"{model.name}, identified from {flights}")
+            write_whole(made / "coefficients.tex", latex_table(estimates_of(model), title))
+            if isinstance(result.get("modes"), list) and result["modes"]:
+                write_whole(made / "modes.tex", _modes(result["modes"]))
+            captions = "".join(f"**{one.name}**: {one.caption}.\n\n" for one in drawings)
+            write_whole(made / "captions.md", captions)
+            made.rename(folder)
     except OSError as error:
         raise ExportError(f"{folder}: cannot be written: {error.strerror}; give another place") from None
-    flights = ", ".join(map(str, result.get("flights", [])))
-    texts = {"coefficients.tex": latex_table(estimates_of(model), f"{model.name}, identified from {flights}")}
-    if isinstance(result.get("modes"), list) and result["modes"]:
-        texts["modes.tex"] = _modes(result["modes"])
-    texts["captions.md"] = "".join(f"**{one.name}**: {one.caption}.\n\n" for one in drawings)
-    for name, text in texts.items():
-        write_whole(folder / name, text)
-    return [*written, *(folder / name for name in texts)]
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ModelFileError) as error:
+        raise ReportError(
+            f"the result does not hold what its schema says ({type(error).__name__}: {error}); make it again"
+        ) from error
+    return sorted(folder.iterdir())
 
 
 def _modes(modes: list[Result]) -> str:

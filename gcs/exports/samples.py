@@ -18,9 +18,12 @@ def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
 
     Parameters of effects stay within the catalogue's ranges. Raises ExportError for a model without correlations.
     """
-    known, why = known_from(model.model)
+    known, _ = known_from(model.model)
     if known is None:
-        raise ExportError(f"{model.model.name}: no models can be drawn from it: {why or 'it has no standard errors'}")
+        raise ExportError(
+            f"{model.model.name}: no models can be drawn from it: its file has no correlations of estimates, without"
+            " which standard errors claim too much; give a model or result of gcs identify"
+        )
     drawings = np.random.default_rng(seed).multivariate_normal(known.mean, known.covariance, count, method="eigh")
     return [_with(model, dict(zip(known.names, row.tolist(), strict=True)), i) for i, row in enumerate(drawings, 1)]
 
@@ -35,8 +38,10 @@ def _with(model: Exported, values: dict[str, float], number: int) -> Exported:
     for effect in model.model.effects:
         parameters = {}
         for name, entry in effect.parameters.items():
-            limits, value = EFFECTS[effect.name].parameter(name), values.get(f"{effect.name}.{name}", entry.value)
-            value = None if value is None else min(max(value, limits.low), limits.high)
+            limits, value = EFFECTS[effect.name].parameter(name), entry.value
+            if value is not None and f"{effect.name}.{name}" in values:
+                low, high = min(limits.low, value), max(limits.high, value)
+                value = min(max(values[f"{effect.name}.{name}"], low), high)
             parameters[name] = Coefficient(value, refused=entry.refused)
         effects.append(ModelEffect(effect.name, parameters))
     name = f"{model.model.name}, drawn {number}"

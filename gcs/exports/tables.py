@@ -23,7 +23,9 @@ _REGRESSORS = {
 
 def write_csv(model: Exported, path: Path) -> list[str]:
     """A row for each estimate, and beside it PATH-correlation.csv where the model has one. Returns what is left out."""
+    correlations = path.with_name(f"{path.stem}-correlation{path.suffix}")
     require_new(path)
+    require_new(correlations)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(("name", "value", "std", "low95", "high95", "unit", "meaning"))
@@ -38,7 +40,7 @@ def write_csv(model: Exported, path: Path) -> list[str]:
         rows.writerow(("", *model.model.correlation.names))
         for name, row in zip(model.model.correlation.names, model.model.correlation.matrix, strict=True):
             rows.writerow((name, *row))
-        write_whole(path.with_name(f"{path.stem}-correlation{path.suffix}"), text.getvalue())
+        write_whole(correlations, text.getvalue())
     return model.left_out
 
 

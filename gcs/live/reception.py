@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
 
-# Stretches of reception of which the message with the smallest delay is kept, ns, and how many of them.
+# Stretches of reception of which the message with the smallest delay is kept, ns, and how many of them count.
 _STRETCH_NS, _STRETCHES = 250_000_000, 120
 # A stream that gains or loses more than this share of the time gone by, and than delays of a radio link make besides
 # (ns), is a replay or a simulation: no clock of a board does. So many of the last stretches say at which pace.
@@ -26,7 +26,7 @@ class Reception:
 
     def __init__(self) -> None:
         # Stretch of reception, reception and stamp of the message with the smallest delay in it.
-        self._earliest: deque[tuple[int, int, int]] = deque(maxlen=_STRETCHES)
+        self._earliest: deque[tuple[int, int, int]] = deque()
 
     @property
     def known(self) -> bool:
@@ -43,6 +43,8 @@ class Reception:
                 other = self._earliest.pop()
                 one = min(one, other, key=lambda entry: entry[1] - entry[2])
             self._earliest.append(one)
+        while self._earliest[-1][0] - self._earliest[0][0] > _STRETCHES:
+            self._earliest.popleft()
 
     def pace(self) -> float:
         """Seconds of the vehicle in one of reception; 1 for a clock."""

@@ -14,7 +14,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -79,7 +79,7 @@ def publish(drawing: Drawing, folder: Path) -> list[Path]:
         rows = csv.writer(file)
         rows.writerow(("plot", "curve", "x", "y", "value"))
         for number, plot in enumerate(made.axes, 1):
-            title = plot.get_title() or plot.get_ylabel() or str(number)
+            title = f"{number} {plot.get_title() or plot.get_ylabel()}".strip()
             for curve, points in _shown(plot):
                 rows.writerows((title, curve, *point) for point in points)
     return [folder / f"{base}{ending}" for ending in (".svg", ".pdf")] + [data]
@@ -87,13 +87,16 @@ def publish(drawing: Drawing, folder: Path) -> list[Path]:
 
 def _shown(plot: Axes) -> Iterator[tuple[str, Array]]:
     """What a plot shows: name of each curve, and its (N, 2) points; of a bar its middle and height, of a picture
-    (N, 3) column, row and value.
+    (N, 3) column, row and value; of a band the corners of its outline.
     """
     for place, line in enumerate(plot.get_lines(), 1):
         label = str(line.get_label())
         yield str(place) if label.startswith("_") else label, np.asarray(line.get_xydata(), dtype=np.float64)
     for stems in plot.collections:
-        if isinstance(stems, LineCollection):
+        if isinstance(stems, PolyCollection):
+            for path in stems.get_paths():
+                yield "band", np.asarray(path.vertices, dtype=np.float64)
+        elif isinstance(stems, LineCollection):
             yield "stems", np.array([segment[-1] for segment in stems.get_segments()], dtype=np.float64)
     bars = [patch for patch in plot.patches if isinstance(patch, Rectangle)]
     if bars:

@@ -19,6 +19,12 @@ from sim_vehicle.sitl.server import SitlServer
 def serve(given: argparse.Namespace) -> None:
     """Answer SITL until Ctrl-C. Raises SimVehicleError, or UsageError for a wrong command line."""
     settings, steady = read_settings(given.settings), read_wind(given.wind)
+    if settings.sensors or settings.manoeuvre:
+        raise UsageError(
+            "--set: sensors and manoeuvres are the autopilot's here; there are coefficients and flight.NAME"
+        )
+    if given.seed < 0:
+        raise UsageError(f"--seed {given.seed}: give a whole number from 0")
     host, port = _address(given.listen)
     vehicle = vehicle_of(given, settings)
     plant = Plant(vehicle, model_of(given, vehicle, settings))

@@ -155,5 +155,10 @@ class AutopilotFlight:
 
 
 def _require_servos(vehicle: Vehicle) -> None:
-    if not any(vehicle.controls[name].servos for name in ("elevator", "throttle") if name in vehicle.controls):
-        raise SimVehicleError(f"{vehicle.path}: no control has a servo; an autopilot moves it by pulse widths")
+    bare = [
+        name for name in ("elevator", "throttle") if name not in vehicle.controls or not vehicle.controls[name].servos
+    ]
+    if bare:
+        raise SimVehicleError(
+            f"{vehicle.path}: {' and '.join(bare)} without a servo; an autopilot moves controls by pulse widths"
+        )

@@ -83,8 +83,11 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     assert client.get(f"/api/models/{model['id']}").json()["coefficients"] == {"CL_0": {"value": 0.25}}
     assert client.get(f"/api/flights/{flight}").json()["jobs"][0]["state"] == "done"
     table = client.get(f"/api/models/{model['id']}/export?to=csv")
-    assert table.headers["content-disposition"] == f'attachment; filename="model-{model["id"]}.csv"'
-    assert table.text.splitlines()[1].startswith("CL_0,0.25,")
+    assert table.headers["content-disposition"] == f'attachment; filename="model-{model["id"]}-csv.zip"'
+    with zipfile.ZipFile(io.BytesIO(table.content)) as archive:
+        assert archive.read(f"model-{model['id']}.csv").splitlines()[1].startswith(b"CL_0,0.25,")
+    paper = client.get(f"/api/models/{model['id']}/export?to=latex")
+    assert (paper.headers["content-disposition"][-5:], paper.text.count("toprule")) == ('.tex"', 1)
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/models/{model['id']}/export?to=jsbsim").content)) as archive:
         assert any(name.endswith("/flat.xml") for name in archive.namelist())
         assert len(archive.namelist()) == 2

@@ -111,7 +111,7 @@ def flown_there(folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, 
 
 def give(twin: jsbsim.FGFDMExec, vehicle: Vehicle, row: Array) -> None:
     for name, value in zip(("elevator", "aileron", "rudder"), row, strict=False):
-        travel = exporter._travel(vehicle.controls[name])
+        travel = vehicle.controls[name].limits
         twin.set_property_value(f"fcs/{name}-cmd-norm", float(value) / (travel[1] if value > 0.0 else -travel[0]))
     twin.set_property_value("fcs/throttle-cmd-norm", float(row[3]))
 
@@ -178,3 +178,6 @@ def test_what_it_cannot_hold_is_named(tmp_path: Path) -> None:
     assert any("vane_lag is no part of the aircraft" in note for note in notes)
     with pytest.raises(ExportError, match="exists already"):
         exporter.write(Exported(model, vehicle), tmp_path / "b")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match=r"file/c: cannot be written: .*; give another place"):
+        exporter.write(Exported(model, vehicle), tmp_path / "file" / "c")

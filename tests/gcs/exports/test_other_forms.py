@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import control
 import numpy as np
@@ -15,12 +17,12 @@ from scipy.io import loadmat
 
 from gcs.cli import main
 from gcs.errors import ExportError
-from gcs.exports import matlab, state_space, tables
+from gcs.exports import jsbsim, matlab, state_space, tables
 from gcs.exports.exported import Exported, model_of
 from gcs.exports.samples import drawn
-from sim_vehicle.effects import parse_effect
+from sim_vehicle.effects import EFFECTS, parse_effect
 from sim_vehicle.model.coefficient_names import AXES, parse_term
-from sim_vehicle.model.model_file import Coefficient, Correlation, Model, read_model
+from sim_vehicle.model.model_file import Coefficient, Correlation, Model, ModelEffect, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
@@ -168,3 +170,71 @@ def test_the_command_writes_what_is_asked_and_says_what_it_leaves_out(
     assert (tmp_path / "sim-0002" / "aircraft" / "iitb-mav" / "iitb-mav.xml").exists()
     assert main([*command, "csv", "-o", str(tmp_path / "sim")]) == 1
     assert capsys.readouterr().err.strip() == f"gcs export-model: {tmp_path / 'sim'}: exists already; give another name"
+
+
+def test_names_of_any_origin_stay_remarks(tmp_path: Path) -> None:
+    model = without_effects(estimated())
+    named = Exported(replace(model.model, name="mine\nsystem('calc')\x01"), model.vehicle)
+    matlab.write(named, tmp_path / "a.mat")
+    lines = (tmp_path / "a_coefficients.m").read_text().splitlines()
+    assert lines[1] == f"% {named.title}."
+    assert lines[1].startswith("% mine system('calc') , identified")
+    jsbsim.write(named, tmp_path / "sim")
+    assert ElementTree.parse(tmp_path / "sim" / "aircraft" / "iitb-mav" / "iitb-mav.xml").getroot().tag == "fdm_config"
+
+
+def test_a_state_space_says_which_effects_it_does_not_hold(tmp_path: Path) -> None:
+    model = without_effects(estimated())
+    for text in ("actuator_lag:tau=0.2", "motor_lag:tau=0.3", "servo_deadband:width=0.01"):
+        effect, values = parse_effect(text)
+        with_it = Exported(model.model.with_effect(effect, values), model.vehicle)
+        notes = state_space.write(with_it, tmp_path / f"{effect.name}.json")
+        assert f"{effect.name} is no part of eight states" in notes
+
+
+@pytest.mark.parametrize("name", sorted(jsbsim.EFFECTS_HELD))
+def test_an_effect_of_unknown_size_is_named(name: str, tmp_path: Path) -> None:
+    model = without_effects(estimated())
+    parameter = EFFECTS[name].parameters[0].name
+    unknown = ModelEffect(name, {parameter: Coefficient(None, refused="not excited")})
+    refused = Exported(replace(model.model, effects=(unknown,)), model.vehicle)
+    for write in (jsbsim.write, state_space.write):
+        with pytest.raises(ExportError, match=f"the effect {name} has no value for {parameter}"):
+            write(refused, tmp_path / "out")
+
+
+def test_what_has_no_error_stays_as_it_is_and_nothing_is_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = estimated()
+    effect, _ = parse_effect("thrust_scale:scale=0.1")
+    fixed = Exported(model.model.with_effect(effect, {"scale": 0.9}), model.vehicle)
+    assert {one.model.effect("thrust_scale")["scale"] for one in drawn(fixed, 5)} == {0.9}  # type: ignore[index]
+    (tmp_path / "a-correlation.csv").write_text("mine")
+    with pytest.raises(ExportError, match=r"a-correlation\.csv: exists already"):
+        tables.write_csv(model, tmp_path / "a.csv")
+    assert not (tmp_path / "a.csv").exists()
+    result = tmp_path / "result.json"
+    result.write_text(json.dumps(model.model.to_json()))
+    (tmp_path / "b-0002.csv").write_text("mine")
+    command = ["export-model", str(result), "--vehicle", "iitb-mav", "--to", "csv", "-o", str(tmp_path / "b.csv")]
+    assert main([*command, "--samples", "3"]) == 1
+    assert "b-0002.csv: exists already" in capsys.readouterr().err
+    assert not (tmp_path / "b.csv").exists()
+    assert main([*command, "--samples", "-3"]) == 2
+
+
+def test_what_the_vehicle_file_lacks_is_said(tmp_path: Path) -> None:
+    model = without_effects(estimated())
+    controls = {name: replace(one, servos=()) for name, one in model.vehicle.controls.items()}
+    bare = replace(model.vehicle, propulsion=None, controls=controls)
+    notes = jsbsim.write(Exported(model.model, bare), tmp_path / "glider")
+    assert "no thrust: the vehicle file has no [propulsion]" in notes
+    assert "travel of elevator, aileron, rudder is not given: 0.5 rad assumed" in notes
+    effect, values = parse_effect("propwash_elevator:k=0.3")
+    with pytest.raises(ExportError, match="which the effect propwash_elevator is of"):
+        jsbsim.write(Exported(model.model.with_effect(effect, values), bare), tmp_path / "a")
+    assert model.vehicle.propulsion is not None
+    idle = replace(model.vehicle, propulsion=replace(model.vehicle.propulsion, max_thrust=None))
+    with pytest.raises(ExportError, match="nothing gives thrust by the throttle"):
+        jsbsim.write(Exported(model.model, idle), tmp_path / "a")

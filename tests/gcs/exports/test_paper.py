@@ -54,8 +54,10 @@ def test_a_folder_for_a_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         assert picture.find(".//{http://www.w3.org/2000/svg}text") is not None
         assert (folder / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     fit = list(csv.reader((folder / "fit0.csv").read_text().splitlines()))
-    assert ["$C_{m}$", "predicted", "0.1", "0.19"] in fit
-    assert ["CL", "0", "0"] not in fit
+    assert ["2 $C_{m}$", "predicted", "0.1", "0.19"] in fit
+    band = [row for row in csv.reader((folder / "bode-de.csv").read_text().splitlines()) if row[1] == "band"]
+    assert {row[0] for row in band} == {"1 q / de", "2 phase, deg"}
+    assert min(float(row[3]) for row in band if row[0] == "1 q / de") == pytest.approx(1.0 - 1.96 * 0.2)
     picture_values = list(csv.reader((folder / "correlation.csv").read_text().splitlines()))
     assert ["1", "picture", "1.0", "0.0", "0.3"] in picture_values
     assert "stems,0.1,0.2" in (folder / "acf.csv").read_text()
@@ -72,6 +74,13 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.Captu
     file.write_text(json.dumps(result()))
     assert main(["report", str(file)]) == 2
     assert "give -o REPORT.html, --paper FOLDER, or both" in capsys.readouterr().err
+    for key in ("predicted", "gain_std_db", "frequency_hz"):
+        lacking = json.loads(json.dumps(result()).replace(f'"{key}"', '"other"'))
+        file.write_text(json.dumps(lacking))
+        assert main(["report", str(file), "--paper", str(tmp_path / "half")]) == 1
+        assert "does not hold what its schema says" in capsys.readouterr().err
+        assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+    file.write_text(json.dumps(result()))
     (tmp_path / "there").mkdir()
     file.write_text(json.dumps(result()))
     assert main(["report", str(file), "--paper", str(tmp_path / "there")]) == 1
