@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import sys
 from contextlib import suppress
 
@@ -34,9 +35,12 @@ def serve(given: argparse.Namespace) -> None:
     flight.step((0,) * 16, 0.0025)
     flight.restart()
     server = SitlServer(flight, host, port, _say)
-    _say(f"{vehicle.name} stands at UDP {host}:{server.address[1]}; start the autopilot with")
+    _say(f"serving on UDP {host}:{server.address[1]}: {vehicle.name} stands on its wheels; start the autopilot with")
     where = "127.0.0.1" if host in ("127.0.0.1", "localhost") else "the address of this machine"
     _say(f"  sim_vehicle.py -v ArduPlane --model JSON:{where}")
+    # A shell starts what runs in the background with Ctrl-C ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with suppress(KeyboardInterrupt):  # the way that it ends
             server.serve()

@@ -201,7 +201,7 @@ def test_the_command_flies_and_ends_with_ctrl_c() -> None:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
         assert program.stderr is not None
         said = program.stderr.readline()
-        port = int(said.split("127.0.0.1:")[1].split(";")[0])
+        port = int(said.split("127.0.0.1:")[1].split(":")[0])
         assert "--model JSON:127.0.0.1" in program.stderr.readline()
         link = Sitl(("127.0.0.1", port))
         for _ in range(50):
