@@ -49,8 +49,13 @@ def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
 def _named(name: str) -> str:
     """A coefficient's symbol and its name in files; other names as they are."""
     code = f"<code>{text(name)}</code>"
-    words = f"<br><small>{text(meaning(name))}</small>" if meaning(name) else ""
-    return f"{code if symbol(name) == text(name) else f'{symbol(name)} {code}'}{words}"
+    return code if symbol(name) == text(name) else f"{symbol(name)} {code}"
+
+
+def _explained(name: str) -> str:
+    """The same, and below it what it is."""
+    words = meaning(name)
+    return f"{_named(name)}<br><small>{text(words)}</small>" if words else _named(name)
 
 
 def _percent(share: float) -> str:
@@ -74,7 +79,7 @@ def coefficients(model: Result) -> str:
         moved = beside_bars(entry)
         total = shown(math.hypot(*moved), 2) if moved else NONE
         known |= bool(moved)
-        rows.append([_named(name), *_estimate_cells(entry), total])
+        rows.append([_explained(name), *_estimate_cells(entry), total])
     head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "systematic"]
     caption = "Coefficients. σ is statistical, given the vehicle file"
     if not known:
