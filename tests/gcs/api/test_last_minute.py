@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from api_bench import Bench
 from serving import serving
@@ -50,22 +52,29 @@ def test_the_next_flight_begins_anew() -> None:
 
 
 def test_it_is_read_whole_while_it_is_kept() -> None:
-    """Requests are answered in threads of their own."""
+    """Requests are answered in threads of their own, here on and on until as much was kept meanwhile."""
     minute, usual = LastMinute(), sys.getswitchinterval()
     for number in range(200):
         minute.look(told(number + 1, 0.25 * number, alpha=(0.1, 1.0), beta=(0.2, 1.0)))
+    answers: list[dict[str, Any]] = []
+    begun, over = threading.Event(), threading.Event()
+
+    def read() -> None:
+        while len(answers) < 300 or not over.is_set():
+            answers.append(minute.to_json())
+            begun.set()
+
     sys.setswitchinterval(1e-6)
     try:
         with ThreadPoolExecutor(1) as pool:
-            reading = pool.submit(lambda: [minute.to_json() for _ in range(300)])
-            number = 200
-            while not reading.done():
+            reading = pool.submit(read)
+            begun.wait()
+            for number in range(200, 400):
                 minute.look(told(number + 1, 0.25 * number, alpha=(0.1, 1.0), beta=(0.2, 1.0)))
-                number += 1
-            answers = reading.result()
+            over.set()
+            reading.result()
     finally:
         sys.setswitchinterval(usual)
-    assert number > 250, "nothing was kept meanwhile"
     assert all(len(one["time_s"]) == len(one["signals"]["beta"]) for one in answers)
 
 
