@@ -48,6 +48,7 @@ class ColumnSource(Protocol):
     def columns(
         self, message_name: str, system: int | None = None, component: int | None = None
     ) -> Sequence[Columns]: ...
+    def release(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,7 @@ def load_streams(recording: ColumnSource, messages: Iterable[str], system: int |
     if not any(entry.valid.any() for entry in stamped):
         others = [*(stream.stamps for stream in streams.get("SYSTEM_TIME", [])), *map(_reply_stamps, replies)]
         stamped = [*stamped, *others]
+    recording.release()
     clock = build_clock(stamped, pairs, _replies(replies))
     for message, group in streams.items():
         inside = [_instance(stream.only(clock.inside(stream.log_ns))) for stream in group]

@@ -311,23 +311,31 @@ class Container:
         if self._cached is not None:
             yield self._cached
             return
-        pending: list[bytes] = []
-        size = 0
-        single = sum(chunk.uncompressed_size for chunk in self.chunks) <= GROUP_BYTES
-        for chunk in self.chunks:
+        if sum(chunk.uncompressed_size for chunk in self.chunks) > GROUP_BYTES:
+            yield from self._gathered(self.chunks, GROUP_BYTES)
+            return
+        self._cached = next(self._gathered(self.chunks, GROUP_BYTES), None) or _group(bytearray(), [])
+        yield self._cached
+
+    def release(self) -> None:
+        """Give back the content that is kept in memory; it is read again where somebody asks for it."""
+        self._cached = None
+
+    def _gathered(self, chunks: Iterable[ChunkInfo], group_bytes: int) -> Iterator[Group]:
+        """These chunks' messages, about `group_bytes` at a time."""
+        # One buffer that grows: what is uncompressed is never held twice.
+        pending, ends = bytearray(), list[int]()
+        for chunk in chunks:
             data = self.content_of(chunk)
             if data is None:
                 continue
-            pending.append(data)
-            size += len(data)
-            if size > GROUP_BYTES and not single:
-                yield _group(pending)
-                pending, size = [], 0
-        if single:
-            self._cached = _group(pending)
-            yield self._cached
-        elif pending:
-            yield _group(pending)
+            pending += data
+            ends.append(len(pending))
+            if len(pending) > group_bytes:
+                yield _group(pending, ends)
+                pending, ends = bytearray(), []
+        if ends:
+            yield _group(pending, ends)
 
     def selected_groups(
         self,
@@ -350,19 +358,7 @@ class Container:
             yield from self.groups()
             return
         self._selected_bytes += size
-        pending: list[bytes] = []
-        size = 0
-        for chunk in wanted:
-            data = self.content_of(chunk)
-            if data is None:
-                continue
-            pending.append(data)
-            size += len(data)
-            if size > group_bytes:
-                yield _group(pending)
-                pending, size = [], 0
-        if pending:
-            yield _group(pending)
+        yield from self._gathered(wanted, group_bytes)
 
     def _may_hold(self, chunk: ChunkInfo, channels: Collection[int], start_ns: int | None, end_ns: int | None) -> bool:
         if chunk.offset not in self._indexed:
@@ -379,13 +375,14 @@ def _walk_all(data: Bytes) -> tuple[Ints, int]:
     return places[:count], int(end)
 
 
-def _group(chunks: list[bytes]) -> Group:
-    data = np.frombuffer(b"".join(chunks), np.uint8)
+def _group(content: bytearray, ends: list[int]) -> Group:
+    """Chunks behind one another, and where each ends."""
+    data = np.frombuffer(content, np.uint8)
     rows = np.empty((data.size // 31 + 1, 6), np.int64)
-    chunk_rows = np.zeros(len(chunks) + 1, np.int64)
+    chunk_rows = np.zeros(len(ends) + 1, np.int64)
     start = count = 0
-    for i, chunk in enumerate(chunks):
-        count = int(list_messages(data, start, start + len(chunk), rows, count))
-        start += len(chunk)
+    for i, end in enumerate(ends):
+        count = int(list_messages(data, start, end, rows, count))
+        start = end
         chunk_rows[i + 1] = count
     return Group(data, rows[:count], chunk_rows)

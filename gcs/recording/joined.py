@@ -69,6 +69,11 @@ class JoinedContainer:
             inside=next((one.inside for one in found if one.inside), ""),
         )
 
+    def release(self) -> None:
+        """Give back the content that is kept in memory."""
+        for part in self.containers:
+            part.release()
+
     def groups(self) -> Iterator[Group]:
         """All messages, some chunks at a time, in file order."""
         for part in self.containers:

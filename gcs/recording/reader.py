@@ -144,6 +144,10 @@ class Recording:
             counts[channel.topic] += per_channel.get(channel.id, 0)
         return counts
 
+    def release(self) -> None:
+        """Give back what is kept in memory for further readings, which then read the file again."""
+        self._file.release()
+
     def columns(
         self,
         message_name: str,

@@ -22,6 +22,7 @@ _IMU = ("p", "q", "r", "ax", "ay", "az")
 _SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 # What is known less well without each of them.
 _SHOWN_BY = {"ax": ("CD",), "ay": ("CY",), "az": ("CL",), "p": LATERAL, "q": LONGITUDINAL, "r": LATERAL}
+_OTHER_AIRCRAFT = "is it the vehicle file of another aircraft? check mass, wing area and the unit of the airspeed"
 _MOVED_BY = {LONGITUDINAL: ("de",), LATERAL: ("da", "dr")}
 
 
@@ -203,25 +204,54 @@ def _air(seen: SeenFlight) -> Iterator[Reason]:
 
 
 def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
-    """Whether this is the aircraft of the vehicle file: weight against lift."""
+    """Whether this is the aircraft of the vehicle file: weight against lift, and what the lift gains with the angle."""
     if not _is_alive(seen.samples("az")[1]):
         return
     speed = np.concatenate([stretch.data["airspeed"] for stretch in seen.prepared.stretches])
-    force = np.concatenate([np.abs(stretch.data["az"]) for stretch in seen.prepared.stretches])
+    force = np.concatenate([stretch.data["az"] for stretch in seen.prepared.stretches])
     density = np.concatenate([stretch.record.rho for stretch in seen.prepared.stretches])
-    pressure = 0.5 * float(np.median(density)) * float(np.nanmedian(speed)) ** 2
     if seen.vehicle.sensors.airspeed.kind != "true":
-        pressure = 0.5 * SEA_LEVEL_DENSITY * float(np.nanmedian(speed)) ** 2
-    lift = seen.vehicle.mass.mass * float(np.nanmedian(force)) / max(pressure * seen.vehicle.geometry.S, 1e-12)
-    if LIMITS.lift_usual[0] < lift < LIMITS.lift_usual[1]:
+        density = np.full_like(speed, SEA_LEVEL_DENSITY)
+    mass, area = seen.vehicle.mass.mass, seen.vehicle.geometry.S
+    pressure = 0.5 * float(np.median(density)) * float(np.nanmedian(speed)) ** 2
+    lift = mass * float(np.nanmedian(np.abs(force))) / max(pressure * area, 1e-12)
+    wing = f"the wing of {area:.3g} m^2"
+    if not LIMITS.lift_usual[0] < lift < LIMITS.lift_usual[1]:
+        impossible = not LIMITS.lift[0] < lift < LIMITS.lift[1]
+        yield Reason(
+            POOR if impossible else CARE,
+            f"to carry {mass:.3g} kg at {np.nanmedian(speed):.3g} m/s {wing} needs a lift coefficient of {lift:.2g}",
+            _OTHER_AIRCRAFT,
+        )
+    if not _is_alive(seen.samples("alpha")[1]):
         return
-    impossible = not LIMITS.lift[0] < lift < LIMITS.lift[1]
-    yield Reason(
-        POOR if impossible else CARE,
-        f"to carry {seen.vehicle.mass.mass:.3g} kg at {np.nanmedian(speed):.3g} m/s the wing of"
-        f" {seen.vehicle.geometry.S:.3g} m^2 needs a lift coefficient of {lift:.2g}",
-        "is it the vehicle file of another aircraft? check mass, wing area and the unit of the airspeed",
-    )
+    angle = np.concatenate([stretch.data["alpha"] for stretch in seen.prepared.stretches])
+    slope = _slope(angle, -mass * force / np.maximum(0.5 * density * speed**2 * area, 1e-12))
+    if slope is not None and not (slope[1] > LIMITS.lift_slope[0] / 2.0 and slope[0] < LIMITS.lift_slope[1] * 1.5):
+        low, high = LIMITS.lift_slope
+        yield Reason(
+            POOR,
+            f"at {mass:.3g} kg {wing} would gain {slope[0]:.2g} to {slope[1]:.2g} of lift coefficient a radian of angle"
+            f" of attack; wings gain {low:g} to {high:g}",
+            _OTHER_AIRCRAFT,
+        )
+
+
+def _slope(angle: Array, lift: Array) -> tuple[float, float] | None:
+    """Slope of the lift coefficient, 1/rad: the least and the most that noise of angle and lift leave; None where
+    they hardly go together.
+
+    The regression of the lift on the angle is too flat by the noise of the angle, and the inverse one too steep by that
+    of the lift (Frisch 1934: the bounds of errors in both variables): the truth lies between.
+    """
+    good = np.isfinite(angle) & np.isfinite(lift)
+    if np.count_nonzero(good) < 50 or min(np.std(angle[good]), np.std(lift[good])) == 0.0:
+        return None
+    shared = float(np.corrcoef(angle[good], lift[good])[0, 1])
+    if shared < LIMITS.lift_by_angle:
+        return None
+    ratio = float(np.std(lift[good]) / np.std(angle[good]))
+    return shared * ratio, ratio / shared
 
 
 RULES: tuple[Callable[[SeenFlight], Iterator[Reason]], ...] = (

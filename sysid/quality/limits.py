@@ -26,7 +26,9 @@ class QualityLimits:
     loose: standard error of a main derivative over its value, or over half of its usual size where that is larger.
     tic: of a validation, times the limit, beyond which an axis is too poor.
     signs: standard errors beyond which a damping has the wrong sign.
-    lift_slope: CL_alpha, of wings of aspect ratio 1 to 20 (Helmbold), with a margin.
+    lift_slope: CL_alpha, of wings of aspect ratio 1 to 20 (Helmbold), with a margin. A recording alone, without
+    elevator and pitch rate taken off, is judged by half and by one and a half times these.
+    lift_by_angle: correlation of lift and angle of attack from which on their slope is known to a factor of two.
     """
 
     imu_hz: float = 40.0
@@ -51,6 +53,7 @@ class QualityLimits:
     tic: float = 2.0
     signs: float = 3.0
     lift_slope: tuple[float, float] = (1.0, 9.0)
+    lift_by_angle: float = 0.7
 
 
 LIMITS_OF_QUALITY = QualityLimits()

@@ -211,6 +211,8 @@ def _tried(
         doubted |= {*GROUND, *(() if windows[0].air else ACCEL)}
     if failing & set(OVER_GROUND):
         doubted |= {*GROUND, "airspeed", "psi"}
+    if "lift" in doubted:
+        doubted |= {*VANES}
     if "force" in doubted:
         doubted |= {*ACCEL, *ATTITUDE[:2]}
     for one in hypotheses(set.union(*(set(c) for c in columns)), windows[0].layout.gravity):

@@ -38,6 +38,9 @@ _SILENT = 5.0
 _FORCE = (4.0, 1.5)
 # Angles, rad, that 19 of 20 samples stay below: impossible as recorded, ordinary as corrected.
 _ANGLES = {"phi": (3.3, 3.15), "theta": (1.7, 1.6), "alpha": (1.7, 0.8), "beta": (1.7, 0.8)}
+# Correlation by which the lift falls as the angle of attack grows: impossible as recorded, ordinary as corrected.
+_LIFT = (0.6, 0.0)
+_SLOWEST = 3.0  # airspeed, m/s, below which nothing flies
 # Share of what a reading of the accelerometers would change in the velocities that the flight asks for, 0 where they
 # are right as recorded and 1 where they are as read; what it may leave of the misfit.
 _ASKED, _LEFT_OF_FORCE = (0.7, 1.4), 0.5
@@ -62,7 +65,7 @@ class Misfit:
     @classmethod
     def of(cls, windows: Sequence[Window], columns: Sequence[Columns]) -> Misfit:
         sums: dict[str, Array] = {}
-        forces, angles = np.zeros((2, 3)), {name: ([0.0], [0.0]) for name in _ANGLES}
+        forces, angles, lift = np.zeros((2, 3)), {name: ([0.0], [0.0]) for name in _ANGLES}, np.zeros((2, 3))
         for i, (window, one) in enumerate(zip(windows, columns, strict=True)):
             states, half = window.states(one), i % 2
             measured, gaps = window.fast(window.measured(states, one)), window.gaps(states, one)
@@ -75,6 +78,8 @@ class Misfit:
                 products = _products(taken - taken.mean(), made - made.mean())
                 sums.setdefault(f"{name} over air", np.zeros((2, 4)))[half] += products
             forces[half] += window.level(states) * window.size
+            if window.has_alpha:
+                lift[half] += _variances(one["alpha"], -one["az"] / np.maximum(one["airspeed"], _SLOWEST) ** 2)
             for name, sizes in angles.items():
                 if name in one:
                     sizes[half].append(_large(one[name]))
@@ -85,6 +90,7 @@ class Misfit:
         alike = {name: _pair(s[:, 3] ** 2 / np.maximum(s[:, 1] * s[:, 2], 1e-300)) for name, s in sums.items()}
         factors = {name: (_factor(s[0]), _factor(s[1])) for name, s in sums.items() if name in OVER_GROUND}
         levels = {name: (max(first), max(second)) for name, (first, second) in angles.items()}
+        levels["lift"] = _pair(-lift[:, 1] / np.maximum(np.sqrt(lift[:, 0] * lift[:, 2]), 1e-300))
         levels["force"] = _pair(np.linalg.norm(forces, axis=1) / lengths)
         return cls(energies, shares, gains, alike, factors, levels)
 
@@ -222,8 +228,14 @@ def _large(values: Array) -> float:
     return float(np.partition(np.abs(values), place)[place])
 
 
+def _variances(one: Array, other: Array) -> Array:
+    """(3,) products of two signals' deviations: of the first, of both, of the second."""
+    first, second = one - one.mean(), other - other.mean()
+    return np.array([first @ first, first @ second, second @ second])
+
+
 def _limits(name: str) -> tuple[float, float]:
-    return _FORCE if name == "force" else _ANGLES[name]
+    return {"force": _FORCE, "lift": _LIFT}.get(name) or _ANGLES[name]
 
 
 def _pair(values: Array) -> tuple[float, float]:

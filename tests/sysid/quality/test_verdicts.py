@@ -76,6 +76,27 @@ def test_another_aircrafts_file_is_seen_by_weight_against_lift(flight: FlightSig
     assert all(one["verdict"] == POOR for one in found.to_json()["axes"].values())
 
 
+@pytest.mark.parametrize("factor", [5.0, 0.1])
+def test_another_aircrafts_file_is_seen_by_what_the_lift_gains_with_the_angle(
+    factor: float, flight: FlightSignals
+) -> None:
+    """Where the lift that its weight asks for is one that aircraft fly with."""
+    mass = replace(VEHICLE.mass, mass=factor * VEHICLE.mass.mass)
+    found = judged(flight, replace(VEHICLE, mass=mass))
+    (reason,) = [one for one in found.reasons if "a radian of angle of attack" in one.text]
+    assert (reason.verdict, "another aircraft" in reason.advice) == (POOR, True)
+
+
+def test_a_mass_wrong_by_half_is_no_other_aircraft(flight: FlightSignals) -> None:
+    """Nor is a vane that tells little, or one of another scale."""
+    rng, alpha = np.random.default_rng(0), flight.signals["alpha"]
+    noise = replace(alpha, values=np.std(alpha.values) * rng.standard_normal(alpha.values.size) / 100.0)
+    bent = replace(alpha, values=0.7 * alpha.values)
+    wrong = [replace(VEHICLE, mass=replace(VEHICLE.mass, mass=one * VEHICLE.mass.mass)) for one in (0.7, 1.5)]
+    cases = [judged(flight, one) for one in wrong] + [judged(changed(flight, alpha=one)) for one in (noise, bent)]
+    assert not [one for found in cases for one in found.reasons if "another aircraft" in one.advice]
+
+
 def test_missing_vanes_rough_air_and_a_shaking_accelerometer_ask_for_care(flight: FlightSignals) -> None:
     az = flight.signals["az"]
     shaken = replace(az, values=az.values + 5.0 * np.random.default_rng(0).standard_normal(az.values.size))

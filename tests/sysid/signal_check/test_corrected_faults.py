@@ -94,6 +94,15 @@ def test_mistakes_are_found_behind_the_sensors_of_the_field(name: str, field_fli
         assert len(told) == 1
 
 
+@pytest.mark.parametrize("seed", [21, 23])
+def test_an_angle_of_attack_upside_down_is_found_by_the_lift_that_falls_with_it(seed: int, tmp_path: Path) -> None:
+    """In gusts that no relation of the motion holds in, as recorded or as corrected."""
+    flown, one = fly_plan(plan_of("mild", seed), seed, tmp_path, "flight"), KINDS["sign:alpha:-1"]
+    found, told = mended(one.apply(flown.signals), flown.vehicle)
+    assert alike(found, flown.signals, one, 1e-9)
+    assert len(told) == 1
+
+
 @pytest.mark.parametrize("name", ["scale:p:0.9", "scale:q:1.1", "scale:phi:1.1", "scale:theta:1.1"])
 def test_a_small_gain_of_a_gyro_or_of_an_angle_is_said_and_left(
     name: str, flight: FlightSignals, vehicle: Vehicle
