@@ -143,13 +143,18 @@ class Watch:
                 self.changes[-1] = replace(change, causes=causes)
 
     def _blame(self, found: CauseFound, time_s: float) -> None:
-        """What seemed a change of the aircraft is a sensor that reads a wrong share of the truth."""
+        """What seemed a change of the aircraft is a sensor that reads a wrong share of the truth, or late."""
         off = found.size - 100.0
         sensor = found.cause.sensor
-        text = f"{found.cause.name} reads {abs(off):.0f} % {'high' if off > 0.0 else 'low'}"
-        failure = SensorFailure(
-            time_s, f"{sensor}_scale", sensor, off, "%", text, std=found.std, probability=found.probability
-        )
+        if found.cause.unit:
+            text = f"{found.cause.name} reads {abs(off):.0f} % {'high' if off > 0.0 else 'low'}"
+            failure = SensorFailure(
+                time_s, f"{sensor}_scale", sensor, off, "%", text, std=found.std, probability=found.probability
+            )
+        else:
+            failure = SensorFailure(
+                time_s, f"{sensor}_slow", sensor, 1.0, "", f"the {sensor} vane lags", probability=found.probability
+            )
         same = [one for one in self.failures if one.name == failure.name]
         if same:
             failure = replace(failure, time_s=same[0].time_s)

@@ -47,7 +47,7 @@ class Cause:
     each size the change of the coefficients that a size of 1 is. std: of each size before, 1 sigma. fixed: a change
     that goes with it whatever its sizes. often: how often it happens beside others. shown: the first size as a person
     reads it, in `unit`. possible: first sizes that there are. sensor: the signal that reads wrong, where the aircraft
-    is as it was.
+    is as it was; with a unit it reads another share of the truth, without one it is late.
     """
 
     name: str
@@ -132,6 +132,13 @@ def _airspeed(values: Values, lengths: Lengths) -> Sequence[Direction]:
     return [{n: (0.5 if {*"pqr"} & {*parse_term(n).factors} else 1.0) * value for n, value in values.items()}]
 
 
+def _vane_lag(values: Values, lengths: Lengths) -> Sequence[Direction]:
+    # Size: lag times 2 V over the chord. An angle that comes late lacks the lag times its rate of change, which is the
+    # pitch rate where the path is slow beside it: what hangs on the angle seems to hang on the rate.
+    own = {f"{axis}_q": values.get(f"{axis}_alpha", 0.0) for axis in ("CL", "CD", "Cm")}
+    return [{name: value for name, value in own.items() if value and name in values}]
+
+
 def _gravity(values: Values, lengths: Lengths) -> Sequence[Direction]:
     """By a chord to the back: every force has an arm."""
     found = {f"Cm_{name[3:]}": value for name, value in values.items() if name.startswith("CL_")}
@@ -195,6 +202,8 @@ CAUSES: tuple[Cause, ...] = (
     Cause("the mass", "MASS", _mass, (0.2,), lambda size: 100.0 / (1.0 + size), "%", possible=(0.0, np.inf)),
     Cause("the airspeed", "AIRSPEED", _airspeed, (0.3,), _read_of_true, "% of true", possible=(-0.9, np.inf),
           sensor="airspeed"),
+    Cause("the alpha vane's lag", "ALPHA VANE", _vane_lag, (15.0,), lambda size: size, "", possible=(0.0, np.inf),
+          sensor="alpha"),
     Cause("the centre of gravity", "CG", _gravity, (0.1,), lambda size: 100.0 * size, "% of the chord back"),
     Cause("flaps", "FLAPS", _at_rest("CL_0", "CD_0", "Cm_0", shares=(1.0, 0.15, -0.1)), (0.2,), lambda size: size,
           "more CL"),
