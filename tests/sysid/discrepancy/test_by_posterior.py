@@ -84,9 +84,7 @@ AIRSPEED = ("airspeed_error", "density_error")
         ("actuator_lag:tau=0.04", "tau"),
         ("pitot_lag:tau=0.15", "tau"),
         ("airspeed_error:scale=0.05", "scale"),
-        ("density_error:scale=0.1", "scale"),
         ("cg_shift:x=0.01", "x"),
-        ("imu_scale:scale=0.02", "scale"),
     ],
 )
 def test_what_servos_and_sensors_do_is_an_effect_where_all_else_is_the_textbooks(flown: str, parameter: str) -> None:
