@@ -147,7 +147,8 @@ def export_model(
     service: Serving,
     model_id: str,
     to: Annotated[
-        Literal["jsbsim", "csv", "latex"], Query(description="For which program; jsbsim and csv are ZIP archives")
+        Literal["jsbsim", "gazebo", "csv", "latex"],
+        Query(description="For which program; all but latex as ZIP archive"),
     ],
 ) -> Response:
     """The model in the form of another program, as `gcs export-model` writes it."""

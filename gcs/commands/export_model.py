@@ -5,15 +5,17 @@ import sys
 from pathlib import Path
 
 NAME = "export-model"
-HELP = "write a model for JSBSim, MATLAB, python-control, a spreadsheet or a paper"
-FORMS = ("jsbsim", "mat", "statespace", "csv", "latex")
+HELP = "write a model for JSBSim, FMI, Gazebo, MATLAB, python-control, a spreadsheet or a paper"
+FORMS = ("jsbsim", "fmu", "gazebo", "mat", "statespace", "csv", "latex")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("model", metavar="MODEL.json", help="a model, a result, or the name of a built-in model")
     parser.add_argument("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
-    parser.add_argument("--to", choices=FORMS, required=True, help="jsbsim writes a folder, the others a file")
+    parser.add_argument(
+        "--to", choices=FORMS, required=True, help="jsbsim and gazebo write a folder, the others a file"
+    )
     parser.add_argument("-o", "--output", metavar="PATH", type=Path, required=True, help="must not exist")
     parser.add_argument("--samples", metavar="N", type=int, default=0, help="more models, drawn from the errors")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the models drawn (default 0)")
@@ -22,14 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write, and say what was left out."""
     from gcs.errors import SettingsError
-    from gcs.exports import jsbsim, matlab, state_space, tables
+    from gcs.exports import fmu, gazebo, jsbsim, matlab, state_space, tables
     from gcs.exports.exported import Exported, model_of, require_new
     from gcs.exports.samples import drawn
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     writers = {
-        "jsbsim": jsbsim.write, "mat": matlab.write, "statespace": state_space.write, "csv": tables.write_csv,
-        "latex": tables.write_latex,
+        "jsbsim": jsbsim.write, "fmu": fmu.write, "gazebo": gazebo.write, "mat": matlab.write,
+        "statespace": state_space.write, "csv": tables.write_csv, "latex": tables.write_latex,
     }  # fmt: skip
     path: Path = args.output
     if args.samples < 0 or args.seed < 0:

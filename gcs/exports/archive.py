@@ -7,11 +7,14 @@ import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from gcs.exports import jsbsim, tables
+from gcs.exports import gazebo, jsbsim, tables
 from gcs.exports.exported import Exported
 
 # What is written without the compiled simulation, which a service that listens must not wait for.
-WRITERS = {"jsbsim": (jsbsim.write, ""), "csv": (tables.write_csv, ".csv"), "latex": (tables.write_latex, ".tex")}
+WRITERS = {
+    "jsbsim": (jsbsim.write, ""), "gazebo": (gazebo.write, ""), "csv": (tables.write_csv, ".csv"),
+    "latex": (tables.write_latex, ".tex"),
+}  # fmt: skip
 
 
 def archived(model: Exported, form: str, name: str) -> tuple[bytes, str]:

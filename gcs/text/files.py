@@ -10,18 +10,19 @@ from uuid import uuid4
 from gcs.errors import SettingsError
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file beside its place and put it there; what stood there before stays until then.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, a text in UTF-8, beside its place and put it there; what stood there before stays until then.
 
     Raises SettingsError in one line that names the file where it cannot be written, as on a full disk.
     """
+    raw = content.encode() if isinstance(content, str) else content
     beside = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
         if path.exists() and not path.is_file():  # a device or a pipe
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(raw)
             return
         try:
-            beside.write_text(text, encoding="utf-8")
+            beside.write_bytes(raw)
             os.replace(beside, path)
         finally:
             with suppress(FileNotFoundError):

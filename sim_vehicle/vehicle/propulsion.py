@@ -94,10 +94,23 @@ def scaled(curve: Curve, gain: float) -> Curve:
 
 
 def pack_curve(curve: Curve) -> Array:
-    """A curve as (CURVE_SIZE,) numbers for the compiled code: pieces, end, then start and powers of each piece.
+    """A curve in the form of the compiled code.
 
-    Points are joined by a monotone cubic (F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5(2), 1984), which
-    makes no bumps between them.
+    Points are joined by a monotone cubic, which makes no bumps between them.
+
+    Parameters
+    ----------
+    curve : Curve
+        Points (advance ratio, coefficient), or a polynomial of the advance ratio; dimensionless.
+
+    Returns
+    -------
+    Array, shape (CURVE_SIZE,)
+        How many pieces there are, the end of the last, then start and powers of each piece; dimensionless.
+
+    References
+    ----------
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5(2), 1984.
     """
     packed = np.zeros(CURVE_SIZE)
     if not curve:

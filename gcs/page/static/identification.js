@@ -67,6 +67,7 @@ export async function modelLink(place, flight, kind, signal) {
   const model = `/api/models/${encodeURIComponent(mine.id)}`
   place.append(download(model, `${flight}-model.json`, 'Model (JSON)'),
     download(`${model}/export?to=jsbsim`, `${flight}-jsbsim.zip`, 'Aircraft for JSBSim'),
+    download(`${model}/export?to=gazebo`, `${flight}-gazebo.zip`, 'Aircraft for Gazebo'),
     download(`${model}/export?to=csv`, `${flight}-model.zip`, 'Table (CSV)'),
     download(`${model}/export?to=latex`, `${flight}-model.tex`, 'Table (LaTeX)'))
 }

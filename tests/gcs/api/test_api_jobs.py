@@ -88,10 +88,13 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
         assert archive.read(f"model-{model['id']}.csv").splitlines()[1].startswith(b"CL_0,0.25,")
     paper = client.get(f"/api/models/{model['id']}/export?to=latex")
     assert (paper.headers["content-disposition"][-5:], paper.text.count("toprule")) == ('.tex"', 1)
+    gazebo = client.get(f"/api/models/{model['id']}/export?to=gazebo").content
+    with zipfile.ZipFile(io.BytesIO(gazebo)) as archive:
+        assert [name.partition("/")[2] for name in archive.namelist()] == ["model.config", "model.sdf"]
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/models/{model['id']}/export?to=jsbsim").content)) as archive:
         assert any(name.endswith("/flat.xml") for name in archive.namelist())
         assert len(archive.namelist()) == 2
-    assert "'jsbsim', 'csv' or 'latex'" in problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
+    assert "'jsbsim', 'gazebo', 'csv' or 'latex'" in problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
     assert "no model 'x'" in problem(client.get("/api/models/x/export?to=csv"), 404)
     assert job["report"] is None
     page = client.get(ended["report"])

@@ -3,73 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import jsbsim
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from export_flights import HEIGHT, SECONDS, SHARE, STEP, Array, commands, craft, flown_here, shares
 
 from gcs.errors import ExportError
 from gcs.exports import jsbsim as exporter
 from gcs.exports.exported import Exported
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.flight.plant import OUTPUTS, Plant
 from sim_vehicle.flight.state import PlantState
-from sim_vehicle.model.model_file import Model, read_model
-from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
+from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
-Array = NDArray[np.float64]
-SECONDS, STEP, HEIGHT = 20.0, 0.001, 300.0
 FT = 0.3048
 SLUG = 0.45359237 * 9.80665 / FT
-RADIUS = 6.371e8
-STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "p", "q", "r", "altitude")
-# Largest difference over the whole flight, as a share of the state's range.
-SHARE = 1e-3
-
-
-def craft(name: str) -> tuple[Vehicle, Model]:
-    """A packaged vehicle in air of one density, with its model and cross terms."""
-    vehicle = load_vehicle(name)
-    vehicle = replace(vehicle, environment=replace(vehicle.environment, air_density=1.18))
-    model = read_model(name)
-    for key, value in {"CL_alpha2": -0.6, "Cm_alpha_de": 0.3}.items():
-        model = model.with_coefficient(key, value)
-    return vehicle, model
-
-
-def multisine(times: Array, size: float, harmonics: tuple[int, ...], phase: float) -> Array:
-    angles = 2.0 * np.pi * np.outer(times / SECONDS, harmonics) + phase * np.arange(len(harmonics)) ** 2
-    return size * np.clip(times, 0.0, 1.0) * np.sin(angles).sum(axis=1) / np.sqrt(len(harmonics))
-
-
-def commands(trim: Array, times: Array) -> Array:
-    """(N, 4) de, da, dr, throttle."""
-    sizes = (
-        (0.03, (4, 9, 17, 26, 38), 0.7),
-        (0.02, (6, 11, 20, 31), 1.1),
-        (0.03, (5, 13, 22), 0.4),
-        (0.08, (2, 7), 1.9),
-    )
-    return trim + np.column_stack([multisine(times, *one) for one in sizes])
-
-
-def flown_here(vehicle: Vehicle, model: Model) -> tuple[Array, PlantState, Array]:
-    """(N, 10) STATES in our simulation, the state it began with, and the trimmed commands."""
-    plant = Plant(vehicle, model)
-    trim = plant.trim(vehicle.flight.airspeed, HEIGHT)
-    state, begun = trim.state.copy(), trim.state.copy()
-    held = commands(trim.command, (np.arange(round(SECONDS / STEP)) + 0.5) * STEP)
-    rows = [plant.outputs(state)]
-    for command in held:
-        plant.step(state, command, STEP)
-        rows.append(plant.outputs(state))
-    places = [OUTPUTS.index(name if name != "altitude" else "down") for name in STATES]
-    flown = np.array(rows)[:, places]
-    flown[:, -1] *= -1.0
-    return flown, begun, trim.command
 
 
 def flown_there(folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, late: float = 0.0) -> Array:
@@ -123,12 +73,6 @@ def read(twin: jsbsim.FGFDMExec) -> list[float]:
         get("attitude/theta-rad"), np.angle(np.exp(1j * get("attitude/psi-rad"))),
         *(get(f"velocities/{name}-rad_sec") for name in "pqr"), get("position/h-sl-ft") * FT,
     ]  # fmt: skip
-
-
-def shares(here: Array, there: Array) -> dict[str, float]:
-    """Largest difference of each state as a share of its range."""
-    off = np.abs(here - there).max(axis=0) / np.ptp(here, axis=0)
-    return dict(zip(STATES, off.tolist(), strict=True))
 
 
 def flown_both(folder: Path, vehicle: Vehicle, model: Model) -> dict[str, float]:
