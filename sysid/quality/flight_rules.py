@@ -209,11 +209,11 @@ def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
         return
     speed = np.concatenate([stretch.data["airspeed"] for stretch in seen.prepared.stretches])
     force = np.concatenate([stretch.data["az"] for stretch in seen.prepared.stretches])
-    density = np.concatenate([stretch.record.rho for stretch in seen.prepared.stretches])
-    if seen.vehicle.sensors.airspeed.kind != "true":
-        density = np.full_like(speed, SEA_LEVEL_DENSITY)
+    density = SEA_LEVEL_DENSITY
+    if seen.vehicle.sensors.airspeed.kind == "true":
+        density = float(np.median(np.concatenate([stretch.record.rho for stretch in seen.prepared.stretches])))
     mass, area = seen.vehicle.mass.mass, seen.vehicle.geometry.S
-    pressure = 0.5 * float(np.median(density)) * float(np.nanmedian(speed)) ** 2
+    pressure = 0.5 * density * float(np.nanmedian(speed)) ** 2
     lift = mass * float(np.nanmedian(np.abs(force))) / max(pressure * area, 1e-12)
     wing = f"the wing of {area:.3g} m^2"
     if not LIMITS.lift_usual[0] < lift < LIMITS.lift_usual[1]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 FILE = '''"""Low-pass filter of the rate gyros."""
 
 from sim_vehicle.effects.base import Effect, Parameter, Remembers, Stage
