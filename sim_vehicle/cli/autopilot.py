@@ -1,4 +1,4 @@
-"""One run of `sim-vehicle sitl`: the physics of an ArduPilot that runs as a program."""
+"""One run of `sim-vehicle sitl`: the physics of an ArduPilot or a PX4 that runs as a program."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from sim_vehicle.cli.options import UsageError, model_of, read_settings, read_wi
 from sim_vehicle.flight.flight_loop import wind_of
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.sitl.physics import AutopilotFlight
+from sim_vehicle.sitl.px4_server import Px4Server
 from sim_vehicle.sitl.server import SitlServer
 
 
 def serve(given: argparse.Namespace) -> None:
-    """Answer SITL until Ctrl-C. Raises SimVehicleError, or UsageError for a wrong command line."""
+    """Fly for the autopilot until Ctrl-C. Raises SimVehicleError, or UsageError for a wrong command line."""
     settings, steady = read_settings(given.settings), read_wind(given.wind)
     if settings.sensors or settings.manoeuvre:
         raise UsageError(
@@ -26,7 +27,10 @@ def serve(given: argparse.Namespace) -> None:
         )
     if given.seed < 0:
         raise UsageError(f"--seed {given.seed}: give a whole number from 0")
-    host, port = _address(given.listen)
+    if not (20.0 <= given.rate <= 1000.0 and 0.0 <= given.speed <= 100.0):
+        raise UsageError("--rate is between 20 and 1000 Hz, --speed between 0 and 100")
+    of_px4 = given.autopilot == "px4"
+    host, port = _address(given.listen or ("127.0.0.1:4560" if of_px4 else "127.0.0.1:9002"))
     vehicle = vehicle_of(given, settings)
     plant = Plant(vehicle, model_of(given, vehicle, settings))
     generator = np.random.default_rng(given.seed)
@@ -34,10 +38,17 @@ def serve(given: argparse.Namespace) -> None:
     # What is compiled is compiled before anybody waits for an answer.
     flight.step((0,) * 16, 0.0025)
     flight.restart()
-    server = SitlServer(flight, host, port, _say)
-    _say(f"serving on UDP {host}:{server.address[1]}: {vehicle.name} stands on its wheels; start the autopilot with")
     where = "127.0.0.1" if host in ("127.0.0.1", "localhost") else "the address of this machine"
-    _say(f"  sim_vehicle.py -v ArduPlane --model JSON:{where}")
+    server: SitlServer | Px4Server
+    if of_px4:
+        server = Px4Server(flight, (host, port), given.rate, given.speed, generator, _say)
+        how = f"PX4_SIM_HOSTNAME={where} make px4_sitl_default none_plane"
+    else:
+        server = SitlServer(flight, host, port, _say)
+        how = f"sim_vehicle.py -v ArduPlane --model JSON:{where}"
+    place = f"{'TCP' if of_px4 else 'UDP'} {host}:{server.address[1]}"
+    _say(f"serving on {place}: {vehicle.name} stands on its wheels; start the autopilot with")
+    _say(f"  {how}")
     # A shell starts what runs in the background with Ctrl-C ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -45,8 +56,7 @@ def serve(given: argparse.Namespace) -> None:
         with suppress(KeyboardInterrupt):  # the way that it ends
             server.serve()
     finally:
-        counts = server.counts
-        _say(f"{counts.frames} steps, {counts.again} asked for again, {counts.lost} lost, {counts.restarts} restarts")
+        _say(str(server.counts))
         server.close()
 
 

@@ -31,6 +31,12 @@ GPS_POSITION_NOISE = 1.5  # m, horizontal, wandering with the time constant belo
 GPS_CORRELATION_S = 30.0
 
 
+def degrees_from_home(north: float, east: float) -> tuple[float, float]:
+    """Latitude and longitude, deg, of a place so far from the field, m."""
+    along = float(np.degrees(north / _EARTH_RADIUS))
+    return HOME[0] + along, HOME[1] + float(np.degrees(east / (_EARTH_RADIUS * np.cos(np.radians(HOME[0])))))
+
+
 @dataclass(frozen=True)
 class ChannelError:
     """Errors of one channel, SI: reading = (1 + scale) true + bias + noise, in steps of `quantum`, after `lag` s."""
@@ -245,8 +251,7 @@ class SensorSuite:
         drive = 0.0 if self._exact else GPS_POSITION_NOISE * np.sqrt(1.0 - decay**2)
         self._gps_error = decay * self._gps_error + drive * self._generator.standard_normal(3)
         north, east = fresh["north"] + self._gps_error[0], ideal["east"] + self._gps_error[1]
-        fresh["lat"] = HOME[0] + float(np.degrees(north / _EARTH_RADIUS))
-        fresh["lon"] = HOME[1] + float(np.degrees(east / (_EARTH_RADIUS * np.cos(np.radians(HOME[0])))))
+        fresh["lat"], fresh["lon"] = degrees_from_home(float(north), float(east))
         fresh["gps_north"], fresh["gps_east"] = float(north), float(east)
         fresh["gps_altitude"] = float(ideal["altitude"] + 2.0 * self._gps_error[2])
 

@@ -24,6 +24,9 @@ class Counts:
     strange: int = 0
     restarts: int = 0
 
+    def __str__(self) -> str:
+        return f"{self.frames} steps, {self.again} asked for again, {self.lost} lost, {self.restarts} restarts"
+
 
 class SitlServer:
     """Answers the frames of one SITL; who restarts it gets a flight that begins anew."""
