@@ -20,6 +20,8 @@ _SYMBOLS = {axis: f"$C_{{{axis[1:]}}}$" for axis in AXES}
 _BREAK = 8.0
 _SPECTRA_IN_A_ROW = 4
 _FEWEST_CORRELATED = 2
+# From this coherence on a measured response is shown (Tischler & Remple, section 7.6).
+_COHERENT = 0.6
 
 
 def every(result: Result) -> list[Drawing]:
@@ -105,8 +107,14 @@ def bode(responses: list[Result]) -> list[Drawing]:
     found = []
     for source in dict.fromkeys(one["input"] for one in responses):
         mine = [one for one in responses if one["input"] == source]
-        caption = f"Frequency responses to {source}, with 95 % bands; gain in dB of output (SI units, rad) per rad"
-        found.append(Drawing(f"bode-{source}", caption, (7.4, 4.4), partial(_bode, responses=mine)))
+        measured = any("measured" in one for one in mine)
+        caption = f"Frequency responses to {source}, with 95 % bands; gain in dB of output (SI units, rad) per rad" + (
+            f"; dots: as the flight shows them where the coherence is above {_COHERENT}, and the coherence"
+            if measured
+            else ""
+        )
+        height = 5.8 if measured else 4.4
+        found.append(Drawing(f"bode-{source}", caption, (7.4, height), partial(_bode, responses=mine)))
     return found
 
 
@@ -206,7 +214,8 @@ def _noise_spectra(made: Figure, spectra: list[Result]) -> None:
 
 
 def _bode(made: Figure, responses: list[Result]) -> None:
-    plots = made.subplots(2, len(responses), squeeze=False, sharex=True)
+    rows = 3 if any("measured" in one for one in responses) else 2
+    plots = made.subplots(rows, len(responses), squeeze=False, sharex=True)
     for column, one in enumerate(responses):
         hz = np.array(one["frequency_hz"])
         gain, phase = _floats(one["gain_db"]), np.degrees(np.unwrap(_floats(one["phase_rad"])))
@@ -214,12 +223,32 @@ def _bode(made: Figure, responses: list[Result]) -> None:
             (plots[0, column], gain, _floats(one["gain_std_db"])),
             (plots[1, column], phase, np.degrees(_floats(one["phase_std_rad"]))),
         ):
-            plot.fill_between(hz, values - _Z95 * std, values + _Z95 * std, color=MEASURED, alpha=0.3, linewidth=0.0)
-            plot.semilogx(hz, values, color=MEASURED)
+            plot.fill_between(hz, values - _Z95 * std, values + _Z95 * std, color=PREDICTED, alpha=0.3, linewidth=0.0)
+            plot.semilogx(hz, values, color=PREDICTED)
+        if "measured" in one:
+            _measured_response(plots[:, column], one["measured"], hz, phase)
         plots[0, column].set_title(f"{one['output']} / {one['input']}", fontsize=9)
-        plots[1, column].set_xlabel("frequency, Hz")
+        plots[-1, column].set_xlabel("frequency, Hz")
     plots[0, 0].set_ylabel("gain, dB")
     plots[1, 0].set_ylabel("phase, deg")
+    if rows == 3:
+        plots[2, 0].set_ylabel("coherence")
+
+
+def _measured_response(plots: Any, found: Result, hz: Array, phase: Array) -> None:
+    """Gain and phase with 95 % bars where they hang together with the input, and the coherence."""
+    there, coherence = np.array(found["frequency_hz"]), np.array(found["coherence"])
+    good = coherence > _COHERENT
+    # Turned by whole turns to where the model's phase is.
+    near = np.interp(there, hz, phase)
+    angle = np.degrees(_floats(found["phase_rad"]))
+    angle = angle + 360.0 * np.round((near - angle) / 360.0)
+    bars = (_floats(found["gain_std_db"]), np.degrees(_floats(found["phase_std_rad"])))
+    for plot, values, std in zip(plots[:2], (_floats(found["gain_db"]), angle), bars, strict=True):
+        plot.errorbar(there[good], values[good], _Z95 * std[good], fmt="o", markersize=2.5, linewidth=0.7,
+                      color=MEASURED)  # fmt: skip
+    plots[2].semilogx(there, coherence, "o", markersize=2.5, color=MEASURED)
+    plots[2].set_ylim(0.0, 1.05)
 
 
 def _floats(values: list[float | None]) -> Array:

@@ -67,7 +67,7 @@ class Identification:
 
     linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
     it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside. quality:
-    what all of it is worth.
+    what all of it is worth. flown: the flights with their surfaces as they moved, where the method estimates that.
     """
 
     flights: tuple[Prepared, ...]
@@ -85,6 +85,7 @@ class Identification:
     compared: ModelComparison | None = None
     posterior: PosteriorEstimate | None = None
     quality: Quality = NOTHING_SEEN
+    flown: tuple[Prepared, ...] = ()
 
 
 @single_threaded
@@ -238,9 +239,8 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     progress(0.88, "validation")
     judges = [one.prepared for one in read.judges]
     # What the kinematics say of sensors is not what this estimate takes them for.
-    flights = as_moved(
-        judges or found.prepared, [one.signals for one in read.judges] or found.signals, vehicle, found.estimate
-    )
+    flown = as_moved(found.prepared, found.signals, vehicle, found.estimate)
+    flights = as_moved(judges, [one.signals for one in read.judges], vehicle, found.estimate) if judges else flown
     vehicle = as_estimated(vehicle, found.estimate.of_aircraft())
     compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
@@ -255,6 +255,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
         tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
         with_estimate(flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma), seen),
+        tuple(flown),
     )  # fmt: skip
 
 

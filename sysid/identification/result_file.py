@@ -9,7 +9,8 @@ from typing import Any
 from sysid.compatibility.reconstruction import CompatibilityResult, SensorError
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.identify import Identification
-from sysid.identification.linear_model import LinearModel
+from sysid.identification.linear_model import RESPONSES
+from sysid.identification.measured_responses import measured_json
 from sysid.signal_check.sensor_assessment import verdicts
 from sysid.validation.largest_residual import outlier_text
 from sysid.validation.residual_series import output_residuals, series_json
@@ -48,7 +49,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "mistakes": [one.to_json() for one in found.mistakes],
         **_method(found),
         "model": found.model.to_json(),
-        **_linear(found.linear),
+        **_linear(found),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
         "quality": found.quality.to_json(),
         "validation": _validation(found.validation, found.validation_flights),
@@ -85,14 +86,20 @@ def _method(found: Identification) -> dict[str, Any]:
     return {"method": found.likeliest.method, "turbulence": values}
 
 
-def _linear(linear: LinearModel | str) -> dict[str, Any]:
-    """Modes and state space about the flight's mean airspeed, or why there are none."""
+def _linear(found: Identification) -> dict[str, Any]:
+    """Modes, state space and frequency responses about the flight's mean airspeed, or why there are none."""
+    linear = found.linear
     if isinstance(linear, str):
         return {"modes": {"refused": linear}, "state_space": None, "frequency_responses": []}
+    measured = measured_json(found.flown or found.flights, RESPONSES)
+    responses = linear.responses_json()
+    for one in responses:
+        if (seen := measured.get(f"{one['output']} / {one['input']}")) is not None:
+            one["measured"] = seen
     return {
         "modes": [mode.to_json() for mode in linear.modes()],
         "state_space": linear.system.to_json(),
-        "frequency_responses": linear.responses_json(),
+        "frequency_responses": responses,
     }
 
 
