@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from gcs.report import histories
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, Drawing, pages
 from sim_vehicle.model.coefficient_names import AXES
 from sysid.arrays import Array
@@ -28,7 +29,8 @@ def every(result: Result) -> list[Drawing]:
     """All figures of a result of schema identification/1, in the order of the report."""
     series = result.get("series") or {}
     return [
-        *correlations(result["model"]), *noise_spectra(result.get("noise_spectrum") or []), *flights(series),
+        *correlations(result["model"]), *noise_spectra(result.get("noise_spectrum") or []), *histories.every(series),
+        *flights(series),
         *residual_statistics(series), *bode(result.get("frequency_responses") or []),
     ]  # fmt: skip
 

@@ -18,22 +18,22 @@ from sysid.discrepancy.summary import shrinking
 Result = Mapping[str, Any]
 STAGES = {"given": "as given", "before": "fitted again", "after": "effect added", "noise_floor": "noise floor"}
 #: Outputs of a flight that are drawn, those whose gap shrinks most.
-MOST_OUTPUTS = 4
+MOSTOUTPUTS = 4
 _Z95 = 1.96
 _DEGREES = 180.0 / math.pi
 _SIMULATED, _GIVEN = "#2e8b57", "#e0a030"
 _COLOURS = {"given": _GIVEN, "before": PREDICTED, "after": _SIMULATED}
-# What is drawn on the axes of a quantity: (label, factor from SI).
-_OUTPUTS = {
+#: What is drawn on the axes of a quantity: (label, factor from SI).
+OUTPUTS = {
     "V": ("V, m/s", 1.0), "alpha": ("α, deg", _DEGREES), "beta": ("β, deg", _DEGREES), "p": ("p, deg/s", _DEGREES),
     "q": ("q, deg/s", _DEGREES), "r": ("r, deg/s", _DEGREES), "phi": ("φ, deg", _DEGREES),
     "theta": ("θ, deg", _DEGREES), "ax": ("ax, m/s²", 1.0), "ay": ("ay, m/s²", 1.0), "az": ("az, m/s²", 1.0),
 }  # fmt: skip
-_VARIABLES = {
+VARIABLES = {
     "alpha": ("α, deg", _DEGREES), "beta": ("β, deg", _DEGREES), "V": ("V, m/s", 1.0), "phat": ("p b / 2V", 1.0),
     "qhat": ("q c / 2V", 1.0), "rhat": ("r b / 2V", 1.0), "alphadot": ("α̇ c / 2V", 1.0),
     "de": ("elevator, deg", _DEGREES), "da": ("aileron, deg", _DEGREES), "dr": ("rudder, deg", _DEGREES),
-    "thrust": ("thrust, N", 1.0),
+    "thrust": ("thrust, N", 1.0), "throttle": ("throttle", 1.0),
 }  # fmt: skip
 _MODELS = {"given": "the model as given", "before": "the model fitted again", "after": "the model with the effect"}
 _USES = {"estimation": "used for the fit", "validation": "not used for the fit"}
@@ -72,19 +72,24 @@ def draw_simulations(made: Figure, flight: Result, outputs: Sequence[str], stage
     time = _floats(flight["time_s"])
     plots = pages(made, len(outputs), 1)
     for plot, name in zip(plots, outputs, strict=True):
-        entry, (label, factor) = flight["outputs"][name], _OUTPUTS.get(name, (name, 1.0))
+        entry, (label, factor) = flight["outputs"][name], OUTPUTS.get(name, (name, 1.0))
         measured = factor * _floats(entry["measured"])
         plot.plot(time, measured, color=MEASURED, linewidth=3.0, alpha=0.45, label="measured")
         for stage in stages:
             plot.plot(time, factor * _floats(entry[stage]), color=_COLOURS[stage], label=STAGES[stage])
-        low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
-        margin = _MARGIN * max(high - low, 1e-9)
-        bottom, top = plot.get_ylim()
-        plot.set_ylim(max(bottom, low - margin), min(top, high + margin))
+        within_reach(plot, measured)
         plot.set_ylabel(label)
         plot.sharex(plots[0])
     plots[-1].set_xlabel("time, s")
     made.legend(*plots[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(stages) + 1)
+
+
+def within_reach(plot: Any, measured: Array) -> None:
+    """Follow a simulation that runs away no further than this beyond the measurement's own range."""
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    margin = _MARGIN * max(high - low, 1e-9)
+    bottom, top = plot.get_ylim()
+    plot.set_ylim(max(bottom, low - margin), min(top, high + margin))
 
 
 def residual_curves(result: Result) -> list[Drawing]:
@@ -105,7 +110,7 @@ def residual_curves(result: Result) -> list[Drawing]:
 def draw_curves(made: Figure, places: Sequence[Result]) -> None:
     """A plot for each entry of `where`."""
     for plot, place in zip(pages(made, len(places), min(3, len(places))), places, strict=True):
-        label, factor = _VARIABLES.get(place["variable"], (place["variable"], 1.0))
+        label, factor = VARIABLES.get(place["variable"], (place["variable"], 1.0))
         value = factor * _floats([one["value"] for one in place["curve"]])
         residual, std = (_floats([one[key] for one in place["curve"]]) for key in ("residual", "std"))
         plot.fill_between(value, residual - _Z95 * std, residual + _Z95 * std, color=MEASURED, alpha=0.3, linewidth=0.0)
@@ -149,7 +154,7 @@ def draw_bars(plot: Axes, gap: Result) -> None:
         middle = np.arange(len(floor)) + (place - 0.5 * (len(stages) - 1)) * width
         plot.bar(middle, ratios[stage], width, color=_COLOURS[stage], label=STAGES[stage])
     plot.axhline(1.0, color=LIMIT, linestyle="--", linewidth=0.9)
-    plot.set_xticks(np.arange(len(floor)), [_OUTPUTS.get(name, (name,))[0].partition(",")[0] for name in floor])
+    plot.set_xticks(np.arange(len(floor)), [OUTPUTS.get(name, (name,))[0].partition(",")[0] for name in floor])
     plot.set_ylabel("gap / noise floor")
     if any(np.nanmax(values, initial=0.0) > _WIDE for values in ratios.values()):
         plot.set_yscale("log")
@@ -159,7 +164,7 @@ def draw_bars(plot: Axes, gap: Result) -> None:
 def _chosen(gap: Mapping[str, Any], stages: Sequence[str], there: Result) -> list[str]:
     """Outputs to draw: those whose gap shrinks most from the first of the stages to the last."""
     ordered = shrinking(gap, stages[0], stages[-1]) if stages else []
-    return [name for name in [*ordered, *(n for n in there if n not in ordered)] if name in there][:MOST_OUTPUTS]
+    return [name for name in [*ordered, *(n for n in there if n not in ordered)] if name in there][:MOSTOUTPUTS]
 
 
 def _ratio(value: float | None, floor: float) -> float | None:

@@ -42,7 +42,7 @@ def report(result: Any) -> str:
 
 
 def _identification(result: Result) -> str:
-    from gcs.report import figures
+    from gcs.report import figures, histories
     from gcs.report.svg import element
 
     model, series = result["model"], result.get("series") or {}
@@ -69,6 +69,7 @@ def _identification(result: Result) -> str:
                 tables.sensor_errors(result)),
         section("Mistakes and delays", _mistakes(result), tables.nuisances(result),
                 *map(element, figures.noise_spectra(result.get("noise_spectrum") or []))),
+        section("Time histories", *map(element, histories.every(series))),
         section("Measured and predicted", paragraph(_series_words(series)), *map(element, figures.flights(series))),
         section("Residuals", *map(element, figures.residual_statistics(series))),
         section("Modes", tables.modes(result)),

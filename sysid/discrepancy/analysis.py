@@ -22,7 +22,6 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.discrepancy.by_filter_error import comparison as by_filter_error
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import stage_gaps
-from sysid.discrepancy.gap_series import gap_series
 from sysid.discrepancy.identified_effect import effect_json
 from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.summary import sentence
@@ -33,6 +32,7 @@ from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_pat
 from sysid.quality.verdict import CARE, Reason
 from sysid.signal_check.corrected_faults import require_searched
 from sysid.signals.flight import FlightSignals
+from sysid.validation.simulation_series import simulation_series
 
 __all__ = ["MAX_EFFECTS", "discrepancy"]
 
@@ -111,7 +111,7 @@ def _result(found: Outcome, vehicle: Vehicle, progress: Progress, generator: np.
         if name == "validation":
             progress(0.88, "the gap on the other flights")
         gaps[name] = stage_gaps(of.motion, of.flights, of.stages, of.compatible, of.air, generator)
-        series[name] = gap_series(of.flights, of.stages, shown)
+        series[name] = simulation_series(of.flights, of.stages, shown)
     # What coefficients fitted again explain is not where an effect is missing.
     stage_before = "given" if found.verdict == "parameter_error" else "before"
     where = _where(found.used, vehicle, stage_before) if found.verdict != "none" else []

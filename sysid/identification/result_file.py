@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sysid.compatibility.reconstruction import CompatibilityResult, SensorError
+from sysid.errors import SysidError
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.identify import Identification
 from sysid.identification.linear_model import RESPONSES
@@ -14,7 +15,11 @@ from sysid.identification.measured_responses import measured_json
 from sysid.signal_check.sensor_assessment import verdicts
 from sysid.validation.largest_residual import outlier_text
 from sysid.validation.residual_series import output_residuals, series_json
+from sysid.validation.simulation_series import simulation_series
 from sysid.validation.statistics import Validation
+
+# Samples of a flight in its time histories: a minute at 50 Hz is whole.
+_SAMPLES = 3000
 
 
 def result_json(found: Identification) -> dict[str, Any]:
@@ -109,6 +114,12 @@ def _series(found: Identification) -> dict[str, Any]:
         return {}
     use = "estimation" if found.validation is None else "validation"
     series = series_json(found.compared, use)
+    try:
+        series["simulated"] = simulation_series(
+            found.compared.flights, {"model": found.compared.model}, ("model",), _SAMPLES
+        )
+    except SysidError:
+        series["simulated"] = []  # a motion that cannot be reconstructed has no states to begin from
     if found.likeliest is not None:
         interval = found.likeliest.problem.records[0].interval_s
         series["outputs"] = output_residuals(found.likeliest.result.residuals, interval)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from gcs.cli import main
@@ -24,7 +25,13 @@ def result() -> dict[str, Any]:
     residual = {"autocorrelation": [1.0, 0.2, -0.1], "lag_step_s": 0.1, "limit": 0.3, "mean": 0.0, "std": 0.01,
                 "histogram": {"low": -0.02, "high": 0.02, "counts": [1, 2]}}  # fmt: skip
     response = {"input": "de", "output": "q", "frequency_hz": [0.1, 1.0], "gain_db": [3.0, 1.0],
-                "gain_std_db": [0.1, 0.2], "phase_rad": [0.0, -1.0], "phase_std_rad": [0.01, 0.02]}  # fmt: skip
+                "gain_std_db": [0.1, 0.2], "phase_rad": [0.0, -1.0], "phase_std_rad": [0.01, 0.02],
+                "measured": {"frequency_hz": [0.5, 2.0], "gain_db": [2.1, 9.0], "gain_std_db": [0.3, 5.0],
+                             "phase_rad": [-0.5 - 6.2831853, 2.0], "phase_std_rad": [0.05, 1.0],
+                             "coherence": [0.95, 0.2]}}  # fmt: skip
+    simulated = {"flight": "first", "time_s": [0.0, 0.1, 0.2],
+                 "inputs": {"de": [0.0, 0.1, 0.0], "da": [0.0] * 3, "dr": [0.0] * 3, "thrust": [2.0, 2.1, 2.0]},
+                 "outputs": {"V": {"measured": [15.0, 15.1, 15.2], "model": [15.0, 15.05, None]}}}  # fmt: skip
     model = {
         "schema": "model/1", "name": "mine", "effects": [], "validity": {},
         "coefficients": {"CL_alpha": {"value": 4.5, "std": 0.12}, "Cm_q": {"value": -9.5, "std": 1.5}},
@@ -35,7 +42,10 @@ def result() -> dict[str, Any]:
     return {
         "schema": "identification/1", "flights": ["first"], "model": model, "modes": [mode],
         "frequency_responses": [response],
-        "series": {"use": "estimation", "flights": [{"flight": "first", "axes": axes}], "residuals": {"CL": residual}},
+        "series": {
+            "use": "estimation", "simulated": [simulated], "flights": [{"flight": "first", "axes": axes}],
+            "residuals": {"CL": residual},
+        },
     }  # fmt: skip
 
 
@@ -45,7 +55,7 @@ def test_a_folder_for_a_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["report", str(file), "--paper", str(folder)]) == 0, capsys.readouterr().err
     captions = re.findall(r"^\*\*(.+?)\*\*: (.+)\.$", (folder / "captions.md").read_text(), re.MULTILINE)
     names = [name for name, _ in captions]
-    assert names == ["correlation", "fit0", "residual0", "alpha0", "acf", "histogram", "bode-de"]
+    assert names == ["correlation", "history0", "fit0", "residual0", "alpha0", "acf", "histogram", "bode-de"]
     assert all(len(words) > 20 for _, words in captions)
     for name in names:
         picture = ElementTree.parse(folder / f"{name}.svg").getroot()
@@ -57,6 +67,14 @@ def test_a_folder_for_a_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert ["2 $C_{m}$", "predicted", "0.1", "0.19"] in fit
     band = [row for row in csv.reader((folder / "bode-de.csv").read_text().splitlines()) if row[1] == "band"]
     assert {row[0] for row in band} == {"1 q / de", "2 phase, deg"}
+    shown = [row[-2:] for row in csv.reader((folder / "bode-de.csv").read_text().splitlines())]
+    # What hangs together with the input, in the turn that the model's phase is in; the rest as coherence alone.
+    assert ["0.5", "2.1"] in shown
+    assert ["2.0", "9.0"] not in shown
+    assert any(x == "0.5" and abs(float(y) + np.degrees(0.5)) < 0.1 for x, y in shown if x == "0.5")
+    assert ["2.0", "0.2"] in shown
+    history = [row[1:] for row in csv.reader((folder / "history0.csv").read_text().splitlines())]
+    assert ["model", "0.1", "15.05"] in history
     assert min(float(row[3]) for row in band if row[0] == "1 q / de") == pytest.approx(1.0 - 1.96 * 0.2)
     picture_values = list(csv.reader((folder / "correlation.csv").read_text().splitlines()))
     assert ["1", "picture", "1.0", "0.0", "0.3"] in picture_values

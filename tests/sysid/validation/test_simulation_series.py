@@ -13,10 +13,10 @@ from mav_problem import longitudinal_record, vehicle
 
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
-from sysid.discrepancy import gap_series as gapseries
 from sysid.problem.free_run import Fixed, gap
 from sysid.signals.record import OUTPUTS
 from sysid.signals.sensor_layout import SensorLayout
+from sysid.validation.simulation_series import simulation_series
 
 LAYOUT = SensorLayout()
 
@@ -40,7 +40,7 @@ def flight() -> Any:
 def test_the_distance_of_the_curves_is_the_gap(flight: Any) -> None:
     record = flight.stretches[0].record
     stages = {"before": fixed(Cm_q=-2.0), "after": fixed()}
-    (found,) = gapseries.gap_series([flight], stages, ("before", "after"))
+    (found,) = simulation_series([flight], stages, ("before", "after"))
     assert found["flight"] == "one"
     time = np.array(found["time_s"])
     # Two windows of 250 samples each (two seconds are left over), and a break behind each.
@@ -52,6 +52,9 @@ def test_the_distance_of_the_curves_is_the_gap(flight: Any) -> None:
         for name, entry in found["outputs"].items():
             difference = np.array(entry["measured"]) - np.array(entry[stage])
             assert np.sqrt(np.nanmean(difference**2)) == pytest.approx(table[name], rel=0.01, abs=2e-4), (stage, name)
+    assert np.array(found["inputs"]["de"])[:250] == pytest.approx(
+        record.commands[record.start : record.start + 250, 0], rel=1e-4, abs=1e-9
+    )
     q = found["outputs"]["q"]
     assert np.array(q["measured"])[:250] == pytest.approx(record.z[:250, OUTPUTS.index("q")], rel=1e-4, abs=1e-9)
     assert np.nanstd(np.array(q["before"]) - np.array(q["measured"])) > 20.0 * np.nanstd(
@@ -59,13 +62,11 @@ def test_the_distance_of_the_curves_is_the_gap(flight: Any) -> None:
     )
 
 
-def test_a_long_flight_and_many_flights_are_thinned(flight: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gapseries, "POINTS", 120)
-    monkeypatch.setattr(gapseries, "POINTS_OF_ALL", 180)
+def test_a_long_flight_and_many_flights_are_thinned(flight: Any) -> None:
     record = flight.stretches[0].record
-    alone, both = (gapseries.gap_series([flight] * n, {"after": fixed()}, ("after",)) for n in (1, 2))
-    for found, stride in ((alone, 5), (both, 7)):
+    alone, many = (simulation_series([flight] * n, {"after": fixed()}, ("after",), 120) for n in (1, 3))
+    for found, stride in ((alone, 5), (many, 8)):
         time = np.array(found[0]["time_s"])
         begin = time[: np.flatnonzero(np.isnan(time))[0]]
         assert begin == pytest.approx(record.time_s[:250:stride], abs=1e-3)
-    assert [len(alone), len(both)] == [1, 2]
+    assert [len(alone), len(many)] == [1, 3]
