@@ -10,6 +10,8 @@ HELP = "write a result of identify or discrepancy as one HTML page"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("result", metavar="RESULT.json", type=Path, help="what identify -o or discrepancy -o wrote")
+    parser.add_argument("--beside", metavar="RESULT.json", type=Path, nargs="+", default=[],
+        help="results of other methods or flights, coefficients side by side")  # fmt: skip
     parser.add_argument("-o", "--output", metavar="REPORT.html", type=Path)
     parser.add_argument("--paper", metavar="FOLDER", type=Path, help="figures as SVG, PDF and CSV, tables in LaTeX")
 
@@ -25,15 +27,15 @@ def run(args: argparse.Namespace) -> int:
 
     if args.output is None and args.paper is None:
         raise SettingsError("give -o REPORT.html, --paper FOLDER, or both")
-    check_targets(args.output, inputs=[args.result])
-    result = read_result(args.result)
+    check_targets(args.output, inputs=[args.result, *args.beside])
+    result, beside = read_result(args.result), [read_result(one) for one in args.beside]
     try:
-        page = report(result) if args.output is not None else ""
+        page = report(result, beside) if args.output is not None else ""
         if args.paper is not None:
-            written = write_paper(result, args.paper)
+            written = write_paper(result, args.paper, beside)
             print(f"{args.paper}: {len(written)} files written")
     except ReportError as error:
-        raise ReportError(f"{args.result}: {error}") from error
+        raise ReportError(f"{', '.join(map(str, [args.result, *args.beside]))}: {error}") from error
     if args.output is not None:
         write_whole(args.output, page)
         print(f"{args.output} written")

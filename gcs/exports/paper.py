@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from gcs.errors import ExportError, ReportError
 from gcs.exports.exported import estimates_of, one_line, require_new
-from gcs.exports.tables import latex_number, latex_table
+from gcs.exports.tables import csv_side_by_side, latex_number, latex_side_by_side, latex_table
+from gcs.report.beside import headings
 from gcs.text.files import write_whole
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.model.model_file import model_from_json
@@ -17,10 +18,11 @@ from sim_vehicle.model.model_file import model_from_json
 Result = Mapping[str, Any]
 
 
-def write_paper(result: Result, folder: Path) -> list[Path]:
+def write_paper(result: Result, folder: Path, beside: Sequence[Result] = ()) -> list[Path]:
     """Write every figure of the report as SVG, PDF and CSV, coefficients.tex, modes.tex and captions.md.
 
-    result: of schema identification/1 or discrepancy/1. The folder is there whole or not at all. Returns the files.
+    result: of schema identification/1 or discrepancy/1. beside: identifications whose coefficients stand beside its own
+    in methods.tex and methods.csv. The folder is there whole or not at all. Returns the files.
     Raises ExportError where the folder exists or cannot be made, ReportError for a result that does not hold what its
     schema says.
     """
@@ -32,10 +34,11 @@ def write_paper(result: Result, folder: Path) -> list[Path]:
     if result.get("schema") not in of_schema:
         raise ReportError(f"this is no result that figures can be made of: its schema is {result.get('schema')!r}")
     flights = ", ".join(map(str, result.get("flights", [])))
+    heads = headings([result, *beside]) if beside else []
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
-            made = Path(beside) / folder.name
+        with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as scratch:
+            made = Path(scratch) / folder.name
             made.mkdir()
             drawings = of_schema[result["schema"]](result)
             for drawing in drawings:
@@ -45,6 +48,10 @@ def write_paper(result: Result, folder: Path) -> list[Path]:
             write_whole(made / "coefficients.tex", latex_table(estimates_of(model), title))
             if isinstance(result.get("modes"), list) and result["modes"]:
                 write_whole(made / "modes.tex", _modes(result["modes"]))
+            if beside:
+                every = [estimates_of(model_from_json(one["model"])) for one in (result, *beside)]
+                write_whole(made / "methods.tex", latex_side_by_side(heads, every))
+                write_whole(made / "methods.csv", csv_side_by_side(heads, every))
             captions = "".join(f"**{one.name}**: {one.caption}.\n\n" for one in drawings)
             write_whole(made / "captions.md", captions)
             made.rename(folder)

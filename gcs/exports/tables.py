@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, require_new
@@ -71,6 +71,34 @@ def latex_table(estimates: Mapping[str, Coefficient], title: str) -> str:
         r"\end{tabular}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def latex_side_by_side(heads: Sequence[str], results: Sequence[Mapping[str, Coefficient]]) -> str:
+    """A table of several results: a row each coefficient, a column each result."""
+    names = list(dict.fromkeys(name for one in results for name in one))
+    rows = [" & ".join([_symbol(name), *(_latex_cell(one.get(name)) for one in results)]) + r" \\" for name in names]
+    return "\n".join([
+        f"% {AXES_AND_SIGNS} Values with one standard error.",
+        rf"\begin{{tabular}}{{l{'r' * len(results)}}}", r"\toprule",
+        " & ".join(["Coefficient", *(head.replace("_", r"\_") for head in heads)]) + r" \\", r"\midrule",
+        *rows, r"\bottomrule", r"\end{tabular}", "",
+    ])  # fmt: skip
+
+
+def _latex_cell(entry: Coefficient | None) -> str:
+    return "--" if entry is None else latex_number(float(entry.value or 0.0), entry.std)
+
+
+def csv_side_by_side(heads: Sequence[str], results: Sequence[Mapping[str, Coefficient]]) -> str:
+    """The same as CSV: of each result value and standard error."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("name", *(f"{head}{part}" for head in heads for part in ("", ", std"))))
+    for name in dict.fromkeys(name for one in results for name in one):
+        entries = [one.get(name) for one in results]
+        cells = [("", "") if e is None else (e.value, "" if e.std is None else e.std) for e in entries]
+        rows.writerow((name, *(part for pair in cells for part in pair)))
+    return text.getvalue()
 
 
 def _latex_row(name: str, entry: Coefficient) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
 from gcs.errors import ReportError
 from gcs.report import tables
+from gcs.report.beside import headings, side_by_side
 from gcs.report.markup import listing, paragraph, section, table, text
 from gcs.report.symbols import LEGEND, equations
 from gcs.text.quality import VERDICTS, flights_words, verdict_words
@@ -23,13 +24,15 @@ _METHODS = {
 _UNACCEPTABLE = "Not acceptable, fly again"
 
 
-def report(result: Any) -> str:
+def report(result: Any, beside: Sequence[Any] = ()) -> str:
     """One HTML document of a result of schema identification/1 or discrepancy/1.
 
-    Raises ReportError for any other.
+    beside: results whose coefficients stand beside those of an identification. Raises ReportError for any other.
     """
     schema = result.get("schema") if isinstance(result, dict) else None
-    pages = {"identification/1": _identification, "discrepancy/1": _discrepancy}
+    pages = {"identification/1": lambda one: _identification(one, beside), "discrepancy/1": _discrepancy}
+    if beside:
+        headings([result, *beside])
     if not isinstance(schema, str) or schema not in pages:
         reason = f"its schema is {schema!r}" if schema is not None else "it names no schema"
         raise ReportError(f"this is no result that a report can be made of: {reason}; give one of gcs identify -o")
@@ -41,7 +44,7 @@ def report(result: Any) -> str:
         ) from error
 
 
-def _identification(result: Result) -> str:
+def _identification(result: Result, beside: Sequence[Result]) -> str:
     from gcs.report import figures, histories
     from gcs.report.svg import element
 
@@ -65,6 +68,7 @@ def _identification(result: Result) -> str:
             tables.refused(result),
             *map(element, figures.correlations(model)),
         ),
+        side_by_side([result, *beside]),
         section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                 tables.sensor_errors(result)),
         section("Mistakes and delays", _mistakes(result), tables.nuisances(result),

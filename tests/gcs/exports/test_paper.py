@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import re
+from io import StringIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from gcs.cli import main
@@ -85,6 +87,34 @@ def test_a_folder_for_a_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         r"short period & $1.300 \pm 0.020$ & $0.240 \pm 0.010$ & $0.50 \pm 0.10$ \\"
         in (folder / "modes.tex").read_text()
     )
+
+
+def test_methods_stand_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, other = result(), {**result(), "method": "ee"}
+    first["method"] = "oe"
+    del other["model"]["correlation"]
+    other["model"] = {**other["model"], "coefficients": {
+        "CL_alpha": {"value": 4.4, "std": 0.2}, "Cm_q": {"value": None, "refused": "no pitching"},
+        "CD_0": {"value": 0.05, "std": 0.001}}}  # fmt: skip
+    files = [tmp_path / f"{name}.json" for name in ("oe", "ee")]
+    for file, one in zip(files, (first, other), strict=True):
+        file.write_text(json.dumps(one))
+    page, folder = tmp_path / "a.html", tmp_path / "paper"
+    told = ["report", str(files[0]), "--beside", str(files[1]), "-o", str(page), "--paper", str(folder)]
+    assert main(told) == 0, capsys.readouterr().err
+    tables = pd.read_html(StringIO(page.read_text()), match="output error")
+    (table,) = [one for one in tables if "equation error" in one.columns]
+    assert table.set_index("coefficient").loc["CL_alpha"].tolist() == ["4.50 ± 0.12", "4.40 ± 0.2"]
+    rows = list(csv.reader((folder / "methods.csv").read_text().splitlines()))
+    assert rows[0] == ["name", "output error", "output error, std", "equation error", "equation error, std"]
+    assert ["Cm_q", "-9.5", "1.5", "", ""] in rows
+    assert ["CD_0", "", "", "0.05", "0.001"] in rows
+    latex = (folder / "methods.tex").read_text()
+    assert r"$C_{D_{0}}$ & -- & $0.0500 \pm 0.0010$ \\" in latex
+    assert r"\begin{tabular}{lrr}" in latex
+    files[1].write_text(json.dumps({"schema": "discrepancy/1"}))
+    assert main(told[:-2]) == 1
+    assert "only results of gcs identify stand beside one another" in capsys.readouterr().err
 
 
 def test_what_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
