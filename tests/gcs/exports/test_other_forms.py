@@ -141,6 +141,64 @@ def test_python_control_has_the_modes_that_the_file_says(tmp_path: Path) -> None
     assert len(read["modes"]) >= 4
 
 
+def wind_axes_motion(model: Exported, air: float) -> control.NonlinearIOSystem:
+    """The motion in V, alpha, beta (Stevens & Lewis, Aircraft Control and Simulation, table 2.5-1), written anew."""
+    vehicle, values = model.vehicle, model.model.values()
+    m, Ix, Iy, Iz, Ixz = (getattr(vehicle.mass, name) for name in ("mass", "Ixx", "Iyy", "Izz", "Ixz"))
+    S, b, c, g = vehicle.geometry.S, vehicle.geometry.b, vehicle.geometry.c, vehicle.environment.gravity
+    assert vehicle.propulsion is not None
+    x_T, _, z_T = vehicle.propulsion.line
+    most, lower = vehicle.propulsion.max_thrust or 0.0, model.model.effect("thrust_line_offset") or {"z_T": 0.0}
+
+    def rates(t: float, x: np.ndarray, u: np.ndarray, params: dict[str, Any]) -> np.ndarray:
+        V, alpha, q, theta, beta, p, r, phi = x
+        regressors = {"alpha": alpha, "beta": beta, "p": p * b / 2 / V, "q": q * c / 2 / V, "r": r * b / 2 / V,
+                      "de": u[0], "da": u[1], "dr": u[2]}  # fmt: skip
+        C = dict.fromkeys(AXES, 0.0)
+        for axis in AXES:
+            for name, value in values.items():
+                term = parse_term(name)
+                if term.axis == axis:
+                    C[axis] += value * np.prod([{**regressors, "CL": C["CL"]}[one] for one in term.factors])
+        qS, T = 0.5 * air * V**2 * S, most * u[3]
+        ca, sa, cb, sb, tb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta), np.tan(beta)
+        X = T + qS * (C["CL"] * sa - C["CD"] * ca) - m * g * np.sin(theta)
+        Y = qS * C["CY"] + m * g * np.cos(theta) * np.sin(phi)
+        Z = -qS * (C["CL"] * ca + C["CD"] * sa) + m * g * np.cos(theta) * np.cos(phi)
+        L, M, N = qS * b * C["Cl"], qS * c * C["Cm"] + (z_T + lower["z_T"]) * T, qS * b * C["Cn"]
+        gamma = Ix * Iz - Ixz**2
+        return np.array([
+            (X * ca * cb + Y * sb + Z * sa * cb) / m,
+            q - (p * ca + r * sa) * tb + (Z * ca - X * sa) / (m * V * cb),
+            (M + (Iz - Ix) * p * r - Ixz * (p**2 - r**2)) / Iy,
+            q * np.cos(phi) - r * np.sin(phi),
+            p * sa - r * ca + (Y * cb - X * ca * sb - Z * sa * sb) / (m * V),
+            (Ixz * (Ix - Iy + Iz) * p * q - (Iz * (Iz - Iy) + Ixz**2) * q * r + Iz * L + Ixz * N) / gamma,
+            (((Ix - Iy) * Ix + Ixz**2) * p * q - Ixz * (Ix - Iy + Iz) * q * r + Ixz * L + Ix * N) / gamma,
+            p + np.tan(theta) * (q * np.sin(phi) + r * np.cos(phi)),
+        ])  # fmt: skip
+
+    assert x_T == 0.1  # a thrust along x has no arm there
+    return control.NonlinearIOSystem(rates, None, inputs=4, states=8, outputs=8)
+
+
+def test_python_control_linearises_the_same_motion(tmp_path: Path) -> None:
+    """Equations written here, its differences, at the trim that the file gives."""
+    found = estimated()
+    vehicle = replace(found.vehicle, environment=replace(found.vehicle.environment, air_density=1.2),
+                      mass=replace(found.vehicle.mass, Ixz=0.004))  # fmt: skip
+    model = Exported(found.model, vehicle)
+    state_space.write(model, tmp_path / "a.json")
+    read = json.loads((tmp_path / "a.json").read_text())
+    states = [read["trim"][name] for name in read["states"]]
+    inputs = [read["trim"][name] for name in read["inputs"]]
+    motion = wind_axes_motion(model, 1.2)
+    assert np.abs(motion.dynamics(0.0, states, inputs)).max() < 1e-6
+    linear = control.linearize(motion, states, inputs, eps=1e-6)
+    for name, theirs in (("A", linear.A), ("B", linear.B)):
+        np.testing.assert_allclose(np.array(read[name]), theirs, rtol=1e-4, atol=1e-4 * np.abs(theirs).max())
+
+
 def test_models_are_drawn_with_their_correlations(tmp_path: Path) -> None:
     model = estimated()
     assert model.model.correlation is not None
