@@ -1,4 +1,5 @@
 """An aircraft that JSBSim flies: FOLDER/aircraft/NAME/NAME.xml, and FOLDER/flat.xml, an earth without curvature.
+FlightGear, whose flight model JSBSim is, finds it by NAME-set.xml beside the former.
 
 Forces act in body axes at AERORP, which is put at the centre of gravity; moments are about that point, as ours.
 Deflections come from `fcs/elevator-cmd-norm`, `fcs/aileron-cmd-norm` and `fcs/rudder-cmd-norm` (-1 to 1 over the
@@ -66,7 +67,12 @@ def write(model: Exported, folder: Path) -> list[str]:
     path = folder / "aircraft" / name / f"{name}.xml"
     try:
         path.parent.mkdir(parents=True)
-        for node, place in ((tree, path), (_planet(model.vehicle), folder / "flat.xml")):
+        beside = path.with_name(f"{name}-set.xml")
+        for node, place in (
+            (tree, path),
+            (_planet(model.vehicle), folder / "flat.xml"),
+            (_of_flightgear(model, name), beside),
+        ):
             ElementTree.indent(node)
             ElementTree.ElementTree(node).write(place, encoding="utf-8", xml_declaration=True)
     except OSError as error:
@@ -128,6 +134,15 @@ def _planet(vehicle: Vehicle) -> _Node:
     ):  # fmt: skip
         ElementTree.SubElement(node, tag, unit=unit).text = repr(value)
     ElementTree.SubElement(node, "J2").text = "0.0"
+    return node
+
+
+def _of_flightgear(model: Exported, name: str) -> _Node:
+    """What FlightGear asks for of an aircraft: who it is, which flight model, which file."""
+    node = ElementTree.Element("PropertyList")
+    sim = ElementTree.SubElement(node, "sim")
+    for tag, content in (("description", model.title), ("flight-model", "jsb"), ("aero", name)):
+        ElementTree.SubElement(sim, tag).text = content
     return node
 
 

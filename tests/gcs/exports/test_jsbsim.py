@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 import jsbsim
 import numpy as np
@@ -86,6 +87,8 @@ def test_jsbsim_flies_what_the_simulator_flies(name: str, tmp_path: Path) -> Non
     """The second and third have propellers by CT and CQ over the advance ratio, the second a motor that lags."""
     off = flown_both(tmp_path / "out", *craft(name))
     assert max(off.values()) < SHARE, off
+    listed = ElementTree.parse(tmp_path / "out" / "aircraft" / name / f"{name}-set.xml").getroot()
+    assert (listed.findtext("sim/flight-model"), listed.findtext("sim/aero")) == ("jsb", name)
 
 
 @pytest.mark.parametrize(
