@@ -93,7 +93,7 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
         assert [name.partition("/")[2] for name in archive.namelist()] == ["model.config", "model.sdf"]
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/models/{model['id']}/export?to=jsbsim").content)) as archive:
         assert any(name.endswith("/flat.xml") for name in archive.namelist())
-        assert len(archive.namelist()) == 2
+        assert len(archive.namelist()) == 3
     assert "'jsbsim', 'gazebo', 'csv' or 'latex'" in problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
     assert "no model 'x'" in problem(client.get("/api/models/x/export?to=csv"), 404)
     assert job["report"] is None
