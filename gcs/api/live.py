@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from gcs.api.schemas import Live, Minute, Problem
+from gcs.api.schemas import Live, Minute, NoteMade, NoteText, Problem
 from gcs.api.service import Service, Serving
 from gcs.errors import ServiceError
+from gcs.live.feed import Samples
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -48,12 +49,14 @@ def minute(service: Serving) -> Minute:
     "/api/live/stream",
     response_class=StreamingResponse,
     responses={
-        200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `estimate` and `state`"},
+        200: {"content": {"text/event-stream": {}}, "description": "events `signals`, `status`, `estimate`, `state`"},
         503: {"model": Problem},
     },
 )
 async def stream(service: Serving) -> StreamingResponse:
-    """Server-sent events: `signals` ten times a second, `estimate` twice, `state` when it, flight or vehicle change."""
+    """Server-sent events: `signals` ten times a second (newest values, and all samples since), `estimate` and `status`
+    of the vehicle twice, `state` when it, flight or vehicle change.
+    """
     if service.following >= _MOST_FOLLOWING:
         raise ServiceError(f"{_MOST_FOLLOWING} clients follow the flight already; close one of them")
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
@@ -73,6 +76,12 @@ class _Followed(StreamingResponse):
             await super().__call__(scope, receive, send)
         finally:
             self._service.following -= 1
+
+
+@router.post("/api/live/notes", status_code=201, responses={409: {"model": Problem}})
+def note(service: Serving, given: NoteText) -> NoteMade:
+    """Note something in flight: it is kept in the recording of every flight that is going on, and shown with it."""
+    return NoteMade(text=given.text, flights=service.recorder.note(given.text))
 
 
 def snapshot(service: Service) -> dict[str, Any]:
@@ -97,6 +106,8 @@ def snapshot(service: Service) -> dict[str, Any]:
         "landed": service.recorder.landed(),
         "state": feed.link_state,
         "signals": signals,
+        "status": state.status,
+        "track": state.track,
         "links": service.recorder.link_status(),
         "identification": state.identification,
         "events": [] if state.identification is None else state.identification["events"],
@@ -126,6 +137,17 @@ def _name_at(vehicle: str, changed_ns: int) -> str:
         return Path(vehicle).stem
 
 
+def joined(reports: Iterable[Samples]) -> Samples:
+    """Samples of several reports, one behind the other."""
+    found: Samples = {}
+    for report in reports:
+        for name, (times, values) in report.items():
+            before = found.setdefault(name, ([], []))
+            before[0].extend(times)
+            before[1].extend(values)
+    return found
+
+
 def _event(name: str, data: dict[str, Any]) -> str:
     return f"event: {name}\ndata: {dumps(data)}\n\n"
 
@@ -133,7 +155,7 @@ def _event(name: str, data: dict[str, Any]) -> str:
 async def _events(service: Service) -> AsyncIterator[str]:
     feed = service.live
     sent: object = None
-    signals = estimate = 0
+    signals = estimate = status = 0
     spoken = time.monotonic()
     while not feed.ending.is_set():
         state, link = feed.current, feed.link_state
@@ -144,10 +166,14 @@ async def _events(service: Service) -> AsyncIterator[str]:
             sent = now
             text += _event("state", {**now, "time_s": state.time_s})
         if state.signals_number != signals:
+            samples = joined(recent for number, recent in state.recent if number > signals)
             signals = state.signals_number
             now_ns = time.time_ns()
             values = {name: v for name, (v, at_ns, _) in state.signals.items() if now_ns - at_ns < _FRESH_NS}
-            text += _event("signals", {"time_s": state.time_s, "signals": values})
+            text += _event("signals", {"time_s": state.time_s, "signals": values, "samples": samples})
+        if state.status_number != status and state.status:
+            status = state.status_number
+            text += _event("status", state.status)
         if state.estimate_number != estimate and state.identification is not None:
             estimate = state.estimate_number
             text += _event("estimate", state.identification)

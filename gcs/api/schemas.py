@@ -270,11 +270,12 @@ class ModeView(FlightPart):
 
 
 class TextView(BaseModel):
-    """A text of the vehicle; severity from 0 (emergency) to 7 (debug)."""
+    """A text of the vehicle, or a note made in flight; severity from 0 (emergency) to 7 (debug)."""
 
     time: float
     severity: int
     text: str
+    note: bool = False
 
 
 class FlightSummary(FlightItem):
@@ -288,7 +289,7 @@ class FlightSummary(FlightItem):
         description="Messages of the vehicle with their numbers; GET …/signals accepts MESSAGE.field too"
     )
     modes: list[ModeView] = Field(description="Modes of the autopilot, one after the other")
-    texts: list[TextView] = Field(description="What the vehicle said")
+    texts: list[TextView] = Field(description="What the vehicle said and what was noted")
     warnings: list[str]
     jobs: list[JobView]
     aircraft: ChosenVehicle
@@ -466,11 +467,30 @@ class Live(BaseModel):
     landed: str | None = Field(description="The flight whose vehicle was disarmed last, while nobody flies")
     state: Literal["waiting", "live", "lost"] = Field(description="lost: no message for 2 s")
     signals: dict[str, LiveSignal]
+    status: dict[str, Any] = Field(
+        description="Mode, armed, battery, GPS, position (m north and east of home), home, wind and texts, as they came"
+    )
+    track: list[tuple[float, float]] = Field(description="Where it has been, m north and east of home")
     links: list[LinkStatus]
     identification: dict[str, Any] | None
     events: list[dict[str, Any]] = Field(description="What has failed or changed in flight, sensors first")
     why: str | None = Field(description="Why there is no identification")
     process: LiveProcess
+
+
+class NoteText(BaseModel):
+    """What is noted in flight."""
+
+    model_config = ConfigDict(str_strip_whitespace=True)
+
+    text: str = Field(min_length=1, max_length=200)
+
+
+class NoteMade(BaseModel):
+    """A note, and the flights that it is kept in."""
+
+    text: str
+    flights: list[str]
 
 
 class Minute(BaseModel):

@@ -14,10 +14,12 @@ from gcs.flights.streams import ColumnSource, Stream, VehicleStreams, once
 
 Array = NDArray[np.float64]
 
-_ARMED, _CUSTOM = 0x80, 0x01  # MAV_MODE_FLAG_SAFETY_ARMED, _CUSTOM_MODE_ENABLED
+ARMED, _CUSTOM = 0x80, 0x01  # MAV_MODE_FLAG_SAFETY_ARMED, _CUSTOM_MODE_ENABLED
 _FLAGS = {0x04: "AUTO", 0x08: "GUIDED", 0x10: "STABILIZE", 0x40: "MANUAL"}
 # Elements of an array field that are handed out, and texts of a flight.
 _MOST_ELEMENTS, _MOST_TEXTS, _MOST_MODES = 16, 300, 300
+#: Who notes something in flight, system and component, and how such a text begins.
+NOTES, NOTE = (255, mavutil.mavlink.MAV_COMP_ID_MISSIONPLANNER), "note: "
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,14 @@ class ModePart:
 
 @dataclass(frozen=True)
 class Said:
-    """A text that the vehicle sent (STATUSTEXT): when, s, how severe (0 emergency to 7 debug), and what."""
+    """A text (STATUSTEXT): when, s, how severe (0 emergency to 7 debug), what, and whether it is a note that somebody
+    made at this station.
+    """
 
     time: float
     severity: int
     text: str
+    note: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,8 @@ def modes(recording: ColumnSource, streams: VehicleStreams) -> list[ModePart]:
     found: list[ModePart] = []
     for first, end in zip(firsts, ends, strict=True):
         custom, base, kind, autopilot = (int(key[first]) for key in keys)
-        words = _mode(custom, base, kind, autopilot)
-        part = ModePart(max(float(beats.time_s[first]), 0.0), end, words, bool(base & _ARMED))
+        words = mode_name(custom, base, kind, autopilot)
+        part = ModePart(max(float(beats.time_s[first]), 0.0), end, words, bool(base & ARMED))
         if found and (found[-1].mode, found[-1].armed) == (part.mode, part.armed):
             found[-1] = replace(found[-1], end=end)
         else:
@@ -69,7 +74,7 @@ def modes(recording: ColumnSource, streams: VehicleStreams) -> list[ModePart]:
     return found
 
 
-def _mode(custom: int, base: int, kind: int, autopilot: int) -> str:
+def mode_name(custom: int, base: int, kind: int, autopilot: int) -> str:
     """A mode's name: by its number where the autopilot has numbers of its own, else by the flags of MAV_MODE_FLAG."""
     if not base & _CUSTOM and autopilot != mavutil.mavlink.MAV_AUTOPILOT_PX4:
         return next((name for flag, name in _FLAGS.items() if base & flag), "PREFLIGHT")
@@ -78,15 +83,28 @@ def _mode(custom: int, base: int, kind: int, autopilot: int) -> str:
     return str(mavutil.mode_string_v10(beat))
 
 
+def text_of(row: np.void) -> tuple[str, bool]:
+    """The text of a STATUSTEXT, and whether it goes on with the one before."""
+    text = bytes(row["text"]).split(b"\0")[0].decode("utf-8", "replace")
+    names = row.dtype.names or ()
+    return text, bool("id" in names and int(row["id"]) and int(row["chunk_seq"]) > 0)
+
+
 def texts(recording: ColumnSource, streams: VehicleStreams) -> list[Said]:
-    """What the vehicle said, in order; one text in several chunks is one."""
+    """What the vehicle said and what was noted here, in order; one text in several chunks is one."""
+    notes = [replace(one, note=True) for one in _said(recording, streams, NOTES[0]) if one.text.startswith(NOTE)]
+    said = _said(recording, streams, streams.sender.system)
+    return sorted([*said, *(replace(one, text=one.text.removeprefix(NOTE)) for one in notes)], key=lambda one: one.time)
+
+
+def _said(recording: ColumnSource, streams: VehicleStreams, system: int) -> list[Said]:
     found: list[Said] = []
-    for stream in _clocked(recording, streams, "STATUSTEXT"):
+    for stream in _clocked(recording, streams, "STATUSTEXT", system):
         parts: dict[int, int] = {}
         for row, time in zip(stream.records, stream.time_s.tolist(), strict=True):
-            text = bytes(row["text"]).split(b"\0")[0].decode("utf-8", "replace")
+            text, continues = text_of(row)
             number = int(row["id"]) if "id" in (stream.records.dtype.names or ()) else 0
-            if number and int(row["chunk_seq"]) > 0 and number in parts:
+            if continues and number in parts:
                 before = found[parts[number]]
                 found[parts[number]] = replace(before, text=before.text + text)
                 continue
@@ -94,7 +112,7 @@ def texts(recording: ColumnSource, streams: VehicleStreams) -> list[Said]:
                 break
             parts[number] = len(found)
             found.append(Said(time, int(row["severity"]), text))
-    return sorted(found, key=lambda one: one.time)
+    return found
 
 
 def raw_fields(recording: ColumnSource, streams: VehicleStreams, message: str) -> list[RawField]:
@@ -118,9 +136,13 @@ def array_elements(name: str, count: int) -> list[str]:
     return [f"{name}[{i}]" for i in range(min(count, _MOST_ELEMENTS))] if count else [name]
 
 
-def _clocked(recording: ColumnSource, streams: VehicleStreams, message: str) -> Iterator[Stream]:
-    """The vehicle's messages of that name within the flight, on its clock; the autopilot's component first."""
-    columns = [one for one in recording.columns(message, system=streams.sender.system) if one.fields.size]
+def _clocked(
+    recording: ColumnSource, streams: VehicleStreams, message: str, system: int | None = None
+) -> Iterator[Stream]:
+    """The vehicle's messages of that name, or another system's, within the flight, on the vehicle's clock; the
+    autopilot's component first.
+    """
+    columns = [one for one in recording.columns(message, system=system or streams.sender.system) if one.fields.size]
     for one in sorted(columns, key=lambda entry: (entry.component != 1, entry.component)):
         stream = once(Stream(message, one.component, one.log_time, one.fields))
         inside = stream.only(streams.clock.inside(stream.log_ns))

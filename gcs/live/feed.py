@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import subprocess
 import sys
@@ -34,9 +35,17 @@ _LOST_S = 2.0
 # A process that has not looked at a batch for so long stands still.
 _BEHIND_S = 10.0
 _STOP_TIMEOUT_S = 3.0
+# Of a track: the least between two places, m, and how many are kept at most.
+_STEP_M, _MOST_PLACES = 2.0, 2000
+# Reports whose samples are kept for who follows: two seconds.
+_MOST_RECENT = 19
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 # A process that has lived that long was well: the next pause is a short one again.
 _WELL_S = 60.0
+
+
+#: By signal its times, s, and values.
+Samples = dict[str, tuple[list[float], list[float]]]
 
 
 @dataclass
@@ -45,7 +54,8 @@ class LiveState:
 
     signals: name -> (value, UTC ns of reception, unit). numbers count reports, for those who wait for new ones.
     heard_s: when the newest bytes with a message of the vehicle came, monotonic. flight: the recorded one that all this
-    is of, None for none.
+    is of, None for none. status: of the vehicle (gcs.live.vehicle_status); track: where it has been, m north and east
+    of home. recent: samples of the newest reports, by the report's number.
     """
 
     time_s: float | None = None
@@ -56,6 +66,10 @@ class LiveState:
     signals_number: int = 0
     estimate_number: int = 0
     flight: str | None = None
+    status: dict[str, Any] = field(default_factory=dict)
+    status_number: int = 0
+    track: tuple[tuple[float, float], ...] = ()
+    recent: tuple[tuple[int, Samples], ...] = ()
 
 
 class LiveFeed:
@@ -134,9 +148,7 @@ class LiveFeed:
         state, flight = self.state, self.flight
         if flight is None or state.flight is None or state.flight == flight:
             return state
-        return LiveState(
-            heard_s=state.heard_s, signals_number=state.signals_number, estimate_number=state.estimate_number
-        )
+        return _nothing_of(state)
 
     @property
     def problem(self) -> str:
@@ -266,9 +278,7 @@ class LiveFeed:
             if kind == "ready":
                 self.process_state = "running"
         elif kind == "begin":
-            self.state = LiveState(
-                heard_s=old.heard_s, signals_number=old.signals_number, estimate_number=old.estimate_number
-            )
+            self.state = _nothing_of(old)
         elif kind == "error":
             self._failure = report["text"]
         elif kind == "fault":
@@ -277,15 +287,15 @@ class LiveFeed:
             self._taken(report["taken"])
         elif kind == "signals":
             signals = {name: tuple(entry) for name, entry in report["signals"].items()}
-            self.state = LiveState(
-                report["time_s"],
-                report["system"],
-                signals,
-                old.identification,
-                self._taken(report["taken"]),
-                old.signals_number + 1,
-                old.estimate_number,
-                report["flight"],
+            self.state = replace(
+                old, time_s=report["time_s"], system=report["system"], signals=signals,
+                heard_s=self._taken(report["taken"]), signals_number=old.signals_number + 1, flight=report["flight"],
+                recent=(*old.recent[-_MOST_RECENT:], (old.signals_number + 1, report["recent"])),
+            )  # fmt: skip
+        elif kind == "status":
+            status = report["status"]
+            self.state = replace(
+                old, status=status, status_number=old.status_number + 1, track=_longer(old.track, status)
             )
         elif kind == "values" and old.identification is not None:
             self.state = replace(old, identification=_renewed(old.identification, report))
@@ -294,6 +304,25 @@ class LiveFeed:
             self.state = replace(old, identification=report["identification"], estimate_number=number)
             if old.time_s is not None and self.on_estimate is not None:
                 self.on_estimate(report["identification"], old.time_s)
+
+
+def _nothing_of(state: LiveState) -> LiveState:
+    """Another flight: nothing is known of it, and numbers go on."""
+    return LiveState(
+        heard_s=state.heard_s, signals_number=state.signals_number, estimate_number=state.estimate_number,
+        status_number=state.status_number,
+    )  # fmt: skip
+
+
+def _longer(track: tuple[tuple[float, float], ...], status: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    """The track with where the vehicle is now; of a long one every other place stays."""
+    if "position" not in status:
+        return track
+    north, east = status["position"]
+    if track and math.dist(track[-1], (north, east)) < _STEP_M:
+        return track
+    kept = track if len(track) < _MOST_PLACES else track[::2]
+    return (*kept, (north, east))
 
 
 def _renewed(identification: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:

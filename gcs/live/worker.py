@@ -6,6 +6,7 @@ not fit (`gcs.live.feed`).
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -23,6 +24,8 @@ from gcs.live.messages import VehicleMessages
 from gcs.live.protocol import Flight, Unpacker
 from gcs.live.second_process import SecondProcess
 from gcs.live.signals import Samples, SignalStream
+from gcs.live.vehicle_status import MESSAGES as STATUS_MESSAGES
+from gcs.live.vehicle_status import VehicleStatus
 from gcs.live.vehiclefile import WatchedVehicle
 from gcs.mavlink.dialect import Dialect
 from gcs.text.jsontext import dumps
@@ -45,6 +48,8 @@ _LONGEST_TURN_S = 0.5
 _COST_MEMORY = 0.05  # of a turn in the mean of what turns cost
 # What nobody reads faster is sent no faster.
 _SIGNALS_S = 0.1
+_STATUS_S = 0.5
+_MOST_SAMPLES = 5  # of a signal in one report: fifty a second
 _SLACK_S = 0.02
 _SILENT_S = 0.5
 # A vehicle that was silent for longer may have been switched off, and its file edited meanwhile. One without a file
@@ -70,9 +75,11 @@ class LiveProcess:
         self._first, self._files = file, dict[str, WatchedVehicle]()
         vehicle = None if file is None else file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
-        self._messages = VehicleMessages(dialect, self._signals.messages)
+        self._messages = VehicleMessages(dialect, self._wanted())
+        self._status, self._status_sent, self._status_s = VehicleStatus(), 0, 0.0
         self._flight = Flight()
         self._newest: dict[str, tuple[float, int]] = {}
+        self._recent: dict[str, list[Samples]] = {}
         self._fresh, self._anew, self._over = False, True, False
         self._taken = self._sent = 0
         self._sent_s = 0.0
@@ -135,6 +142,7 @@ class LiveProcess:
             self._heard_ns = newest_ns
             samples = self._signals.take(streams, self._messages.autopilot)
             self._keep(samples, newest_ns)
+            self._status.take(streams)
             if self._estimates is not None:
                 time_s = np.concatenate([stream.time_s for stream in streams])
                 self._estimates.take(samples, time_s, np.concatenate([stream.log_ns for stream in streams]))
@@ -144,6 +152,7 @@ class LiveProcess:
         if not self._over:
             return
         self._over = False
+        self._status = VehicleStatus()
         if self._file is not None:
             self._file.end_flight()
         self._begin()
@@ -153,9 +162,12 @@ class LiveProcess:
         self._anew = True
         vehicle = None if self._file is None else self._file.vehicle
         self._signals = SignalStream(vehicle or Vehicle.unknown())
-        self._messages.want(self._signals.messages)
-        self._newest = {}
+        self._messages.want(self._wanted())
+        self._newest, self._recent = {}, {}
         self._estimates = None if vehicle is None else EstimateReports(vehicle, self._second)
+
+    def _wanted(self) -> list[str]:
+        return [*self._signals.messages, *STATUS_MESSAGES]
 
     def _look(self) -> None:
         """Whether the vehicle file is still the one that these estimates go by."""
@@ -167,9 +179,23 @@ class LiveProcess:
         if self._file.notes != before:
             send("vehicle", **_vehicle_fields(self._file))
 
+    def _thinned(self) -> dict[str, tuple[list[float], list[float]]]:
+        """Times and values of each signal since the last report, as many as a plot shows."""
+        found = {}
+        for name, parts in self._recent.items():
+            times, values = (np.concatenate([getattr(part, key) for part in parts]) for key in ("time_s", "values"))
+            step = max(1, math.ceil(times.size / _MOST_SAMPLES))
+            # From the newest back, so that it is there.
+            kept = slice((times.size - 1) % step, None, step)
+            found[name] = ([round(one, 3) for one in times[kept].tolist()],
+                           [float(f"{one:.5g}") for one in values[kept].tolist()])  # fmt: skip
+        self._recent = {}
+        return found
+
     def _keep(self, samples: dict[str, Samples], received_ns: int) -> None:
         for name, found in samples.items():
             self._newest[name] = (float(found.values[-1]), received_ns)
+            self._recent.setdefault(name, []).append(found)
         self._fresh = True
 
     def report(self, now_s: float) -> None:
@@ -184,12 +210,15 @@ class LiveProcess:
             }
             state = {"time_s": self._messages.newest_s, "system": self._messages.system, "signals": known,
                     "flight": self._flight.id or None}  # fmt: skip
-            send("signals", taken=self._taken, **state)
+            send("signals", taken=self._taken, recent=self._thinned(), **state)
             self._sent, self._sent_s = self._taken, now_s
         elif self._taken != self._sent and now_s - self._sent_s > _SILENT_S:
             # What comes is not the vehicle's: that is how the service knows that the vehicle has fallen silent.
             send("taken", taken=self._taken)
             self._sent, self._sent_s = self._taken, now_s
+        if self._status.number != self._status_sent and now_s - self._status_s >= _STATUS_S - _SLACK_S:
+            self._status_sent, self._status_s = self._status.number, now_s
+            send("status", status=self._status.to_json())
         if self._estimates is None:
             return
         report = self._estimates.due(now_s)

@@ -8,8 +8,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
+from pymavlink.dialects.v20 import common
+
 from gcs.clock import timesync
 from gcs.errors import JobError, in_words
+from gcs.flights.timeline import NOTE
 from gcs.links.allowance import BYTES_PER_S
 from gcs.links.datagrams import Batch
 from gcs.links.opening import Link
@@ -32,6 +35,7 @@ _DRAIN_S = 1.0
 _LAST_LOOK_S = 0.01
 _AFTER_ERROR_S = 0.01
 _MOST_ERRORS = 100
+_TEXT_BYTES = 50  # of STATUSTEXT
 
 _log = logging.getLogger(__name__)
 
@@ -207,6 +211,7 @@ class RecordingStation(Station):
             forward_key=forward_key,
         )
         self._recorder = recorder
+        self._notes = 0
         self._files = BoardFiles(self.voice, self._say)
         recorder.hear_frames = self._files.hear
         for link in self.links:
@@ -257,6 +262,26 @@ class RecordingStation(Station):
     def landed(self) -> str | None:
         """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         return self._recorder.landed()
+
+    def note(self, text: str) -> list[str]:
+        """Keep a text, as STATUSTEXT of this station, in every flight that is going on; their ids.
+
+        Raises JobError where there is none.
+        """
+        flights = self._recorder.live_flights()
+        if not flights:
+            raise JobError("no flight is being recorded that a note could be kept in")
+        data = f"{NOTE}{text}".encode()
+        pieces = [data[i : i + _TEXT_BYTES] for i in range(0, len(data), _TEXT_BYTES)]
+        self._notes = self._notes % 65535 + 1
+        number = self._notes if len(pieces) > 1 else 0
+        now_ns = self._clock()
+        frames = [
+            self.voice.frame(common.MAVLink_statustext_message(common.MAV_SEVERITY_NOTICE, piece, number, i))
+            for i, piece in enumerate(pieces)
+        ]
+        self._recorder.feed(f"{FORWARD}notes", Batch.of([(frame, now_ns) for frame in frames]))
+        return flights
 
     def put_file(self, system: int, path: str, content: bytes, board: str | None) -> None:
         """Write a file to the card of a vehicle that stands on the ground. Raises JobError, in words.

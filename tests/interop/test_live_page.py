@@ -127,7 +127,7 @@ def figures_come(phone: Visitor) -> bool:
 def test_figures_of_a_silent_vehicle_are_called_old(phone: Visitor, ground: Ground) -> None:
     with flying(ground, "--manoeuvre", "cruise"):
         phone.open("#/live")
-        phone.wait_for_text(".banner", "Live: flight")
+        phone.wait_for_text(".banner", "Live: iitb-mav")
         wait_until(lambda: figures_come(phone))
         assert shows_new_figures(phone)
     phone.wait_for_text(".banner", "No message from the vehicle")
@@ -137,11 +137,38 @@ def test_figures_of_a_silent_vehicle_are_called_old(phone: Visitor, ground: Grou
     wait_until(lambda: shows_old_figures(phone))
 
 
+def test_what_a_helper_reads_at_the_field(phone: Visitor, ground: Ground) -> None:
+    with flying(ground, "--manoeuvre", "cruise"):
+        phone.open("#/live")
+        for words in ("STABILIZE", "ARMED", "3D, 12 sat.", "0 % lost", "on, "):
+            phone.wait_for_text(".strip", words)
+        phone.wait_for_text(".ground-track figcaption", "m from where it was heard first")
+        phone.wait_for_text(".next-what", "multisine")
+        # State, attitude, figures and what to fly stand on one screen of a phone.
+        bottom = "document.querySelector('.next-what').getBoundingClientRect().bottom"
+        assert phone.page.evaluate(bottom) < 844
+        phone.page.fill(".note-form input", "rough over the trees")
+        phone.page.click("text=Note >> nth=-1")
+        phone.wait_for_text(".said", "rough over the trees")
+        for theme in ("dark", "sunlight"):
+            phone.page.select_option("#theme", theme)
+            wait_until(lambda theme=theme: phone.page.evaluate("document.documentElement.dataset.theme") == theme)
+            phone.page.evaluate("window.scrollTo(0, 0)")
+            phone.check(f"live-{theme}")
+        # WCAG 2.2, success criterion 1.4.6: seven to one.
+        enhanced = """axe.run(document, {runOnly: ['color-contrast-enhanced']}).then(found => found.violations
+          .flatMap(one => one.nodes.map(node => node.html)))"""
+        assert phone.page.evaluate(enhanced) == []
+    wait_until(
+        lambda: "note" in str(ground.get(f"/api/flights/{ground.get('/api/flights')['flights'][0]['id']}")["texts"])
+    )
+
+
 def test_figures_of_a_service_that_stands_still_are_called_old(phone: Visitor, ground: Ground) -> None:
     assert ground.process is not None
     with flying(ground, "--manoeuvre", "cruise"):
         phone.open("#/live")
-        phone.wait_for_text(".banner", "Live: flight")
+        phone.wait_for_text(".banner", "Live: iitb-mav")
         wait_until(lambda: figures_come(phone))
         ground.process.send_signal(signal.SIGSTOP)
         try:
@@ -149,7 +176,7 @@ def test_figures_of_a_service_that_stands_still_are_called_old(phone: Visitor, g
             assert shows_old_figures(phone)
         finally:
             ground.process.send_signal(signal.SIGCONT)
-        phone.wait_for_text(".banner", "Live: flight")
+        phone.wait_for_text(".banner", "Live: iitb-mav")
         wait_until(lambda: shows_new_figures(phone))
 
 

@@ -39,7 +39,7 @@ def flying(ground: Ground) -> Iterator[None]:
 
 def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground, flying: None) -> None:
     visitor.open("#/live")
-    visitor.wait_for_text(".banner", "Live: flight")
+    visitor.wait_for_text(".banner", "Live: iitb-mav")
     visitor.wait_for_plots(3)
     shown = wait_until(lambda: re.search(r"\d+\.\d", visitor.text(".tile >> nth=0")))
     assert float(shown[0]) == pytest.approx(ground.get("/api/live")["signals"]["airspeed"]["value"], abs=4.0)
@@ -56,7 +56,7 @@ def test_live_a_lost_connection_and_its_return(visitor: Visitor, ground: Ground,
     visitor.page.evaluate("window.scrollTo(0, 0)")
     visitor.check("lost")
     ground.start()
-    visitor.wait_for_text(".banner", "Live: flight")
+    visitor.wait_for_text(".banner", "Live: iitb-mav")
     visitor.check()
 
 

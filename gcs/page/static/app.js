@@ -8,6 +8,7 @@ import { flight } from './flight.js'
 import { flights } from './flights.js'
 import { live } from './live.js'
 import { start } from './router.js'
+import { chooser, dress } from './theme.js'
 
 const HEALTH_EVERY_MS = 5000
 
@@ -25,6 +26,8 @@ async function health() {
   }
 }
 
+dress()
+chooser(document.getElementById('theme'))
 start({
   live,
   flights: (page, parts, query, signal) => (parts.length ? flight : flights)(page, parts, query, signal),

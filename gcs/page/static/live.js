@@ -4,11 +4,15 @@ import { announce } from './announce.js'
 import { get } from './api.js'
 import { h } from './dom.js'
 import { duration } from './format.js'
+import { FlyNext } from './flynext.js'
 import { Identification } from './liveidentification.js'
 import { Instruments } from './instruments.js'
 import { Links } from './livelinks.js'
+import { Notes } from './livenotes.js'
 import { LivePlots } from './liveplots.js'
+import { Status } from './livestatus.js'
 import { write } from './livetable.js'
+import { Track } from './livetrack.js'
 import { Warnings } from './livewarnings.js'
 import { follow } from './stream.js'
 
@@ -19,7 +23,7 @@ const SILENT_MS = 3000
 const FRESH_S = 2
 
 const STATES = {
-  live: ['good', data => `Live${data.flight ? `: flight ${data.flight}` : ''}${data.vehicle ? ` of ${data.vehicle}` : ''}`],
+  live: ['good', data => `Live${data.vehicle ? `: ${data.vehicle}` : ''}`],
   late: ['bad', () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The figures are old.'],
   lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
     + 'Check its power, the radio, and the links below.'],
@@ -38,8 +42,9 @@ export async function live(page, parts, query, signal) {
     newest = null
     view.disconnected(error.message)
   }
-  page.append(h('h1', {}, 'Live'), view.banner, view.first, view.warnings.element, ...view.instruments.elements, ...view.plots.elements,
-    ...view.identification.elements, ...view.links.elements)
+  page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
+    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element), view.track.element),
+    ...view.plots.elements, view.notes.element, ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
 }
@@ -56,6 +61,10 @@ class LiveView {
       h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ', h('a', { href: '#/flights' }, 'take the log in'), ', and press Identify on its page.'))
     this.warnings = new Warnings()
     this.instruments = new Instruments()
+    this.status = new Status()
+    this.track = new Track()
+    this.notes = new Notes(signal)
+    this.next = new FlyNext()
     this.plots = new LivePlots(query, signal)
     this.identification = new Identification(signal)
     this.links = new Links()
@@ -76,6 +85,8 @@ class LiveView {
     this.instruments.show(Object.fromEntries(entries.map(([name, entry]) => [name, entry.value])), age)
     const fresh = entries.filter(([name]) => age(name) < FRESH_S).map(([name, entry]) => [name, entry.value])
     this.plots.add({ time_s: newest.time_s, signals: Object.fromEntries(fresh) })
+    this.track.fill(newest.track)
+    this.vehicle(newest.status)
     this.estimate(newest.identification, newest.why)
   }
 
@@ -83,8 +94,9 @@ class LiveView {
     if (change.flight && change.flight !== this.flight) {
       this.flight = change.flight
       this.learnt = false
-      for (const part of [this.plots, this.identification, this.instruments, this.warnings]) part.clear()
+      for (const part of [this.plots, this.identification, this.instruments, this.warnings, this.status, this.track, this.notes, this.next]) part.clear()
     }
+    if ('flight' in change) this.status.take({ flight: change.flight })
     Object.assign(this.data, change)
     this.look()
   }
@@ -99,6 +111,7 @@ class LiveView {
     if (this.data.landed) this.result.href = `#/flights/${encodeURIComponent(this.data.landed)}`
     this.instruments.stale(late || this.data.state !== 'live')
     this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
+    this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
   }
 
   showState(kind, text, time = '') {
@@ -115,10 +128,18 @@ class LiveView {
 
   signals(event) {
     this.data.time_s = event.time_s
+    this.notes.time = event.time_s
     this.heard = Date.now()
     this.instruments.show(event.signals)
     if (this.plots.knows(event.signals)) this.plots.add(event)
     else this.askUnits()
+  }
+
+  /** The vehicle's own state: mode, battery, place, texts. */
+  vehicle(status) {
+    this.status.take({ status })
+    this.track.show(status)
+    this.notes.show(status.texts ?? [])
   }
 
   /** Events carry no units, the snapshot does. */
@@ -139,6 +160,7 @@ class LiveView {
     if (this.data.landed && this.learnt) return
     this.learnt = Boolean(found)
     this.identification.show(found, why, this.data.time_s)
+    this.next.show(this.data.landed ? null : found?.coefficients)
     this.warnings.show((found?.events ?? []).map(one => one.text), found?.warnings ?? [])
   }
 
@@ -150,6 +172,7 @@ class LiveView {
         this.broken = false
         if (name === 'signals') this.signals(data)
         else if (name === 'estimate') this.estimate(data)
+        else if (name === 'status') this.vehicle(data)
         else if (name === 'state') {
           this.stateEvents += 1
           this.state(data)
@@ -181,7 +204,9 @@ class LiveView {
 
   async showLinks() {
     try {
-      this.links.show(await get('/api/links', this.signal))
+      const [links, health] = await Promise.all([get('/api/links', this.signal), get('/api/health', this.signal)])
+      this.links.show(links)
+      this.status.take({ links, health })
     } catch (error) {
       if (this.signal.aborted) return
       this.links.fail(error.message)

@@ -7,9 +7,9 @@ import { keepQuery } from './router.js'
 
 const WINDOW_S = 60
 const EVERY_MS = 200
-const USUAL = [['airspeed'], ['alpha', 'beta'], ['phi', 'theta']]
+const USUAL = [['airspeed'], ['alpha', 'beta'], ['p', 'q', 'r'], ['de', 'da', 'dr'], ['phi', 'theta']]
 
-/** Plots of airspeed, flow angles and attitude, and of the signals that the user chooses. */
+/** Plots of airspeed, flow angles, rates, surfaces and attitude, and of the signals that the user chooses. */
 export class LivePlots {
   constructor(query, signal) {
     this.query = query
@@ -39,8 +39,8 @@ export class LivePlots {
     return Object.keys(signals).every(name => name in this.unitOf)
   }
 
-  /** Take an event of signals. */
-  add({ time_s: time, signals }) {
+  /** Take an event of signals: the newest value of each, and all samples since the event before where they come. */
+  add({ time_s: time, signals, samples = {} }) {
     if (time === null) return
     if (time < this.newest) this.clear()
     this.newest = time
@@ -51,9 +51,13 @@ export class LivePlots {
         this.kept.set(name, { x: [], y: [] })
       }
       const { x, y } = this.kept.get(name)
-      if (x.at(-1) === time) continue
-      x.push(time)
-      y.push(value === null ? NaN : value * this.shownUnit(name)[1])
+      const factor = this.shownUnit(name)[1]
+      const [times, values] = samples[name] ?? [[time], [value]]
+      for (const [index, at] of times.entries()) {
+        if (at <= x.at(-1)) continue
+        x.push(at)
+        y.push(values[index] === null ? NaN : values[index] * factor)
+      }
       const old = x.findIndex(at => at >= time - WINDOW_S)
       if (old > 0) {
         x.splice(0, old)

@@ -74,7 +74,7 @@ function anyField(messages, chosen, box) {
 function events({ modes, texts }, drawing) {
   const rows = [
     ...modes.map(one => ({ time: one.start, what: `${one.mode}${one.armed ? '' : ', disarmed'}`, kind: 'mode' })),
-    ...texts.map(one => ({ time: one.time, what: one.text, kind: SEVERITIES[one.severity] ?? 'text' })),
+    ...texts.map(one => ({ time: one.time, what: one.text, kind: one.note ? 'note' : SEVERITIES[one.severity] ?? 'text' })),
   ].sort((a, b) => a.time - b.time)
   if (!rows.length) return ''
   const found = table('What happened', ['Time, s', 'What', 'Kind'], rows.map(({ time, what, kind }) => [

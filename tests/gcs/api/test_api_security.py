@@ -95,6 +95,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "GET /api/models/{model_id}/export",
         "GET /api/live",
         "GET /api/live/minute",
+        "POST /api/live/notes",
         "GET /api/live/stream",
     }
     body = schema["components"]["schemas"]["JobRequest"]["properties"]

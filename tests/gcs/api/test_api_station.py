@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
-from api_bench import START, WORKER, Bench
+from api_bench import START, WORKER, Bench, problem
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from serving import serving
 from traffic import SECOND, Vehicle, batch, wait_until
@@ -23,6 +23,7 @@ from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.jobs.runner import JobRunner
 from gcs.links.datagrams import Batch
 from gcs.links.opening import UdpLink, open_link
+from gcs.recording.reader import Recording
 from gcs.station.station import RecordingStation
 
 
@@ -34,6 +35,31 @@ def test_health_and_links(client: httpx.Client) -> None:
     (link,) = client.get("/api/links").json()
     assert link["connected"] is True
     assert link["frames"] == link["raw_bytes"] == 0
+
+
+def test_a_note_made_in_flight_is_kept_in_the_recording(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    with serving(bench.app) as client:
+        assert "no flight is being recorded" in problem(client.post("/api/live/notes", json={"text": "x"}), 409)
+        vehicle = Vehicle()
+        for second in range(25):
+            bench.recorder.feed("udpin:test", batch(vehicle.second(), START + second * SECOND))
+        long = "rough air over the trees behind the runway, flew the second doublet again"
+        made = client.post("/api/live/notes", json={"text": f"  {long} "}).json()
+        (flight,) = made["flights"]
+        assert made["text"] == long
+        assert client.post("/api/live/notes", json={"text": "mark"}).status_code == 201
+        for wrong in ({"text": "  "}, {"text": "x" * 201}, {}):
+            problem(client.post("/api/live/notes", json=wrong), 422)
+        for second in range(25, 40):
+            bench.recorder.feed("udpin:test", batch(vehicle.second(), START + second * SECOND))
+        bench.recorder.end_flights(START + 41 * SECOND)
+        texts = wait_until(lambda: client.get(f"/api/flights/{flight}").json().get("texts"))
+        assert [(one["text"], one["note"]) for one in texts] == [(long, True), ("mark", True)]
+        # The station's clock stands half a minute behind the beginning.
+        assert texts[0]["time"] == pytest.approx(30.0, abs=1.5)
+    (kept,) = Recording(bench.settings.flights / f"{flight}.mcap").columns("STATUSTEXT", system=255)
+    assert kept.fields.size == 3
 
 
 def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(

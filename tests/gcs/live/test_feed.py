@@ -42,6 +42,13 @@ def test_signals_reach_the_service_and_a_process_that_is_killed_comes_back(
     wait_until(heard)
     assert (feed.process_state, feed.flight, feed.link_state) == ("running", "flight-1", "live")
     assert feed.state.signals["phi"][2] == "rad"
+    wait_until(lambda: feed.state.status.get("armed"))
+    # Every sample since the report before, the newest among them.
+    number, recent = feed.state.recent[-1]
+    assert number == feed.state.signals_number
+    times, values = recent["phi"]
+    assert 1 <= len(times) == len(values) <= 5
+    assert times[-1] == pytest.approx(feed.state.time_s or 0.0, abs=0.1)
     assert feed._process is not None
     before = feed.state.signals_number
     os.kill(feed._process.pid, signal.SIGKILL)
@@ -114,7 +121,8 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
     data = Vehicle().second()
 
     def told(taken: int) -> None:
-        signals = {"kind": "signals", "time_s": 1.0, "system": 1, "signals": {}, "taken": taken, "flight": None}
+        signals = {"kind": "signals", "time_s": 1.0, "system": 1, "signals": {}, "taken": taken, "flight": None,
+                   "recent": {}}  # fmt: skip
         behind._take(signals)
 
     for _ in range(8):
@@ -145,7 +153,7 @@ def test_a_process_that_is_behind_does_not_make_the_vehicle_lost(
 
 def test_of_a_flight_that_has_just_begun_nothing_of_the_last_one_is_told(tmp_path: Path) -> None:
     feed = LiveFeed(Settings(data=tmp_path), dict)  # never started: this test tells what its process would
-    signals = {"kind": "signals", "time_s": 8.0, "system": 1, "signals": {}, "taken": 0}
+    signals = {"kind": "signals", "time_s": 8.0, "system": 1, "signals": {}, "taken": 0, "recent": {}}
     feed.flight = "first"
     feed._take({**signals, "flight": "first"})
     feed._take({"kind": "estimate", "identification": {"time_s": 8.0}})
