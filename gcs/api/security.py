@@ -13,7 +13,9 @@ from gcs.page.assets import PREFIX
 from gcs.settings import is_loopback
 
 # The page and the description of the interface hold no data; all else is closed unless it is named here.
-_OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json", "/api/health"})
+_OPEN_PATHS = frozenset(
+    {"/", "/docs", "/openapi.json", "/api/health", "/manifest.webmanifest", "/icon.svg", "/shell.js"}
+)
 # The scripts and styles of /docs lie behind this.
 DESCRIPTION_FILES = "/docs-files"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import importlib.util
+import json
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -19,9 +20,20 @@ PREFIX = "/page/"
 #: The plots set the style of their own elements, which only 'unsafe-inline' styles allow.
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'self'; manifest-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
 )
 _KINDS = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+#: What a phone asks for before it puts the page on its home screen.
+MANIFEST = {
+    "name": "Ground station", "short_name": "Ground station", "start_url": "/#/live", "scope": "/",
+    "display": "standalone", "background_color": "#ffffff", "theme_color": "#0842a0",
+    "icons": [{"src": "/icon.svg", "sizes": "any", "type": "image/svg+xml", "purpose": "any"}],
+}  # fmt: skip
+ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" fill="#fff"/>'
+    '<path d="M8 1l1.5 5L15 9v2L9.5 9.5V13l1.5 1.5v.5H5v-.5L6.5 13V9.5L1 11V9l5.5-3z" fill="#0842a0"/></svg>'
+)
 _PLOTTING = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -36,10 +48,13 @@ class Asset:
 
 @dataclass(frozen=True)
 class Assets:
-    """The document of GET / and the files that it names, by their addresses."""
+    """The document of GET / and the files that it names, by their addresses. shell: the script that keeps them in the
+    browser.
+    """
 
     document: str
     files: dict[str, Asset]
+    shell: str
 
 
 @cache
@@ -58,7 +73,9 @@ def load_assets() -> Assets:
     }
     for mark, text in marks.items():
         document = document.replace(mark, text)
-    return Assets(document, own_files | plots_files)
+    every = own_files | plots_files
+    shell = (folder / "shell.js.in").read_text(encoding="utf-8").replace("{files}", json.dumps(sorted(every)))
+    return Assets(document, every, shell)
 
 
 def _bundle(contents: dict[str, bytes]) -> tuple[str, dict[str, Asset]]:

@@ -41,7 +41,18 @@ class FlatModel:
 
 
 def flatten_vehicle(vehicle: Vehicle) -> Array:
-    """Vehicle constants, (PAR_SIZE,), in the order of `Par`. A control or propeller that is not there gives zeros."""
+    """Constants of a vehicle for the compiled code.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What its file says, SI units and rad.
+
+    Returns
+    -------
+    Array, shape (PAR_SIZE,)
+        Constants in the order of `Par`, SI units and rad; a propeller that is not there gives zeros.
+    """
     P = np.zeros(PAR_SIZE)
     mass, geometry = vehicle.mass, vehicle.geometry
     for name in ("mass", "Ixx", "Iyy", "Izz", "Ixz"):

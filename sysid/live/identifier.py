@@ -92,7 +92,7 @@ class LiveIdentifier:
         surfaces = [DEFLECTION_SIGNALS[name] for name in vehicle.controls if name != "throttle"]
         self._surfaces = tuple(surfaces)
         self._names = default_structure(surfaces)
-        self._thrust = LiveThrust(vehicle.propulsion)
+        self._thrust = LiveThrust(vehicle)
         self._base: TimeBase | None = None
         self._waiting = deque[Mapping[str, tuple[Array, Array]]]()
         self._seen: dict[str, float] = {}
@@ -310,7 +310,7 @@ class LiveIdentifier:
         self._refused = refusals(self._names, self._surfaces, there, thrust)
         if not there >= set(CORE) - self._dispensable:
             return  # once more a while later: a sensor may be switched on after the radio
-        needed = [*CORE, *OPTIONAL, *self._surfaces, *([] if thrust is None else [thrust])]
+        needed = [*CORE, *OPTIONAL, *self._surfaces, *self._thrust.signals]
         needed = [name for name in dict.fromkeys(needed) if name in there]
         if needed == self._needed:
             return

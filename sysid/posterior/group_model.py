@@ -359,7 +359,8 @@ class GroupModel:
             tilt = values.get(nuisance, 0.0)
             if tilt != 0.0 and {read, by} <= set(self.outputs):
                 y = y.copy()
-                y[:, self.outputs.index(read), :] += tilt * y[:, self.outputs.index(by), :]
+                with np.errstate(invalid="ignore"):  # a motion that has diverged is no number, and is judged so
+                    y[:, self.outputs.index(read), :] += tilt * y[:, self.outputs.index(by), :]
         result = np.empty((y.shape[1], one.measured.shape[1], y.shape[2]))
         for j, name in enumerate(self.outputs):
             column = np.ascontiguousarray(y[:, j, :])

@@ -26,6 +26,8 @@ async function health() {
   }
 }
 
+// Where browsers allow it, the page opens without the station, and says that it is away.
+if ('serviceWorker' in navigator && isSecureContext) navigator.serviceWorker.register('/shell.js').catch(() => {})
 dress()
 chooser(document.getElementById('theme'))
 start({

@@ -38,7 +38,8 @@ class Document(HTMLParser):
             self.inline |= "src" not in given
         self.inline |= any(name.startswith("on") for name in given) or tag == "style"
         address = given.get("src") if tag == "script" else given.get("href") if tag == "link" else None
-        if address and not address.startswith("data:"):
+        # The manifest is asked for by who puts the page on a home screen, not to show it.
+        if address and not address.startswith("data:") and given.get("rel") != "manifest":
             self.loaded.append(address)
         if given.get("name") == "plots":
             self.plots = (given["content"] or "").split()
@@ -110,3 +111,17 @@ def test_the_plotting_library_is_served_without_importing_it() -> None:
     program = "import json, sys, gcs.api.page as p; p.load_assets(); print(json.dumps('bokeh' in sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) is False
+
+
+def test_the_page_can_be_put_on_a_home_screen(client: httpx.Client, document: Document) -> None:
+    manifest = client.get("/manifest.webmanifest")
+    assert manifest.headers["content-type"] == "application/manifest+json"
+    found = manifest.json()
+    assert (found["display"], found["start_url"]) == ("standalone", "/#/live")
+    (picture,) = found["icons"]
+    assert "<svg" in client.get(picture["src"]).text
+    shell = client.get("/shell.js")
+    assert shell.headers["cache-control"] == "no-cache"
+    # All that the document loads, and nothing of the interface.
+    assert all(f'"{address}"' in shell.text for address in document.loaded)
+    assert "/api/" not in shell.text

@@ -157,3 +157,18 @@ def test_a_quiet_stretch_is_no_change_of_the_aircraft(manoeuvres: str, duration:
         report = live.report()
     assert report.changes == ()
     assert report.warnings == ()
+
+
+def test_more_throttle_is_no_change_of_an_aircraft_that_its_propeller_twists() -> None:
+    """The torque of its propeller, and no wing, rolls it from then on."""
+    vehicle = load_vehicle("ultrastick25e")
+    generator = np.random.default_rng(134)
+    plan = plan_of(["multisine", "throttle-step"])
+    suite, plant = SensorSuite(vehicle, generator=generator), Plant(vehicle, read_model("ultrastick25e"), 0.0021)
+    flown = fly(plant, plan, suite=suite, generator=generator, duration=36.0)
+    live = LiveIdentifier(vehicle)
+    for samples in pieces(signals_of(flown, vehicle, "step"), 0.1):
+        live.take(samples)
+        report = live.report()
+    assert report.changes == ()
+    assert report.failures == ()
