@@ -483,7 +483,7 @@ class NoteText(BaseModel):
 
     model_config = ConfigDict(str_strip_whitespace=True)
 
-    text: str = Field(min_length=1, max_length=200)
+    text: str = Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")
 
 
 class NoteMade(BaseModel):

@@ -114,9 +114,11 @@ def _model(
         tilt = propulsion.inclination
         model.append(_joint("propeller", (math.cos(tilt), 0.0, math.sin(tilt)), -1e16, 1e16))
         thruster = _plugin("gz-sim-thruster-system", "gz::sim::systems::Thruster")
-        for tag, text in (("joint_name", "propeller_joint"), ("thrust_coefficient", "1.0"),
-                          ("fluid_density", "1.0"), ("propeller_diameter", "1.0")):  # fmt: skip
-            _text(thruster, tag, text)
+        _text(thruster, "joint_name", "propeller_joint")
+        for tag in ("thrust_coefficient", "fluid_density", "propeller_diameter"):
+            _text(thruster, tag, "1.0")
+        # By forces on its joint a propeller that weighs next to nothing would never come to rest.
+        _text(thruster, "velocity_control", "true")
         model.append(thruster)
     lift = _plugin("gz-sim-advanced-lift-drag-system", "gz::sim::systems::AdvancedLiftDrag")
     density = vehicle.environment.air_density or SEA_LEVEL_DENSITY

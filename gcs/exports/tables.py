@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, require_new
+from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, one_line, require_new
 from gcs.report.markup import decimals
 from gcs.text.files import write_whole
 from sim_vehicle.effects import EFFECTS
@@ -80,9 +81,13 @@ def latex_side_by_side(heads: Sequence[str], results: Sequence[Mapping[str, Coef
     return "\n".join([
         f"% {AXES_AND_SIGNS} Values with one standard error.",
         rf"\begin{{tabular}}{{l{'r' * len(results)}}}", r"\toprule",
-        " & ".join(["Coefficient", *(head.replace("_", r"\_") for head in heads)]) + r" \\", r"\midrule",
+        " & ".join(["Coefficient", *(_latex_text(head) for head in heads)]) + r" \\", r"\midrule",
         *rows, r"\bottomrule", r"\end{tabular}", "",
     ])  # fmt: skip
+
+
+def _latex_text(text: str) -> str:
+    return re.sub(r"([#$%&_{}])", r"\\\1", one_line(text)).replace("~", r"\textasciitilde{}").replace("^", r"\^{}")
 
 
 def _latex_cell(entry: Coefficient | None) -> str:

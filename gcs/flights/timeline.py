@@ -83,11 +83,11 @@ def mode_name(custom: int, base: int, kind: int, autopilot: int) -> str:
     return str(mavutil.mode_string_v10(beat))
 
 
-def text_of(row: np.void) -> tuple[str, bool]:
-    """The text of a STATUSTEXT, and whether it goes on with the one before."""
+def text_of(row: np.void) -> tuple[str, int | None]:
+    """The text of a STATUSTEXT, and which piece of a longer one it is, None where it is whole."""
     text = bytes(row["text"]).split(b"\0")[0].decode("utf-8", "replace")
-    names = row.dtype.names or ()
-    return text, bool("id" in names and int(row["id"]) and int(row["chunk_seq"]) > 0)
+    pieces = "id" in (row.dtype.names or ()) and int(row["id"])
+    return text, int(row["chunk_seq"]) if pieces else None
 
 
 def texts(recording: ColumnSource, streams: VehicleStreams) -> list[Said]:
@@ -102,9 +102,9 @@ def _said(recording: ColumnSource, streams: VehicleStreams, system: int) -> list
     for stream in _clocked(recording, streams, "STATUSTEXT", system):
         parts: dict[int, int] = {}
         for row, time in zip(stream.records, stream.time_s.tolist(), strict=True):
-            text, continues = text_of(row)
+            text, piece = text_of(row)
             number = int(row["id"]) if "id" in (stream.records.dtype.names or ()) else 0
-            if continues and number in parts:
+            if piece and number in parts:
                 before = found[parts[number]]
                 found[parts[number]] = replace(before, text=before.text + text)
                 continue

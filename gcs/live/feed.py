@@ -21,6 +21,7 @@ from typing import IO, Any
 
 from gcs.errors import in_words
 from gcs.links.datagrams import Batch
+from gcs.live.place import metres
 from gcs.live.protocol import Flight, pack_batch, pack_flight
 from gcs.settings import Settings
 
@@ -295,7 +296,7 @@ class LiveFeed:
         elif kind == "status":
             status = report["status"]
             self.state = replace(
-                old, status=status, status_number=old.status_number + 1, track=_longer(old.track, status)
+                old, status=status, status_number=old.status_number + 1, track=_longer(_from_home(old, status), status)
             )
         elif kind == "values" and old.identification is not None:
             self.state = replace(old, identification=_renewed(old.identification, report))
@@ -312,6 +313,15 @@ def _nothing_of(state: LiveState) -> LiveState:
         heard_s=state.heard_s, signals_number=state.signals_number, estimate_number=state.estimate_number,
         status_number=state.status_number,
     )  # fmt: skip
+
+
+def _from_home(old: LiveState, status: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    """The track so far, from the home that the vehicle has now."""
+    before, now = (one.get("home", {}).get("place") for one in (old.status, status))
+    if not old.track or before is None or now is None or before == now:
+        return old.track
+    north, east = metres((before[0], before[1]), (now[0], now[1]))
+    return tuple((one[0] + north, one[1] + east) for one in old.track)
 
 
 def _longer(track: tuple[tuple[float, float], ...], status: dict[str, Any]) -> tuple[tuple[float, float], ...]:

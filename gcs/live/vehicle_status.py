@@ -9,6 +9,7 @@ from typing import Any
 
 from gcs.flights.streams import Stream
 from gcs.flights.timeline import ARMED, mode_name, text_of
+from gcs.live.place import metres
 from gcs.mavlink.frameparts import AUTOPILOT
 
 MESSAGES = (
@@ -16,7 +17,6 @@ MESSAGES = (
     "WIND_COV", "STATUSTEXT",
 )  # fmt: skip
 _FIXES = {0: "no GPS", 1: "no fix", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK"}
-_METRES_PER_DEGREE = math.radians(6_378_137.0)
 _UNKNOWN_U16 = 65535
 _MOST_TEXTS = 20
 
@@ -28,6 +28,8 @@ class VehicleStatus:
         self.number = 0
         self._found: dict[str, Any] = {}
         self._texts: deque[dict[str, Any]] = deque(maxlen=_MOST_TEXTS)
+        # Of texts in pieces, by component, id and number of the piece, the text that it went into.
+        self._pieces: dict[tuple[int, int, int], dict[str, Any]] = {}
         self._home: tuple[float, float] | None = None
         self._home_is_given = False
 
@@ -91,7 +93,7 @@ class VehicleStatus:
         place = int(record["lat"]) / 1e7, int(record["lon"]) / 1e7
         if self._home is None:
             self._home = place
-        north, east = _metres(place, self._home)
+        north, east = metres(place, self._home)
         self._found |= {"position": [north, east], "place": list(place)}
         self._found["home"] = {"place": list(self._home), "given": self._home_is_given}
 
@@ -103,7 +105,7 @@ class VehicleStatus:
         self._home, self._home_is_given = place, True
         if "place" in self._found:
             here = self._found["place"]
-            self._found["position"] = list(_metres((here[0], here[1]), place))
+            self._found["position"] = list(metres((here[0], here[1]), place))
         self._found["home"] = {"place": list(place), "given": True}
 
     def _take_wind(self, stream: Stream) -> None:
@@ -122,18 +124,18 @@ class VehicleStatus:
 
     def _take_statustext(self, stream: Stream) -> None:
         for row, time_s in zip(stream.records, stream.time_s.tolist(), strict=True):
-            text, continues = text_of(row)
-            if continues and self._texts:
-                self._texts[-1]["text"] += text
+            text, piece = text_of(row)
+            key = (stream.component, int(row["id"]) if piece is not None else 0, piece or 0)
+            if piece:
+                begun = self._pieces.get((key[0], key[1], piece - 1))
+                if begun is not None and key not in self._pieces:
+                    begun["text"] += text
+                    self._pieces[key] = begun
                 continue
             said = {"time_s": round(time_s, 2), "severity": int(row["severity"]), "text": text}
             # Another link brings it once more.
-            if not any(one["text"] == text and abs(one["time_s"] - time_s) < 1.0 for one in self._texts):
-                self._texts.append(said)
-
-
-def _metres(place: tuple[float, float], home: tuple[float, float]) -> tuple[float, float]:
-    """North and east of home, m."""
-    north = (place[0] - home[0]) * _METRES_PER_DEGREE
-    east = (place[1] - home[1]) * _METRES_PER_DEGREE * math.cos(math.radians(home[0]))
-    return round(north, 2), round(east, 2)
+            if any(one["text"].startswith(text) and abs(one["time_s"] - time_s) < 1.0 for one in self._texts):
+                continue
+            self._texts.append(said)
+            if piece is not None:
+                self._pieces = {one: kept for one, kept in self._pieces.items() if one[:2] != key[:2]} | {key: said}

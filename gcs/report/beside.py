@@ -21,11 +21,12 @@ def headings(results: Sequence[Result]) -> list[str]:
     for one in results:
         if not isinstance(one, dict) or one.get("schema") != "identification/1":
             raise ReportError("only results of gcs identify stand beside one another")
-    flights = [", ".join(map(str, one["flights"])) for one in results]
+    flights = [", ".join(map(str, one.get("flights") or [])) for one in results]
     methods = [_SHORT.get(str(one.get("method")), str(one.get("method"))) for one in results]
-    if len(set(flights)) == 1:
-        return methods
-    return [f"{method}, {flight}" for method, flight in zip(methods, flights, strict=True)]
+    found = methods
+    if len(set(flights)) > 1:
+        found = [f"{method}, {flight}" for method, flight in zip(methods, flights, strict=True)]
+    return found if len(set(found)) == len(found) else [f"{number}: {one}" for number, one in enumerate(found, 1)]
 
 
 def names(results: Sequence[Result]) -> list[str]:

@@ -271,8 +271,12 @@ class RecordingStation(Station):
         flights = self._recorder.live_flights()
         if not flights:
             raise JobError("no flight is being recorded that a note could be kept in")
-        data = f"{NOTE}{text}".encode()
-        pieces = [data[i : i + _TEXT_BYTES] for i in range(0, len(data), _TEXT_BYTES)]
+        pieces = [b""]
+        for letter in f"{NOTE}{text}":  # none is cut in two
+            data = letter.encode()
+            if len(pieces[-1]) + len(data) > _TEXT_BYTES:
+                pieces.append(b"")
+            pieces[-1] += data
         self._notes = self._notes % 65535 + 1
         number = self._notes if len(pieces) > 1 else 0
         now_ns = self._clock()

@@ -27,9 +27,12 @@ def serve(given: argparse.Namespace) -> None:
         )
     if given.seed < 0:
         raise UsageError(f"--seed {given.seed}: give a whole number from 0")
-    if not (20.0 <= given.rate <= 1000.0 and 0.0 <= given.speed <= 100.0):
-        raise UsageError("--rate is between 20 and 1000 Hz, --speed between 0 and 100")
     of_px4 = given.autopilot == "px4"
+    if not of_px4 and (given.rate is not None or given.speed is not None):
+        raise UsageError("--rate and --speed are of --autopilot px4; ArduPilot asks for each step by itself")
+    rate, speed = (250.0 if given.rate is None else given.rate), (1.0 if given.speed is None else given.speed)
+    if not (20.0 <= rate <= 1000.0 and 0.0 <= speed <= 100.0):
+        raise UsageError("--rate is between 20 and 1000 Hz, --speed between 0 and 100")
     host, port = _address(given.listen or ("127.0.0.1:4560" if of_px4 else "127.0.0.1:9002"))
     vehicle = vehicle_of(given, settings)
     plant = Plant(vehicle, model_of(given, vehicle, settings))
@@ -41,8 +44,8 @@ def serve(given: argparse.Namespace) -> None:
     where = "127.0.0.1" if host in ("127.0.0.1", "localhost") else "the address of this machine"
     server: SitlServer | Px4Server
     if of_px4:
-        server = Px4Server(flight, (host, port), given.rate, given.speed, generator, _say)
-        how = f"PX4_SIM_HOSTNAME={where} make px4_sitl_default none_plane"
+        server = Px4Server(flight, (host, port), rate, speed, generator, _say)
+        how = f"PX4_SIM_MODEL=gazebo-classic_plane PX4_SIM_HOSTNAME={where} ./build/px4_sitl_default/bin/px4"
     else:
         server = SitlServer(flight, host, port, _say)
         how = f"sim_vehicle.py -v ArduPlane --model JSON:{where}"

@@ -54,8 +54,8 @@ def build_parser() -> argparse.ArgumentParser:
     sitl.add_argument("--autopilot", choices=("ardupilot", "px4"), default="ardupilot",
         help="ardupilot: JSON interface over UDP; px4: lockstep over TCP")  # fmt: skip
     sitl.add_argument("--listen", metavar="HOST:PORT", help="default 127.0.0.1:9002 (UDP), of px4 127.0.0.1:4560 (TCP)")
-    sitl.add_argument("--rate", type=float, default=250.0, metavar="HZ", help="of px4's sensors (default 250)")
-    sitl.add_argument("--speed", type=float, default=1.0, metavar="X",
+    sitl.add_argument("--rate", type=float, metavar="HZ", help="of px4's sensors (default 250)")
+    sitl.add_argument("--speed", type=float, metavar="X",
         help="of px4: times real time, 0 as fast as it answers (default 1)")  # fmt: skip
     sitl.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="of the runway (default 0, north)")
     return parser

@@ -32,6 +32,7 @@ _FIELD = (0.389, 0.0, 0.200)
 _FIELD_NOISE = 0.003
 _PRESSURE_NOISE_HPA = 0.03
 _HPA = 100.0  # Pa
+_MOST_INT16 = 32767.0
 # Pulse widths, us, that an actuator of -1, 0 and 1 stands for; of a motor 0 and 1.
 _MIDDLE, _HALF, _CLOSED, _FULL = 1500.0, 500.0, 1000.0, 1000.0
 
@@ -92,7 +93,8 @@ class Sensors:
     def position(self, time_us: int, motion: Motion) -> Any:
         """HIL_GPS."""
         latitude, longitude = degrees_from_home(float(motion.position[0]), float(motion.position[1]))
-        vn, ve, vd = (motion.velocity + TABLE_II["vn"].noise * self._generator.standard_normal(3)) * 100.0
+        noise = TABLE_II["vn"].noise * self._generator.standard_normal(3)
+        vn, ve, vd = np.clip((motion.velocity + noise) * 100.0, -_MOST_INT16, _MOST_INT16)
         course = math.degrees(math.atan2(ve, vn)) % 360.0
         return self._build.hil_gps_encode(
             time_us, 3, round(latitude * 1e7), round(longitude * 1e7),
@@ -110,7 +112,7 @@ class Sensors:
         return self._build.hil_state_quaternion_encode(
             time_us, [float(one) for one in motion.attitude], *(float(one) for one in motion.rates),
             round(latitude * 1e7), round(longitude * 1e7), round(height * 1e3),
-            *(round(float(one) * 100.0) for one in motion.velocity),
+            *(round(float(one)) for one in np.clip(motion.velocity * 100.0, -_MOST_INT16, _MOST_INT16)),
             min(round(calibrated * 100.0), 65535), min(round(airspeed * 100.0), 65535),
-            *(round(min(max(float(one), -32767.0), 32767.0)) for one in force_mg),
+            *(round(float(one)) for one in np.clip(force_mg, -_MOST_INT16, _MOST_INT16)),
         )  # fmt: skip

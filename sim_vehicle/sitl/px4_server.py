@@ -18,6 +18,7 @@ from sim_vehicle.sitl.physics import AutopilotFlight
 _WAIT_S = 0.2  # so that Ctrl-C is heard
 _LARGEST = 65536
 _PATIENCE_S = 2.0
+_LATE_S = 0.1
 _GPS_HZ, _TRUTH_HZ, _HEARTBEAT_HZ = 10.0, 50.0, 1.0
 # PX4 takes its clock from the first stamp; 0 counts as none.
 _FIRST_US = 1_000_000
@@ -107,8 +108,8 @@ class Px4Server:
                     voice.say(sensors.truth(now_us, motion, wind))
                 if _is_due(step, dt, _HEARTBEAT_HZ):
                     voice.say(voice.build.heartbeat_encode(1, 8, 0, 0, 4))
-                link.send(b"".join(voice.take()))
-                answer = link.wait(stop) if answered else link.newest()
+                link.send(b"".join(voice.take()), stop)
+                answer = link.wait(now_us, stop) if answered else link.newest()
                 if answer is not None:
                     if not answered and not answer.lockstep:
                         self._say("this PX4 was built without lockstep: it goes by its own clock, run it at real time")
@@ -119,9 +120,12 @@ class Px4Server:
                 self.counts.steps += 1
                 if self._speed > 0.0 or not answered:
                     # Before the first answer PX4 starts up, which takes its time.
-                    time.sleep(max(begun + step * dt / (self._speed or 1.0) - time.monotonic(), 0.0))
-        except (ConnectionError, EOFError):
-            return
+                    ahead = begun + step * dt / (self._speed or 1.0) - time.monotonic()
+                    time.sleep(max(ahead, 0.0))
+                    # What was held up, as by a debugger, is not made up for.
+                    begun -= min(ahead + _LATE_S, 0.0)
+        except (OSError, EOFError):
+            return  # it has gone, or its machine has
 
 
 def _is_due(step: int, dt: float, rate_hz: float) -> bool:
@@ -136,12 +140,18 @@ class _Link:
         self._link, self._counts = link, counts
         self._parser: Any = Voice().parser()
         self._last: Actuators | None = None
+        self._keeps_time = False
         self._link.settimeout(_WAIT_S)
 
-    def send(self, frames: bytes) -> None:
-        """Raises ConnectionError where nobody is there."""
-        self._link.settimeout(None)
-        self._link.sendall(frames)
+    def send(self, frames: bytes, stop: Callable[[], bool]) -> None:
+        """Raises OSError where nobody is there."""
+        self._link.settimeout(_WAIT_S)
+        left = memoryview(frames)
+        while left and not stop():
+            try:
+                left = left[self._link.send(left) :]
+            except TimeoutError:  # it does not read, as one that stands in a debugger
+                continue
 
     def newest(self) -> Actuators | None:
         """The newest answer that is there already. Raises EOFError where PX4 has gone."""
@@ -152,23 +162,26 @@ class _Link:
             return None
         return self._last
 
-    def wait(self, stop: Callable[[], bool]) -> Actuators | None:
-        """The next answer: in lockstep there is one to each HIL_SENSOR. None if it is to stop.
+    def wait(self, now_us: int, stop: Callable[[], bool]) -> Actuators | None:
+        """The answer to the sensors of `now_us`: in lockstep there is one to each. None if it is to stop.
 
         One that does not come at all, as garbage took it, must not hold both sides up for ever: then the last counts.
+        Of one whose answers carry the sensors' time an older answer is none.
         """
         before, given_up = self._counts.answers, time.monotonic() + _PATIENCE_S
         self._link.settimeout(_WAIT_S)
-        while self._counts.answers == before:
+        while self._counts.answers == before or (self._keeps_time and self._last is not None
+                                                 and self._last.time_us < now_us):  # fmt: skip
             if stop():
                 return None
             if time.monotonic() > given_up:
                 self._counts.missing += 1
-                break
+                return self._last
             try:
                 self._hear(self._link.recv(_LARGEST))
             except TimeoutError:
                 continue
+        self._keeps_time = self._last is not None and self._last.time_us >= now_us
         return self._last
 
     def _hear(self, data: bytes) -> None:

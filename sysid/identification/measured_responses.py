@@ -68,7 +68,7 @@ def measured_json(flights: Sequence[Prepared], pairs: Sequence[tuple[str, str]])
 def measured_response(flights: Sequence[Prepared], source: str, output: str) -> MeasuredResponse | None:
     """The response of an output to a surface, None where the flights show none."""
     together = [SURFACES.index(name) for name in _TOGETHER[source]]
-    pieces = []
+    found: dict[float, list[tuple[Array, Array]]] = {}
     for flight in flights:
         for stretch in flight.stretches:
             record, y = stretch.record, stretch.record.z[:, OUTPUTS.index(output)]
@@ -77,11 +77,12 @@ def measured_response(flights: Sequence[Prepared], source: str, output: str) -> 
                 continue
             whole = np.interp(np.arange(y.size), np.flatnonzero(good), y[good])
             inputs = record.commands[record.start : record.start + y.size, together].T
-            pieces.append((inputs, whole[: inputs.shape[1]]))
-    if not pieces:
+            found.setdefault(record.interval_s, []).append((inputs, whole[: inputs.shape[1]]))
+    if not found:
         return None
-    interval_s = flights[0].stretches[0].record.interval_s
-    return averaged(pieces, interval_s)
+    # Of flights at several rates those of the rate at which most was recorded.
+    interval_s = max(found, key=lambda one: one * sum(y.size for _, y in found[one]))
+    return averaged(found[interval_s], interval_s)
 
 
 def averaged(pieces: Sequence[tuple[Array, Array]], interval_s: float) -> MeasuredResponse | None:
@@ -106,9 +107,9 @@ def averaged(pieces: Sequence[tuple[Array, Array]], interval_s: float) -> Measur
     inputs = [row for row in range(pieces[0][0].shape[0]) if row == 0 or _moves(pieces, row)]
     if not _moves(pieces, 0):
         return None
+    size = _window_size([y.size for _, y in pieces], interval_s)
+    pieces = [(u, y) for u, y in pieces if y.size >= size]
     total = sum(y.size for _, y in pieces) * interval_s
-    seconds = min(max(total / _WINDOWS, _WINDOW_S[0]), _WINDOW_S[1])
-    size = min(round(seconds / interval_s), max(y.size for _, y in pieces))
     window, count, sums = np.hanning(size), 0, None
     for u, y in pieces:
         for begin in range(0, y.size - size + 1, max(size // 2, 1)):
@@ -133,6 +134,18 @@ def averaged(pieces: Sequence[tuple[Array, Array]], interval_s: float) -> Measur
     apart = total / (size * interval_s)
     error = _OVERLAP * np.sqrt((1.0 - coherence) / np.maximum(2.0 * apart * coherence, 1e-12))
     return MeasuredResponse(frequency, response, coherence, 20.0 / np.log(10.0) * error, error)
+
+
+def _window_size(sizes: Sequence[int], interval_s: float) -> int:
+    """Samples of a window: the longest of which those pieces that hold one hold several, else of which most do."""
+    least, most = (round(seconds / interval_s) for seconds in _WINDOW_S)
+    wanted = min(max(round(sum(sizes) / _WINDOWS), least), most)
+    candidates = [wanted, *sorted((one for one in set(sizes) if one < wanted), reverse=True)]
+
+    def windows(size: int) -> float:
+        return sum(one for one in sizes if one >= size) / size
+
+    return next((one for one in candidates if windows(one) >= _WINDOWS), max(candidates, key=windows))
 
 
 def _moves(pieces: Sequence[tuple[Array, Array]], row: int) -> bool:

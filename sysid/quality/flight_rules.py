@@ -231,8 +231,8 @@ def _aircraft(seen: SeenFlight) -> Iterator[Reason]:
         low, high = LIMITS.lift_slope
         yield Reason(
             POOR,
-            f"at {mass:.3g} kg {wing} would gain {slope[0]:.2g} to {slope[1]:.2g} of lift coefficient a radian of angle"
-            f" of attack; wings gain {low:g} to {high:g}",
+            f"at {mass:.3g} kg the lift coefficient of {wing} would rise by {slope[0]:.2g} to {slope[1]:.2g} per radian"
+            f" of angle of attack; that of wings rises by {low:g} to {high:g}",
             _OTHER_AIRCRAFT,
         )
 

@@ -18,8 +18,6 @@ from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
-
 from gcs.errors import ExportError
 from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
 from gcs.exports.fmu.variables import OF_EFFECTS, OUTPUTS, Variable, by_causality, variables
@@ -128,7 +126,7 @@ def _list(values: Iterable[float]) -> str:
 def _compiled(source: str, header: str) -> bytes | None:
     """The library for this machine, None where there is no compiler or no name for the machine."""
     compiler = next((one for one in ("cc", "gcc", "clang") if shutil.which(one)), None)
-    if compiler is None or platform.system() not in _LIBRARIES or np.dtype(np.intp).itemsize != 8:
+    if compiler is None or platform.system() not in _LIBRARIES or platform.machine() not in ("x86_64", "AMD64"):
         return None
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

@@ -85,7 +85,7 @@ class LiveView {
     this.instruments.show(Object.fromEntries(entries.map(([name, entry]) => [name, entry.value])), age)
     const fresh = entries.filter(([name]) => age(name) < FRESH_S).map(([name, entry]) => [name, entry.value])
     this.plots.add({ time_s: newest.time_s, signals: Object.fromEntries(fresh) })
-    this.track.fill(newest.track)
+    this.track.fill(newest.track, newest.status.home?.place)
     this.vehicle(newest.status)
     this.estimate(newest.identification, newest.why)
   }

@@ -38,7 +38,7 @@ export class Notes {
     if (JSON.stringify(texts) === JSON.stringify(this.heard)) return
     const news = texts.filter(one => one.severity <= BAD && !this.heard.some(old => old.text === one.text && old.time_s === one.time_s))
     this.heard = texts
-    if (news.length) announce(news.map(one => one.text).join('. '))
+    if (news.length) announce(news.map(one => one.text).join('. '), true)
     this.draw()
   }
 
@@ -50,7 +50,7 @@ export class Notes {
       done?.()
       this.draw()
     } catch (error) {
-      if (!this.signal.aborted) announce(error.message)
+      if (!this.signal.aborted) announce(error.message, true)
     }
   }
 

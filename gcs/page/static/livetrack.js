@@ -8,6 +8,7 @@ const SIZE = 300
 const MARGIN = 26
 const LEAST_M = 120
 const MOST = 2000
+const METRES_PER_DEGREE = 6_378_137 * Math.PI / 180
 const STEPS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000]
 
 /** The track. */
@@ -36,8 +37,9 @@ export class Track {
   }
 
   /** Begin with where it has been, m north and east of home. */
-  fill(track) {
+  fill(track, home) {
     this.places = track.slice()
+    this.from = home
     this.draw()
   }
 
@@ -46,14 +48,25 @@ export class Track {
     if (status.wind) this.blow(status.wind)
     if (!status.position) return
     this.given = status.home?.given
+    this.move(status.home?.place)
     const last = this.places.at(-1)
     const [north, east] = status.position
     if (!last || Math.hypot(north - last[0], east - last[1]) >= 1) {
       if (last) this.heading = Math.atan2(east - last[1], north - last[0])
       this.places.push([north, east])
     }
-    if (this.places.length > MOST) this.places = this.places.filter((_, at) => at % 2 === this.places.length % 2)
+    if (this.places.length > MOST) this.places = this.places.filter((_, at) => at % 2 === (this.places.length - 1) % 2)
     this.draw()
+  }
+
+  /** Home is another place than before: what lies behind stays where it was over ground. */
+  move(home) {
+    const before = this.from
+    this.from = home ?? before
+    if (!before || !home || (before[0] === home[0] && before[1] === home[1])) return
+    const north = (before[0] - home[0]) * METRES_PER_DEGREE
+    const east = (before[1] - home[1]) * METRES_PER_DEGREE * Math.cos(home[0] * Math.PI / 180)
+    this.places = this.places.map(one => [one[0] + north, one[1] + east])
   }
 
   draw() {

@@ -49,17 +49,19 @@ def test_a_note_made_in_flight_is_kept_in_the_recording(make_bench: Callable[...
         (flight,) = made["flights"]
         assert made["text"] == long
         assert client.post("/api/live/notes", json={"text": "mark"}).status_code == 201
-        for wrong in ({"text": "  "}, {"text": "x" * 201}, {}):
+        umlauts = "ä" * 60
+        assert client.post("/api/live/notes", json={"text": umlauts}).status_code == 201
+        for wrong in ({"text": "  "}, {"text": "x" * 201}, {}, {"text": "a\0b"}, {"text": "a\n\x1b[2J"}):
             problem(client.post("/api/live/notes", json=wrong), 422)
         for second in range(25, 40):
             bench.recorder.feed("udpin:test", batch(vehicle.second(), START + second * SECOND))
         bench.recorder.end_flights(START + 41 * SECOND)
         texts = wait_until(lambda: client.get(f"/api/flights/{flight}").json().get("texts"))
-        assert [(one["text"], one["note"]) for one in texts] == [(long, True), ("mark", True)]
+        assert [(one["text"], one["note"]) for one in texts] == [(long, True), ("mark", True), (umlauts, True)]
         # The station's clock stands half a minute behind the beginning.
         assert texts[0]["time"] == pytest.approx(30.0, abs=1.5)
     (kept,) = Recording(bench.settings.flights / f"{flight}.mcap").columns("STATUSTEXT", system=255)
-    assert kept.fields.size == 3
+    assert kept.fields.size == 6
 
 
 def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(

@@ -15,6 +15,8 @@ import pandas as pd
 import pytest
 
 from gcs.cli import main
+from gcs.exports.tables import latex_side_by_side
+from gcs.report.beside import headings
 
 
 def result() -> dict[str, Any]:
@@ -112,6 +114,9 @@ def test_methods_stand_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixtur
     latex = (folder / "methods.tex").read_text()
     assert r"$C_{D_{0}}$ & -- & $0.0500 \pm 0.0010$ \\" in latex
     assert r"\begin{tabular}{lrr}" in latex
+    odd = latex_side_by_side(["50%_rough & gusty"], [{}])
+    assert r"50\%\_rough \& gusty" in odd
+    assert headings([first, first]) == ["1: output error", "2: output error"]
     files[1].write_text(json.dumps({"schema": "discrepancy/1"}))
     assert main(told[:-2]) == 1
     assert "only results of gcs identify stand beside one another" in capsys.readouterr().err

@@ -56,6 +56,14 @@ def test_signals_reach_the_service_and_a_process_that_is_killed_comes_back(
     wait_until(lambda: heard() and feed.state.signals_number > before and feed.process_state == "running")
 
 
+def test_a_track_stays_over_ground_when_home_is_set(tmp_path: Path) -> None:
+    feed = LiveFeed(Settings(data=tmp_path), dict, SLEEPER)
+    for position, home in (((0.0, 0.0), 47.0), ((56.0, 0.0), 47.0), ((1056.0, 0.0), 47.0 - 1000.0 / 111_319.49)):
+        feed._take({"kind": "status", "status": {"position": list(position), "home": {"place": [home, 8.0]}}})
+    # The last place is the second one, seen from a home that lies a kilometre south.
+    assert [one[0] for one in feed.state.track] == pytest.approx([1000.0, 1056.0], abs=0.1)
+
+
 def test_a_process_that_takes_nothing_holds_nobody(tmp_path: Path) -> None:
     stuck = LiveFeed(Settings(data=tmp_path), dict, SLEEPER)
     stuck.start()

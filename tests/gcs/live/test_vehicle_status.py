@@ -90,6 +90,11 @@ def test_texts_in_pieces_are_one_and_the_same_one_twice_too() -> None:
                       mavlink.MAVLink_statustext_message(6, b"Flaps up"))  # fmt: skip
     assert [one["text"] for one in found["texts"]] == [b"".join(pieces).decode(), "Flaps up"]
     assert found["texts"][0]["severity"] == 4
+    # Pieces of two texts in between one another, the first ones over two links.
+    ends = [mavlink.MAVLink_statustext_message(6, text, number, 1) for number, text in ((1, b"pha"), (2, b"ta"))]
+    starts = [mavlink.MAVLink_statustext_message(6, text, number, 0) for number, text in ((1, b"al"), (2, b"be"))]
+    found = station.hear(*starts, *starts, *ends, *ends)
+    assert [one["text"] for one in found["texts"][-2:]] == ["alpha", "beta"]
     for number in range(40):
         found = station.hear(mavlink.MAVLink_statustext_message(6, f"number {number}".encode()))
     assert [one["text"] for one in found["texts"]] == [f"number {number}" for number in range(20, 40)]

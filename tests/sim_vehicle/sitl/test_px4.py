@@ -168,6 +168,22 @@ def test_garbage_between_frames_is_passed_over(connected: Fly) -> None:
         link.exchange({})
 
 
+def test_an_answer_to_older_sensors_is_none_of_these(connected: Fly) -> None:
+    link, server = connected()
+    link.sensors()
+    for _ in range(30):
+        link.exchange({})
+    while not link.is_silent(0.2):
+        link.sensors()
+    before = link.newest[SENSOR]["time_us"]
+    link.newest[SENSOR]["time_us"] = before - 4000
+    link.answer({})
+    assert link.is_silent(0.3)
+    link.newest[SENSOR]["time_us"] = before
+    assert link.exchange({})["time_us"] == before + 4000
+    assert server.counts.missing == 0
+
+
 def test_one_without_lockstep_is_told(connected: Fly, said: list[str]) -> None:
     link, _ = connected(lockstep=False)
     link.sensors()
@@ -184,6 +200,8 @@ def test_a_port_in_use_and_wrong_rates_are_one_line(connected: Fly, capsys: pyte
         Px4Server(flight, (host, port), 250.0, 1.0, np.random.default_rng(1), lambda text: None)
     assert main(["sitl", "--autopilot", "px4", "--rate", "5000"]) == 2
     assert "--rate is between 20 and 1000 Hz" in capsys.readouterr().err
+    assert main(["sitl", "--speed", "2"]) == 2
+    assert "--rate and --speed are of --autopilot px4" in capsys.readouterr().err
 
 
 def test_the_command_serves_and_ends_with_ctrl_c() -> None:

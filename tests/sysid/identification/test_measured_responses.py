@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -83,6 +85,25 @@ def test_an_input_is_freed_of_what_goes_with_another() -> None:
     assert np.abs(ratio[shown] - 1.0).max() < 0.1
     # What takes the two for one is far off.
     assert np.abs(alone.response / transfer(SECOND, alone.frequency_hz) - 1.0)[shown].mean() > 0.3
+
+
+@pytest.mark.parametrize(
+    "seconds", [(12, 10, 10, 10, 10, 10), (12, *[10] * 20), (22, 19, 19, 19, 19), (40, *[15] * 20)]
+)
+def test_stretches_of_unequal_lengths_count_all(seconds: tuple[int, ...]) -> None:
+    generator = np.random.default_rng(6)
+    u = moved(generator)
+    y = answer(SECOND, u)
+    y = y + 0.3 * np.std(y) * generator.standard_normal(y.size)
+    edges = np.cumsum([0, *(round(one / DT) for one in seconds)])
+    u, y = np.resize(u, edges[-1]), np.resize(y, edges[-1])
+    found = averaged([(u[None, a:b], y[a:b]) for a, b in pairwise(edges.tolist())], DT)
+    assert found is not None
+    ratio = found.response / transfer(SECOND, found.frequency_hz)
+    shown = (found.coherence > 0.6) & (found.frequency_hz < 5.0)
+    assert shown.sum() >= 8
+    off = (20.0 * np.log10(np.abs(ratio)) / np.maximum(found.gain_std_db, 0.1))[shown]
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 2.0
 
 
 def test_an_input_that_hardly_moves_or_a_record_too_short_shows_nothing() -> None:

@@ -83,7 +83,7 @@ def test_another_aircrafts_file_is_seen_by_what_the_lift_gains_with_the_angle(
     """Where the lift that its weight asks for is one that aircraft fly with."""
     mass = replace(VEHICLE.mass, mass=factor * VEHICLE.mass.mass)
     found = judged(flight, replace(VEHICLE, mass=mass))
-    (reason,) = [one for one in found.reasons if "a radian of angle of attack" in one.text]
+    (reason,) = [one for one in found.reasons if "per radian of angle of attack" in one.text]
     assert (reason.verdict, "another aircraft" in reason.advice) == (POOR, True)
 
 
