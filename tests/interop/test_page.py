@@ -220,10 +220,10 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         assert judges.locator("input:checked").evaluate_all("boxes => boxes.map(box => box.value)") == ["f3"]
         visitor.check()
         visitor.open(f"#/compare?fa={flight}&fb=f5")
-        assert visitor.page.locator("select").last.input_value() == "f5"
+        assert visitor.page.locator("main select").last.input_value() == "f5"
         visitor.page.fill("input[type=search]", "2020-09-21")
-        visitor.page.locator("select").last.locator("option", has_text="calm morning 8.tlog").wait_for(state="attached")
-        assert visitor.page.locator("select").last.input_value() == "f5"
+        visitor.page.locator("main select").last.locator("option", has_text="calm morning 8.tlog").wait_for(state="attached")
+        assert visitor.page.locator("main select").last.input_value() == "f5"
         visitor.check()
     finally:
         visitor.close()
