@@ -222,7 +222,8 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         visitor.open(f"#/compare?fa={flight}&fb=f5")
         assert visitor.page.locator("main select").last.input_value() == "f5"
         visitor.page.fill("input[type=search]", "2020-09-21")
-        visitor.page.locator("main select").last.locator("option", has_text="calm morning 8.tlog").wait_for(state="attached")
+        options = visitor.page.locator("main select").last.locator("option", has_text="calm morning 8.tlog")
+        options.wait_for(state="attached")
         assert visitor.page.locator("main select").last.input_value() == "f5"
         visitor.check()
     finally:
