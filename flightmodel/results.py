@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -25,7 +26,7 @@ _Z95 = 1.96
 
 
 @dataclass(frozen=True)
-class _Result:
+class _Result(ABC):
     """A result as its file holds it (docs/result-files.md)."""
 
     result: Mapping[str, Any] = field(repr=False)
@@ -49,9 +50,9 @@ class _Result:
 
         write_whole(Path(path), report(dict(self.result)))
 
+    @abstractmethod
     def table(self) -> str:
         """The result as text, for a terminal."""
-        raise NotImplementedError
 
     def __str__(self) -> str:
         return self.table()

@@ -8,13 +8,13 @@ implementation, gz-sim, src/systems/advanced_lift_drag). Control derivatives are
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 from gcs.errors import ExportError
 from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
+from gcs.exports.xml_folder import file_name, travel_of, write_folder
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -30,7 +30,6 @@ _NO_STALL = math.pi
 # An efficiency by which lift costs no drag.
 _NO_INDUCED_DRAG = 1e9
 _SURFACE_KG, _SURFACE_KG_M2 = 1e-3, 1e-6
-_USUAL_TRAVEL = 0.5
 
 _Node = ElementTree.Element
 
@@ -42,7 +41,7 @@ def write(model: Exported, folder: Path) -> list[str]:
     """
     require_new(folder)
     effects = model.effects_flown("Gazebo", EFFECTS_HELD)
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", model.vehicle.name).strip("_") or "aircraft"
+    name = file_name(model.vehicle)
     held, lost = _elements(model)
     notes = [
         *model.left_out,
@@ -59,13 +58,7 @@ def write(model: Exported, folder: Path) -> list[str]:
     _text(config, "version", "1.0")
     ElementTree.SubElement(config, "sdf", version="1.9").text = "model.sdf"
     _text(config, "description", f"{model.title}.")
-    try:
-        folder.mkdir(parents=True)
-        for node, place in ((sdf, "model.sdf"), (config, "model.config")):
-            ElementTree.indent(node)
-            ElementTree.ElementTree(node).write(folder / place, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise ExportError(f"{folder}: cannot be written: {error.strerror}; give another place") from None
+    write_folder(folder, {"model.sdf": sdf, "model.config": config})
     return notes
 
 
@@ -103,8 +96,7 @@ def _model(
         if joint in vehicle.controls:
             model.append(_light_link(joint))
             control = vehicle.controls[joint]
-            low, high = control.limits if control.servos else (-_USUAL_TRAVEL, _USUAL_TRAVEL)
-            model.append(_joint(joint, (0.0, 1.0, 0.0), low, high))
+            model.append(_joint(joint, (0.0, 1.0, 0.0), *travel_of(control)))
             model.append(_position_controller(joint))
         elif held[surface]:
             raise ExportError(f"{vehicle.path}: has no {joint}, which the model's coefficients by {surface} are of")

@@ -9,7 +9,6 @@ travel of the vehicle file, positive as the vehicle file counts), thrust from `f
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,9 +17,9 @@ import numpy as np
 
 from gcs.errors import ExportError
 from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
+from gcs.exports.xml_folder import USUAL_TRAVEL, file_name, travel_of, write_folder
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.model.coefficient_names import AXES, Term, parse_term
-from sim_vehicle.vehicle.controls import Control
 from sim_vehicle.vehicle.propulsion import Curve, Polynomial, rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -39,8 +38,6 @@ _SLUG = _POUND_FORCE / _FT  # kg
 _POUNDS_IN_SLUG = 32.174049
 # A radius of the earth by which a flight is flat, m.
 _FLAT_RADIUS = 6.371e8
-# Travel of a surface of which the vehicle file has deflections alone, rad.
-_USUAL_TRAVEL = 0.5
 # Points of a propeller's curve: JSBSim joins those of a table by straight lines.
 _CURVE_POINTS = 201
 _SURFACES = {
@@ -61,22 +58,12 @@ def write(model: Exported, folder: Path) -> list[str]:
     """
     require_new(folder)
     effects = model.effects_flown("JSBSim", EFFECTS_HELD)
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", model.vehicle.name).strip("-") or "aircraft"
+    name = file_name(model.vehicle)
     notes = [*model.left_out, *_assumed(model, effects), "no ground contact: JSBSim cannot roll or land it"]
     tree = _aircraft(model, name, effects, notes)
-    path = folder / "aircraft" / name / f"{name}.xml"
-    try:
-        path.parent.mkdir(parents=True)
-        beside = path.with_name(f"{name}-set.xml")
-        for node, place in (
-            (tree, path),
-            (_planet(model.vehicle), folder / "flat.xml"),
-            (_of_flightgear(model, name), beside),
-        ):
-            ElementTree.indent(node)
-            ElementTree.ElementTree(node).write(place, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise ExportError(f"{folder}: cannot be written: {error.strerror}; give another place") from None
+    place = f"aircraft/{name}/{name}"
+    trees = {f"{place}.xml": tree, f"{place}-set.xml": _of_flightgear(model, name), "flat.xml": _planet(model.vehicle)}
+    write_folder(folder, trees)
     return notes
 
 
@@ -94,7 +81,7 @@ def _assumed(model: Exported, effects: dict[str, dict[str, float]]) -> list[str]
     else:
         notes = []
     bare = [one for one, _ in _SURFACES.values() if one in vehicle.controls and not vehicle.controls[one].servos]
-    return [*notes, *([f"travel of {', '.join(bare)} is not given: {_USUAL_TRAVEL} rad assumed"] if bare else [])]
+    return [*notes, *([f"travel of {', '.join(bare)} is not given: {USUAL_TRAVEL} rad assumed"] if bare else [])]
 
 
 def _aircraft(model: Exported, name: str, effects: dict[str, dict[str, float]], notes: Sequence[str]) -> _Node:
@@ -196,7 +183,7 @@ def _controls(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> _Node:
     for name, output in _SURFACES.values():
         if name not in vehicle.controls:
             continue
-        low, high = _travel(vehicle.controls[name])
+        low, high = travel_of(vehicle.controls[name])
         scale = ElementTree.SubElement(channel, "aerosurface_scale", name=f"{name} travel")
         ElementTree.SubElement(scale, "input").text = f"fcs/{name}-cmd-norm"
         travel = ElementTree.SubElement(scale, "range")
@@ -216,11 +203,6 @@ def _controls(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> _Node:
     else:
         channel.append(_computed("motor", _MOTOR, _property(_THROTTLE)))
     return node
-
-
-def _travel(control: Control) -> tuple[float, float]:
-    """The least and largest deflection, rad."""
-    return control.limits if control.servos else (-_USUAL_TRAVEL, _USUAL_TRAVEL)
 
 
 def _lag(name: str, source: str, output: str, tau: float) -> _Node:

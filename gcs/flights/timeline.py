@@ -18,8 +18,8 @@ ARMED, _CUSTOM = 0x80, 0x01  # MAV_MODE_FLAG_SAFETY_ARMED, _CUSTOM_MODE_ENABLED
 _FLAGS = {0x04: "AUTO", 0x08: "GUIDED", 0x10: "STABILIZE", 0x40: "MANUAL"}
 # Elements of an array field that are handed out, and texts of a flight.
 _MOST_ELEMENTS, _MOST_TEXTS, _MOST_MODES = 16, 300, 300
-#: Who notes something in flight, system and component, and how such a text begins.
-NOTES, NOTE = (255, mavutil.mavlink.MAV_COMP_ID_MISSIONPLANNER), "note: "
+#: How a text begins that somebody noted in flight, and the system that says so: this station.
+NOTE, _STATION = "note: ", 255
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def text_of(row: np.void) -> tuple[str, int | None]:
 
 def texts(recording: ColumnSource, streams: VehicleStreams) -> list[Said]:
     """What the vehicle said and what was noted here, in order; one text in several chunks is one."""
-    notes = [replace(one, note=True) for one in _said(recording, streams, NOTES[0]) if one.text.startswith(NOTE)]
+    notes = [replace(one, note=True) for one in _said(recording, streams, _STATION) if one.text.startswith(NOTE)]
     said = _said(recording, streams, streams.sender.system)
     return sorted([*said, *(replace(one, text=one.text.removeprefix(NOTE)) for one in notes)], key=lambda one: one.time)
 

@@ -17,6 +17,12 @@ SECONDS, STEP, HEIGHT = 20.0, 0.001, 300.0
 STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "p", "q", "r", "altitude")
 # Largest difference over the whole flight, as a share of the state's range.
 SHARE = 1e-3
+# What may go along with a model: effects of the aircraft, its servos and its motor.
+EFFECTS = (
+    "stall:alpha_stall=0.16,sharpness=40", "reynolds_drag:n=0.6", "thrust_line_offset:z_T=0.03",
+    "thrust_scale:scale=0.1", "thrust_speed_loss:dT_dV=-0.3", "mass_error:scale=0.08", "inertia_error:scale=0.1",
+    "cg_shift:x=0.01", "elastic_tail:k=0.2", "propwash_elevator:k=0.3", "actuator_lag:tau=0.05", "motor_lag:tau=0.3",
+)  # fmt: skip
 
 
 def craft(name: str) -> tuple[Vehicle, Model]:

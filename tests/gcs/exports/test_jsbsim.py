@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import jsbsim
 import numpy as np
 import pytest
-from export_flights import HEIGHT, SECONDS, SHARE, STEP, Array, commands, craft, flown_here, shares
+from export_flights import EFFECTS, HEIGHT, SECONDS, SHARE, STEP, Array, commands, craft, flown_here, shares
 
 from gcs.errors import ExportError
 from gcs.exports import jsbsim as exporter
@@ -91,15 +91,7 @@ def test_jsbsim_flies_what_the_simulator_flies(name: str, tmp_path: Path) -> Non
     assert (listed.findtext("sim/flight-model"), listed.findtext("sim/aero")) == ("jsb", name)
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        "stall:alpha_stall=0.16,sharpness=40", "reynolds_drag:n=0.6", "thrust_line_offset:z_T=0.03",
-        "thrust_scale:scale=0.1", "thrust_speed_loss:dT_dV=-0.3", "mass_error:scale=0.08", "inertia_error:scale=0.1",
-        "cg_shift:x=0.01", "elastic_tail:k=0.2", "propwash_elevator:k=0.3", "actuator_lag:tau=0.05",
-        "motor_lag:tau=0.3",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("effect", EFFECTS)
 def test_an_effect_goes_along(effect: str, tmp_path: Path) -> None:
     vehicle, model = craft("iitb-mav")
     name, values = parse_effect(effect)
