@@ -25,8 +25,9 @@ _WINDOWS, _WINDOW_S = 4.5, (4.0, 20.0)
 # Standard error of windows that overlap by half over that of as many apart (Tischler & Remple, eq. 7.46).
 _OVERLAP = 0.55**0.5
 # A surface that moves less, rad rms, is no input; a frequency counts where it has this share of the input's density at
-# its largest, and where the other input leaves it this share.
-_STILL, _EXCITED, _OWN = 0.003, 1e-3, 0.1
+# its largest (below, an autopilot's answer to the gyros' noise is what moves the surface, and the response would be the
+# autopilot's, inverted), and where the other input leaves it this share.
+_STILL, _EXCITED, _OWN = 0.003, 0.03, 0.1
 _LEAST_HZ, _MOST_HZ = 0.1, 10.0
 # Share of an output that may be missing in a stretch.
 _MISSING = 0.05

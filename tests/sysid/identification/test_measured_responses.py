@@ -84,6 +84,7 @@ def test_an_input_is_freed_of_what_goes_with_another() -> None:
     ratio = found.response / transfer(SECOND, found.frequency_hz)
     assert np.abs(ratio[shown] - 1.0).max() < 0.1
     # What takes the two for one is far off.
+    shown = (alone.frequency_hz > 0.5) & (alone.frequency_hz < 4.0)
     assert np.abs(alone.response / transfer(SECOND, alone.frequency_hz) - 1.0)[shown].mean() > 0.3
 
 
@@ -104,6 +105,22 @@ def test_stretches_of_unequal_lengths_count_all(seconds: tuple[int, ...]) -> Non
     assert shown.sum() >= 8
     off = (20.0 * np.log10(np.abs(ratio)) / np.maximum(found.gain_std_db, 0.1))[shown]
     assert 0.3 < np.sqrt(np.mean(off**2)) < 2.0
+
+
+def test_frequencies_at_which_feedback_alone_moves_the_input_are_left_out() -> None:
+    """Above the test's band the controller answers the sensor's noise, and shows itself, inverted."""
+    generator = np.random.default_rng(7)
+    spectrum = np.fft.rfft(generator.standard_normal(12_000))
+    spectrum[np.fft.rfftfreq(12_000, DT) > 2.0] = 0.0
+    test = np.fft.irfft(spectrum, 12_000)
+    y, noise, gain = np.zeros(12_000), 0.3 * generator.standard_normal(12_000), 0.2
+    u = np.zeros(12_000)
+    for k in range(11_999):
+        u[k] = test[k] - gain * (y[k] + noise[k])
+        y[k + 1] = 0.9 * y[k] + 0.1 * u[k]
+    found = averaged([(u[None], y + noise)], DT)
+    assert found is not None
+    assert 1.5 < found.frequency_hz.max() < 2.5
 
 
 def test_an_input_that_hardly_moves_or_a_record_too_short_shows_nothing() -> None:
