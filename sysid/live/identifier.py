@@ -125,6 +125,7 @@ class LiveIdentifier:
             self._seen[name] = float(time_s[-1])
             self._watch.silent.note(name, time_s)
             self._sparse.add(name, time_s, values)
+        self._watch.positions.take(samples)
         if self._window is not None:
             self._window.take(samples)
         if self._base is None:

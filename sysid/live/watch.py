@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.live.recursive.causes import CauseFound, KnownAxis, Lengths, likeliest
 from sysid.live.recursive.change_detection import Change, ChangeDetector
+from sysid.live.signals.position_jumps import PositionJumps
 from sysid.live.signals.sensor_failures import SensorFailure, SensorMonitor
 from sysid.live.signals.silent_channels import SilentChannels
 
@@ -42,7 +43,9 @@ class _Seen:
 
 
 class Watch:
-    """What has failed and changed in a flight. sensors, silent: take the rows. Detectors are by axis."""
+    """What has failed and changed in a flight. sensors, silent: take the rows; positions: samples. Detectors are by
+    axis.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -52,6 +55,7 @@ class Watch:
         self._doubted: list[_Seen] = []
         self._open: Mapping[str, KnownAxis] = {}
         self.silent = SilentChannels()
+        self.positions = PositionJumps()
         self._dead: SensorFailure | None = None
         # Sensors that repeat one reading.
         self._repeating: set[str] = set()
@@ -67,6 +71,8 @@ class Watch:
         for signal, at_s in self.silent.back().items():
             self._end(f"{signal}_lost", at_s)
         self.failures += self.silent.gone(now_s)
+        if (jump := self.positions.check()) is not None:
+            self.failures = [one for one in self.failures if one.name != jump.name] + [jump]
 
     def _end(self, name: str, time_s: float) -> None:
         """The failure of this name is over."""
@@ -76,7 +82,9 @@ class Watch:
 
     def notice(self, time_s: float, change: Change, detectors: Detectors) -> bool:
         """Take a change of the aircraft that a detector sees; whether it is reported."""
-        if any(change.time_s < one.time_s + _BLAMED_S for one in self.failures[-1:]) or self._is_reported(change):
+        # No equation of the aircraft has a position or a ground velocity in it.
+        failed = [one for one in self.failures if one.signal != "gps"][-1:]
+        if any(change.time_s < one.time_s + _BLAMED_S for one in failed) or self._is_reported(change):
             return False
         if (dead := self.silent.dead(change.axis)) is not None:
             self._dead = dead

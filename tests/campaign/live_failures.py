@@ -53,7 +53,7 @@ SENSORS: dict[str, str] = {
     "alpha-stuck": "alpha", "alpha-bent=5": "alpha", "alpha-slow=0.3": "alpha",
     "beta-stuck": "beta", "beta-bent=5": "beta", "gyro-p=0.026": "p", "gyro-q=0.026": "q", "gyro-r=0.035": "r",
     "accelerometer-x=0.7": "ax", "accelerometer-y=0.7": "ay", "accelerometer-z=0.7": "az", "compass=25": "psi",
-    "gps-lost": "gps", "servo-elevator=dead": "de", "servo-rudder=dead": "dr",
+    "gps-lost": "gps", "gps-jump=30": "gps", "servo-elevator=dead": "de", "servo-rudder=dead": "dr",
 }  # fmt: skip
 QUIET = "nothing"
 LEAST_LAG_S, MOST_LAG_S, MOST_SHIFT_S = 0.001, 0.06, 0.02

@@ -1,4 +1,4 @@
-"""What fails by silence: signals that stop coming, and commands that the telemetry repeats."""
+"""What fails by silence, or by a jump: signals that stop coming, commands that the telemetry repeats, positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from sim_vehicle.manoeuvres.plan import plan_of
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
+from sysid.live.recursive.change_detection import Change
 from sysid.live.signals.row_alignment import Rows
+from sysid.live.signals.sensor_failures import SensorFailure
 from sysid.live.signals.silent_channels import SilentChannels
 from sysid.live.watch import Watch
 from sysid.live.wording import failure_sentence, failure_text
@@ -85,9 +87,14 @@ def watched(failure: str) -> LiveReport:
 
 @pytest.mark.parametrize(
     ("failure", "name"),
-    [("gps-lost", "gps_lost"), ("servo-elevator=dead", "de_channel"), ("pitot-blocked", "airspeed_still")],
+    [
+        ("gps-lost", "gps_lost"),
+        ("gps-jump=30", "gps_jump"),
+        ("servo-elevator=dead", "de_channel"),
+        ("pitot-blocked", "airspeed_still"),
+    ],
 )
-def test_silence_is_told_in_flight_and_no_aircraft_blamed(failure: str, name: str) -> None:
+def test_silence_and_a_jump_are_reported_in_flight_and_no_aircraft_blamed(failure: str, name: str) -> None:
     report = watched(failure)
     assert [one.name for one in report.failures] == [name]
     assert abs(report.failures[0].time_s - 24.0) < 0.5
@@ -107,3 +114,11 @@ def test_what_comes_or_moves_again_is_over() -> None:
     assert [(one.name, one.until_s) for one in watch.failures] == [("gps_lost", 15.0), ("alpha_still", 16.0)]
     watch.judge(30.0, {"alpha": 25.0}, {})  # stuck once more
     assert [one.until_s for one in watch.failures] == [15.0, 16.0, None]
+
+
+def test_a_position_that_jumps_is_no_excuse_for_the_aircraft() -> None:
+    watch = Watch(load_vehicle("iitb-mav"))
+    watch.failures.append(SensorFailure(12.0, "gps_jump", "gps", 30.0, "m", "the GPS position jumped"))
+    assert watch.notice(12.5, Change(12.2, "Cm", "Cm_de", -1.6, -0.8, 0.05), {})
+    watch.failures.append(SensorFailure(22.0, "alpha_step", "alpha", 4.0, "deg", "the alpha vane jumped"))
+    assert not watch.notice(22.5, Change(22.2, "Cm", "Cm_de", -1.6, -0.8, 0.05), {})
