@@ -10,7 +10,7 @@ Source: M. Basseville & I. V. Nikiforov, "Detection of Abrupt Changes", 1993, se
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,11 @@ _LEARNED_S = 6.0  # of flight, before which standard errors are too young to cal
 _RATIO = 60.0
 _SHARE = 0.1
 _EXPLAINED = 0.6
+# So many times what the coefficient's term usually explains of the residuals, rms, a change must explain: in gusts, and
+# where the model lacks something, coefficients seem to wander all the time. Windows that count for it, first and most.
+_FAR, _FIRST, _WINDOWS = 4.0, 5, 200
+# s before a change for which the known coefficients must have held: where they do not, they are what is wrong.
+_FITTED_S = 1.0
 _KNOWN = 0.15  # relative standard error of a coefficient whose change can be detected
 _NOISE_MEMORY = 100.0
 # A term is informative on its coefficient where its power is so many times that of its noise, and of this rms.
@@ -62,6 +67,8 @@ class ChangeDetector:
 
     def __init__(self, axis: str, names: Sequence[str]) -> None:
         self._axis, self._names = axis, tuple(names)
+        # Of what each term whose coefficient is known explains of the residuals: windows, mean and variance.
+        self._usual = np.zeros((3, len(self._names)))
         self.restart()
 
     def restart(self) -> None:
@@ -106,6 +113,8 @@ class ChangeDetector:
         if suspect != self._names[j]:
             return None
         since = self._since(times, X[:, j], residuals, step)
+        if since < times[0] + _FITTED_S:
+            return None
         # The window has begun before, and the filter holds what was before for a while.
         x, e = _about_means(self._names[j], *(values[times > since + _SETTLES_S] for values in (X[:, j], residuals)))
         if float(x @ x) > 0.2 * float(X[recent, j] @ X[recent, j]):
@@ -144,6 +153,7 @@ class ChangeDetector:
         total = float(residuals @ residuals)
         lift = abs(float(np.mean(X @ theta + residuals)))
         best: tuple[float, int, float, float] = (_RATIO, -1, 0.0, 0.0)
+        parts: dict[int, float] = {}
         for j, name in enumerate(self._names):
             size = lift if name == _LIFT else abs(theta[j])
             if not np.sqrt(P[j, j]) < _KNOWN * size or (name.endswith("_0") and name not in (_DRAG, _LIFT)):
@@ -156,19 +166,30 @@ class ChangeDetector:
             step = float(x @ e) / power
             uncertain = X.T @ x / power
             ratio = step**2 / (self._variance / power + float(uncertain @ P @ uncertain))
-            explained = step**2 * power / max(float(e @ e), 1e-300)
+            parts[j] = step * float(np.sqrt(power))
             if ratio > best[0]:
-                best = (ratio, j, step, explained)
+                best = (ratio, j, step, parts[j] ** 2 / max(float(e @ e), 1e-300))
         # The likeliest one is reported or none: beside a small change of one coefficient a large one of another whose
         # motion is alike explains nearly as much.
         ratio, j, step, explained = best
-        if j < 0 or total < 4.0 * self._variance * residuals.size:
-            return None
-        name = self._names[j]
-        least = _LIFT_SHARE * lift if name == _LIFT else (_DRAG_SHARE if name == _DRAG else _SHARE) * abs(theta[j])
-        if abs(step) <= least or explained <= _EXPLAINED:
-            return None
-        return j, step, abs(step) / float(np.sqrt(ratio))
+        if j >= 0 and total >= 4.0 * self._variance * residuals.size and self._is_unusual(j, parts[j]):
+            name = self._names[j]
+            least = _LIFT_SHARE * lift if name == _LIFT else (_DRAG_SHARE if name == _DRAG else _SHARE) * abs(theta[j])
+            if abs(step) > least and explained > _EXPLAINED:
+                return j, step, abs(step) / float(np.sqrt(ratio))
+        self._learn_usual(parts)
+        return None
+
+    def _is_unusual(self, j: int, part: float) -> bool:
+        windows, mean, variance = self._usual[:, j]
+        return bool(windows >= _FIRST and (part - mean) ** 2 > _FAR**2 * variance)
+
+    def _learn_usual(self, parts: Mapping[int, float]) -> None:
+        """What terms explained of the residuals where nothing has changed: the root of a sum of squares, signed."""
+        for j, part in parts.items():
+            windows, mean, variance = self._usual[:, j]
+            share, off = 1.0 / min(windows + 1.0, _WINDOWS), part - mean
+            self._usual[:, j] = windows + 1.0, mean + share * off, (1.0 - share) * (variance + share * off**2)
 
     def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
         gain = residuals**2 - (residuals - step * x) ** 2 - self._variance

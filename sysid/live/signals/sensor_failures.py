@@ -32,15 +32,21 @@ _LEAST = {
 }  # fmt: skip
 # Sizes below which an attitude that wanders does the same: gyros rad/s, accelerometers m/s^2 (3 deg of it).
 _LEAST_SIZE = {**dict.fromkeys("pqr", 0.0175), **dict.fromkeys(("ax", "ay", "az"), 0.5)}
-# A failure is reported from so many times what is usual on, of the airspeed of more, since a wind that grows along the
-# way looks alike; and where it explains so much of what is off.
-_FAR, _FAR_IN_WIND, _EXPLAINED = 5.0, 8.0, 0.8
+# A failure is reported from so many times what is usual on, of more where the airspeed is to blame or what shows it
+# hangs on the wind, since one that grows along the way looks alike; and where it explains so much of what is off.
+_FAR, _FAR_IN_WIND, _FAR_OF_AIRSPEED, _EXPLAINED = 5.0, 6.5, 8.0, 0.8
+_FLOW = ("V", "alpha", "beta")
 # A reading that jumps from one moment to the next is reported though gusts go further in time: from so many times the
 # usual jump of means over so many kept rows on, and from this size on.
 _JUMP, _JUMP_ROWS = 6.0, 2
 _LEAST_JUMP = {"V": 1.5, "alpha": 0.035, "beta": 0.035, "psi": 0.2}
+# A step is one at its moment: what is off in so few kept rows behind it is that much of its size away from those before
+# it, since a wind or an attitude moves more slowly; a jump still is in so many, since a vane that swings comes back.
+_STEP_ROWS, _STAYS_ROWS, _AT_ONCE = 2, 10, 0.5
 # A comparison in which a failure would be seen from so many times what is usual on must bear it out.
 _SEEN = 1.3
+# One in which it would be seen clearly, from so many times on, must be explained by it to that share.
+_CLEAR, _BORNE_OUT = 2.0, 0.5
 # Share of what is far, from which on it is looked for failures.
 _LOOK = 0.4
 # Beyond this pitch, rad, Euler's angles turn so fast that nothing is compared: an aircraft that is lost.
@@ -284,7 +290,7 @@ class SensorMonitor:
             jumps = _jumps(gaps[name])
             place = int(np.nanargmax(np.abs(jumps))) if np.isfinite(jumps).any() else 0
             far = float(abs(jumps[place])) / max(_JUMP * float(np.sqrt(self._jumps.get(name, 0.0))), _LEAST_JUMP[name])
-            if far > 1.0:
+            if far > 1.0 and _steps(gaps[name], place + _JUMP_ROWS, float(jumps[place]), _STAYS_ROWS):
                 found.append((far, name, float(jumps[place]), place))
         if len(found) != 1:
             return None
@@ -312,6 +318,9 @@ class SensorMonitor:
             if gain <= 0.0 or (found is not None and gain <= found[0]):
                 continue
             if one.kind == "still" and not curves.is_still(names[0], place, gaps[names[0]]):
+                continue
+            at = int(np.argmax(curves.later[place]))
+            if one.kind == "step" and not _steps(gaps[names[0]], at, size, _STEP_ROWS):
                 continue
             words = one.words.format(f"{one.factor * size:+.2g} {one.unit}")
             moment = float(curves.moments[place])
@@ -387,9 +396,12 @@ def _fitted(
     explained = size * (2.0 * along - size * own)
     # Where it shows most it must be far off, and what is off there must be it; where it is seen it must be borne out.
     shown = np.argmax(reach, axis=0), np.arange(size.size)
-    far = _FAR_IN_WIND if one.signal == "airspeed" else _FAR
+    windy = one.kind == "ramp" and np.array([name in _FLOW for name in names])[shown[0]]
+    far = _FAR_OF_AIRSPEED if one.signal == "airspeed" else np.where(windy, _FAR_IN_WIND, _FAR)
     good &= (np.abs(size) * reach[shown] >= far) & (explained[shown] >= _EXPLAINED * total[shown[0], 0])
-    good &= ~np.any((np.abs(size) * reach > _SEEN) & (explained < 0.0), axis=0)
+    seen = np.abs(size) * reach
+    good &= ~np.any((seen > _SEEN) & (explained < 0.0), axis=0)
+    good &= ~np.any((seen > _CLEAR) & (explained < _BORNE_OUT * total), axis=0)
     gain = np.where(good, explained.sum(axis=0), 0.0)
     place = int(np.argmax(gain))
     return float(gain[place]), float(size[place]), place
@@ -401,6 +413,12 @@ def _lagged(values: Array, lag_s: float, times: Array) -> Array:
     keep = float(np.exp(-step / lag_s))
     lagged: Array = values[0] + np.asarray(lfilter([1.0 - keep], [1.0, -keep], values - values[0]))
     return lagged
+
+
+def _steps(gap: Array, place: int, size: float, rows: int) -> bool:
+    """Whether a comparison steps by this size at a row, rather than that it wanders or swings."""
+    before, after = _mean(gap[max(place - rows, 0) : place]), _mean(gap[place : place + rows])
+    return bool(gap.size >= place + rows and (after - before) * np.sign(size) > _AT_ONCE * abs(size))
 
 
 def _jumps(gap: Array) -> Array:
