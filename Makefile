@@ -170,10 +170,11 @@ campaign-live: setup
 	$(BIN)/python tests/campaign/live.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) $(if $(POST),--post)
 
 # Aircraft and sensors that fail in flight, and flights in which nothing does: 4 s each, 136 with SEEDS=1.
-# BOARD=1: servos that lag and commands stamped late, LIGHT=1: inputs half as large.
+# BOARD=1: servos that lag and commands stamped late, LIGHT=1: inputs half as large, JSBSIM=1: another engine behind
+# sensors of the field.
 campaign-live-failures: setup
 	$(BIN)/python tests/campaign/live_failures.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) \
-		$(if $(BOARD),--board) $(if $(LIGHT),--light)
+		$(if $(BOARD),--board) $(if $(LIGHT),--light) $(if $(JSBSIM),--jsbsim)
 
 # Live estimates behind the sensors of the field: half a minute a flight. make campaign-live-field FAMILIES=mild SEEDS=2
 campaign-live-field: setup

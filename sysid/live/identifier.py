@@ -54,6 +54,8 @@ _RATES = ("p", "q", "r")
 _ACCELERATIONS = ("ax", "ay", "az")
 # What arithmetic of numbers beyond all measure raises, numpy's errors of linear algebra among them.
 _FAULTS = (ArithmeticError, ValueError)
+# Surfaces that move by so much later or sooner than was thought: what was known with the other delay begins anew, s.
+_OTHER_DELAY_S = 0.015
 _FAILING_S = 3.0  # for which a sensor's failure stands without being seen again
 
 
@@ -113,6 +115,8 @@ class LiveIdentifier:
         self._noise = {name: WhiteNoise(name in bending) for name in (*VANES, "airspeed", *bending)}
         self._watch = Watch(vehicle)
         self._settled: dict[str, float] = {}
+        # How long after their commands surfaces move, s, as far as the window knows it.
+        self._delays: dict[str, float] = {}
         self._sparse = SparseSamples(_SPARSE)
         self._worked = self._refreshed = self._checked = -np.inf
         self.time_s = -np.inf
@@ -131,12 +135,29 @@ class LiveIdentifier:
         if self._base is None:
             self._gather(samples)
             return
-        self._base.add(samples)
+        self._base.add(self._as_obeyed(samples))
         now = self._seen["az"]
         if self._looked is not None and now > self._looked + _GATHER_S:
             self._settle()
         if now > self._worked + _PIECE_S:
             self._work()
+
+    def _as_obeyed(self, samples: Mapping[str, tuple[Array, Array]]) -> Mapping[str, tuple[Array, Array]]:
+        """Commands on the stamps at which surfaces obey them: the recursive equations know no servo."""
+        found = dict(samples)
+        for name, delay in self._delays.items():
+            if name in found:
+                time_s, values = found[name]
+                found[name] = (time_s + delay, values)
+        return found
+
+    def _learn_delays(self) -> None:
+        if self._window is None:
+            return
+        delays = self._window.command_delays()
+        if delays and max(abs(delay - self._delays.get(name, 0.0)) for name, delay in delays.items()) > _OTHER_DELAY_S:
+            self._delays = delays
+            self._restart_axes()
 
     def _gather(self, samples: Mapping[str, tuple[Array, Array]]) -> None:
         """Keep the newest of what comes until it is settled which signals there are, which it may never be."""
@@ -376,6 +397,7 @@ class LiveIdentifier:
                 self._refresh()
         if self._window is not None:
             self._window.work()
+            self._learn_delays()
 
     def _take_rows(self, rows: Rows) -> None:
         """Take a run of rows, or more of one, into all that is estimated."""

@@ -28,6 +28,7 @@ from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import estimate, excited
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
+from sysid.posterior.nuisance_priors import SURFACES_OF
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
@@ -47,6 +48,7 @@ _ANGLES = ("alpha", "beta")
 _FEWEST = 10  # samples of a signal
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
+_SERVO = ("servo_delay", "servo_lag")
 _SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}
 
 Columns = Mapping[str, tuple[Array, Array]]
@@ -232,6 +234,18 @@ class SlidingWindow:
         errors = {one.name: (one.value - _NULL[one.name], one.std, one.prior_std) for one in every if one.name in _NULL}
         found = {_SCALE[name]: AirDataError(*error, "1") for name, error in errors.items()}
         return {name: error for name, error in found.items() if error.observed}
+
+    def command_delays(self) -> dict[str, float]:
+        """By surface, how long after its command it moves, s: delay and lag of the servo, and what stamps are late by.
+        Nothing before the first estimate.
+        """
+        every = () if self.found is None else self.found.nuisances
+        return {
+            surface: sum(one.value for one in every if one.group == group and one.name in _SERVO)
+            for group, surfaces in SURFACES_OF.items()
+            if any(one.group == group for one in every)
+            for surface in surfaces
+        }
 
     def _accept(self, done: Future[WindowEstimate]) -> None:
         try:

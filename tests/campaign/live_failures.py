@@ -2,14 +2,16 @@
 
 Every failure of `sim-vehicle --fail` that a flight can show, on two aircraft, in calm air and in gusts, each after
 24 s of multisines, and as many flights in which nothing fails. With --board the servos lag by up to 60 ms and commands
-are stamped up to 20 ms late, which the estimator does not know; with --light the inputs are half as large. A line of
-the store is one flight; a run that is broken off goes on where it stopped.
+are stamped up to 20 ms late, which the estimator does not know; with --light the inputs are half as large; with
+--jsbsim JSBSim flies its own aircraft behind the servos, sensors and links of the field's mild family. A line of the
+store is one flight; a run that is broken off goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +23,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "support"), str(ROOT / "benchmarks")]
 
+from jsbsim_failures import BREAKS, broken_flight  # noqa: E402
+from live_field import Here  # noqa: E402
 from live_flights import pieces  # noqa: E402
 from seed_lines import fingerprint, fly_missing  # noqa: E402
 from simulated import signals_of  # noqa: E402
@@ -32,7 +36,7 @@ from sim_vehicle.flight.plant import Plant  # noqa: E402
 from sim_vehicle.flight.sensor_suite import SensorSuite  # noqa: E402
 from sim_vehicle.manoeuvres.plan import Plan, plan_of  # noqa: E402
 from sim_vehicle.model.model_file import read_model  # noqa: E402
-from sim_vehicle.vehicle.vehicle_file import load_vehicle  # noqa: E402
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle  # noqa: E402
 from sysid.live.identifier import LiveIdentifier  # noqa: E402
 from sysid.signals.flight import FlightSignals  # noqa: E402
 
@@ -55,6 +59,8 @@ SENSORS: dict[str, str] = {
     "accelerometer-x=0.7": "ax", "accelerometer-y=0.7": "ay", "accelerometer-z=0.7": "az", "compass=25": "psi",
     "gps-lost": "gps", "gps-jump=30": "gps", "servo-elevator=dead": "de", "servo-rudder=dead": "dr",
 }  # fmt: skip
+# JSBSim's flights have no position.
+NOT_IN_JSBSIM = ("gps-jump=30",)
 QUIET = "nothing"
 LEAST_LAG_S, MOST_LAG_S, MOST_SHIFT_S = 0.001, 0.06, 0.02
 COMMANDS = ("de", "da", "dr", "throttle")
@@ -63,15 +69,18 @@ QUIET_PLANS = ("multisine", "elevator-3211,aileron-3211,rudder-3211,cruise", "mu
 
 @dataclass(frozen=True)
 class Conditions:
-    """board: lags of servos and late stamps of commands that nobody knows of. light: inputs half as large."""
+    """board: lags of servos and late stamps of commands that nobody knows of. light: inputs half as large. jsbsim:
+    another plant, sensors of the field, and estimates by the window beside, as the service has them.
+    """
 
     board: bool = False
     light: bool = False
+    jsbsim: bool = False
 
     @property
     def mark(self) -> str:
         """A word for the store."""
-        return f"{'-board' if self.board else ''}{'-light' if self.light else ''}"
+        return f"{'-board' if self.board else ''}{'-light' if self.light else ''}{'-jsbsim' if self.jsbsim else ''}"
 
 
 def flown(case: str, vehicle: str, gusts: float, seed: int, conditions: Conditions) -> FlightSignals:
@@ -95,9 +104,19 @@ def flown(case: str, vehicle: str, gusts: float, seed: int, conditions: Conditio
     return replace(signals, signals={**signals.signals, **late})
 
 
-def cases(seeds: int) -> list[tuple[str, str, float, int]]:
+def flown_by_jsbsim(case: str, gusts: float, seed: int) -> tuple[FlightSignals, Vehicle]:
+    """One flight in which a case fails, by another engine."""
+    with tempfile.TemporaryDirectory() as folder:
+        kind = "multisine" if case != QUIET else ("multisine", "3211", "doublet", "hold")[seed % 4]
+        return broken_flight(Path(folder), case, AT_S, SECONDS, gusts, seed, kind=kind)
+
+
+def cases(seeds: int, conditions: Conditions) -> list[tuple[str, str, float, int]]:
     """Every flight: what fails, the vehicle, m/s of gusts, the seed."""
-    every = [*AIRCRAFT, *SENSORS, *([QUIET] * (len(AIRCRAFT) + len(SENSORS)))]
+    failing = [*AIRCRAFT, *SENSORS]
+    if conditions.jsbsim:
+        failing = [case for case in failing if case in BREAKS or (case in SENSORS and case not in NOT_IN_JSBSIM)]
+    every = [*failing, *([QUIET] * len(failing))]
     return [
         (case, VEHICLES[(place + seed) % len(VEHICLES)], gusts, 100 * seed + place)
         for seed in range(seeds)
@@ -108,11 +127,16 @@ def cases(seeds: int) -> list[tuple[str, str, float, int]]:
 
 def trial(number: int, seeds: int, conditions: Conditions) -> dict[str, Any]:
     """One flight: what was told, and when."""
-    case, vehicle, gusts, seed = cases(seeds)[number]
+    case, vehicle, gusts, seed = cases(seeds, conditions)[number]
     line: dict[str, Any] = {"seed": number, "case": case, "vehicle": vehicle, "gusts": gusts}
-    live = LiveIdentifier(load_vehicle(vehicle))
+    craft = load_vehicle(vehicle)
+    if conditions.jsbsim:
+        signals, craft = flown_by_jsbsim(case, gusts, seed)
+    else:
+        signals = flown(case, vehicle, gusts, seed, conditions)
+    live = LiveIdentifier(craft, Here() if conditions.jsbsim else None)
     told_at: dict[str, float] = {}
-    for count, samples in enumerate(pieces(flown(case, vehicle, gusts, seed, conditions), EVERY_S / 8.0), 1):
+    for count, samples in enumerate(pieces(signals, EVERY_S / 8.0), 1):
         live.take(samples)
         if count % 8:
             continue
@@ -205,10 +229,12 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--board", action="store_true", help="servos that lag, commands stamped late")
     parser.add_argument("--light", action="store_true", help="inputs half as large")
+    parser.add_argument("--jsbsim", action="store_true", help="JSBSim flies, behind sensors of the field")
     given = parser.parse_args()
-    conditions = Conditions(given.board, given.light)
-    mark = fingerprint(("sysid", "sim_vehicle", "live_flights", "simulated"))
-    numbers = range(len(cases(given.seeds)))
+    conditions = Conditions(given.board, given.light, given.jsbsim)
+    support = ("field_plant", "field_sensors", "field_flight", "jsbsim_failures") if given.jsbsim else ()
+    mark = fingerprint(("sysid", "sim_vehicle", "live_flights", "simulated", *support))
+    numbers = range(len(cases(given.seeds, conditions)))
     table(
         fly_missing(trial, numbers, given.workers, OUTPUT / f"{mark}{conditions.mark}.jsonl", given.seeds, conditions)
     )

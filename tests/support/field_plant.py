@@ -147,8 +147,11 @@ def fly_field(
     hold: Hold | None = None,
     density: float = 1.12,
     resolution: float = 0.0,
+    breaks: Callable[[float, Any, Array], Array] | None = None,
 ) -> Log:
-    """Trim and fly one of our own aircraft. resolution: step of the commands sent, rad."""
+    """Trim and fly one of our own aircraft. resolution: step of the commands sent, rad. breaks: by the time, s, changes
+    JSBSim's properties and gives where the surfaces stand instead of where they would.
+    """
     servo, air, hold = servo or Servo(), air or Air(), hold or Hold()
     rolling = rolling_aircraft(aircraft)
     write_twin(folder, rolling.vehicle, rolling.model, rolling.functions, rolling.lags)
@@ -198,6 +201,8 @@ def fly_field(
             u, v, w = (now[index[f"{x}_air"]] for x in "uvw")
             neutral = np.array([de, 0.0, 0.0])
             moved = neutral + (moved - neutral) * (1.0 - servo.droop * (u * u + v * v + w * w) / AIRSPEED**2)
+        if breaks is not None:
+            moved = breaks(i * STEP, twin, moved)
         pull = FULL_THRUST * throttle + (pull - FULL_THRUST * throttle) * left
         set_inputs(twin, moved, pull)
         blow(twin, wind.body[i], wind.down[i], (phi, theta, psi))

@@ -27,9 +27,13 @@ _LEARNED_S = 6.0  # of flight, before which standard errors are too young to cal
 _RATIO = 60.0
 _SHARE = 0.1
 _EXPLAINED = 0.6
+# From so many times the usual mean square of the residuals on the axis no longer follows its equation at all, whatever
+# one coefficient explains of it; it has done so since residuals were so many times as large.
+_BROKEN, _BREAKS = 40.0, 4.0
 # So many times what the coefficient's term usually explains of the residuals, rms, a change must explain: in gusts, and
-# where the model lacks something, coefficients seem to wander all the time. Windows that count for it, first and most.
-_FAR, _FIRST, _WINDOWS = 4.0, 5, 200
+# where the model lacks something, coefficients seem to wander all the time. Windows that count for it, first and most;
+# the newest do not, since a change may have begun in them.
+_FAR, _FIRST, _WINDOWS, _NOT_YET = 6.0, 4, 200, 6
 # s before a change for which the known coefficients must have held: where they do not, they are what is wrong.
 _FITTED_S = 1.0
 _KNOWN = 0.15  # relative standard error of a coefficient whose change can be detected
@@ -69,6 +73,7 @@ class ChangeDetector:
         self._axis, self._names = axis, tuple(names)
         # Of what each term whose coefficient is known explains of the residuals: windows, mean and variance.
         self._usual = np.zeros((3, len(self._names)))
+        self._parts: deque[Mapping[int, float]] = deque()
         self.restart()
 
     def restart(self) -> None:
@@ -76,6 +81,7 @@ class ChangeDetector:
         self._samples: deque[tuple[float, Array]] = deque(maxlen=round(_MEMORY_S * RATE_HZ))
         self._known: deque[tuple[float, Array, Array]] = deque()
         self._variance = np.nan
+        self._parts.clear()
         self._suspect = ""
         self._begun = np.inf
 
@@ -175,9 +181,12 @@ class ChangeDetector:
         if j >= 0 and total >= 4.0 * self._variance * residuals.size and self._is_unusual(j, parts[j]):
             name = self._names[j]
             least = _LIFT_SHARE * lift if name == _LIFT else (_DRAG_SHARE if name == _DRAG else _SHARE) * abs(theta[j])
-            if abs(step) > least and explained > _EXPLAINED:
+            broken = total > _BROKEN * self._variance * residuals.size
+            if abs(step) > least and (explained > _EXPLAINED or broken):
                 return j, step, abs(step) / float(np.sqrt(ratio))
-        self._learn_usual(parts)
+        self._parts.append(parts)
+        if len(self._parts) > _NOT_YET:
+            self._learn_usual(self._parts.popleft())
         return None
 
     def _is_unusual(self, j: int, part: float) -> bool:
@@ -192,7 +201,10 @@ class ChangeDetector:
             self._usual[:, j] = windows + 1.0, mean + share * off, (1.0 - share) * (variance + share * off**2)
 
     def _since(self, times: Array, x: Array, residuals: Array, step: float) -> float:
-        gain = residuals**2 - (residuals - step * x) ** 2 - self._variance
+        left = residuals - step * x
+        gain = residuals**2 - left**2 - self._variance
+        if float(left @ left) > (1.0 - _EXPLAINED) * float(residuals @ residuals):
+            gain = residuals**2 - _BREAKS * self._variance
         return float(times[int(np.argmax(np.cumsum(gain[::-1])[::-1]))])
 
 
