@@ -191,7 +191,7 @@ class ChangeDetector:
 
     def _is_unusual(self, j: int, part: float) -> bool:
         windows, mean, variance = self._usual[:, j]
-        return bool(windows >= _FIRST and (part - mean) ** 2 > _FAR**2 * variance)
+        return bool(windows < _FIRST or (part - mean) ** 2 > _FAR**2 * variance)
 
     def _learn_usual(self, parts: Mapping[int, float]) -> None:
         """What terms explained of the residuals where nothing has changed: the root of a sum of squares, signed."""
