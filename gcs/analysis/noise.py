@@ -12,6 +12,7 @@ from gcs.errors import SignalMapError
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.errors import SignalError
 from sysid.signals.flight import Signal
@@ -24,8 +25,7 @@ SENSORS = {
     "attitude": ("phi", "theta", "psi"),
     "alpha_vane": ("alpha",),
     "beta_vane": ("beta",),
-    "alpha2_vane": ("alpha2",),
-    "beta2_vane": ("beta2",),
+    **{one.key: (name,) for name, one in SECOND_SENSORS.items()},
     "airspeed": ("airspeed",),
     "thrust": ("thrust",),
     "gps": ("vn", "ve", "vd"),

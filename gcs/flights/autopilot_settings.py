@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
                 " left positive: measure its travel"
             )
         warnings.append(line)
-    moved = {}
+    moved: dict[str, Any] = {}
     for sensor, names in _POSITIONS.items():
         place = _position(parameters, names)
         if any(place) and not any(vehicle.sensors[sensor].position):

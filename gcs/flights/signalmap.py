@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.constants import STANDARD_GRAVITY
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ TABLE_SIGNALS = (
     *("airspeed", "true_airspeed", "differential_pressure", "static_pressure", "temperature", "air_density"),
     *("altitude", "height", "vn", "ve", "vd", "thrust", "rpm", "de", "da", "dr", "throttle"),
     *(f"servo{number}" for number in range(1, SERVOS + 1)),
+    *(name for name in SECOND_SENSORS if name not in ("alpha2", "beta2")),
 )
 
 # Signals that a sender without the sensor leaves at exactly 0 throughout.
@@ -214,8 +216,7 @@ _OF_MESSAGES: dict[str, Row] = {
     "psi": _angle(2),
     "alpha": _one("rad", Source("AOA_SSA", ("aoa",), DEGREES)),
     "beta": _one("rad", Source("AOA_SSA", ("ssa",), DEGREES)),
-    "alpha2": _named("alpha2", "rad"),
-    "beta2": _named("beta2", "rad"),
+    **{name: _named(name, one.unit) for name, one in SECOND_SENSORS.items()},
     "airspeed": _one(
         "m/s",
         Source("AIRSPEED", ("airspeed", "flags"), _healthy),

@@ -114,7 +114,7 @@ def _from_the_front(drawn: _Drawing, vehicle: Vehicle, span: float, c: float, be
 
 def _places(sensors: Sensors) -> dict[str, tuple[float, float, float]]:
     """Sensors that do not sit at the centre of gravity, by what they are called."""
-    named = {name.replace("_", " "): sensors[name].position for name in Sensors.__dataclass_fields__}
+    named = {name.replace("_", " "): one.position for name, one in sensors.named().items()}
     return {name: place for name, place in named.items() if any(place)}
 
 

@@ -19,7 +19,7 @@ from sim_vehicle.flight.failures import Failures
 from sim_vehicle.flight.flight_log import FlownFlight, FlownSegment
 from sim_vehicle.flight.ground_roll import ROLL_ACCELERATION, Roll, ideal_readings
 from sim_vehicle.flight.plant import CHANNELS, OUTPUTS, Plant, PlantState
-from sim_vehicle.flight.sensor_suite import Reading, SensorSuite, signals_of
+from sim_vehicle.flight.sensor_suite import Reading, SensorSuite
 from sim_vehicle.flight.tick import Tick
 from sim_vehicle.flight.wind import WindField
 from sim_vehicle.manoeuvres.plan import Plan
@@ -301,6 +301,6 @@ class _Flight:
         for group in self.suite.groups:
             taken = [(time_s, reading.values) for time_s, reading in self._samples if group in reading.due]
             times = np.array([time_s for time_s, _ in taken])
-            for name in signals_of(group, self.suite.board):
+            for name in self.suite.signals_of(group):
                 found[name] = (times, np.array([values[name] for _, values in taken]))
         return found

@@ -8,7 +8,7 @@ leave the process but by `true_errors`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.failures import Failures
 from sim_vehicle.physics import atmosphere
 from sim_vehicle.vehicle.adc_curves import AnalogueBoard, load_analogue
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS, by_place
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
@@ -169,6 +170,11 @@ class SensorSuite:
         self._generator = np.random.default_rng(generator)
         self._dt = dt
         self._failures = failures or Failures()
+        # Second sensors have noise of their own, so that the others read the same with and without them.
+        self._second = {name: vehicle.sensors.second[one.key].position for name, one in SECOND_SENSORS.items()
+                        if one.key in vehicle.sensors.second}  # fmt: skip
+        self._beside = self._generator.spawn(1)[0]
+        self._first = {one.of: vehicle.sensors[one.first].position for one in SECOND_SENSORS.values()}
         self._airspeed_is_true = vehicle.sensors.airspeed.kind == "true"
         self.board: AnalogueBoard | None = load_analogue(vehicle.path)
         self._rates = {**RATES_HZ, **(rates_hz or {})}
@@ -214,9 +220,10 @@ class SensorSuite:
         fresh = {**dict(zip(self._channels, read.tolist(), strict=True)), "north": ideal["north"]}
         self._failures.read(time_s, fresh)
         self._derive(fresh, ideal)
+        fresh |= self._second_readings(ideal)
         due = frozenset(group for group in self._rates if self._is_due(group, time_s)) - self._failures.lost(time_s)
         for group in due:
-            names = self._adc_names() if group == "adc" else _GROUPS[group]
+            names = self.signals_of(group)
             self._values.update({name: fresh[name] for name in names})
         return Reading(dict(self._values), due)
 
@@ -227,8 +234,22 @@ class SensorSuite:
         self._taken[group] = number
         return True
 
-    def _adc_names(self) -> Sequence[str]:
-        return [f"adc{channel.adc}" for channel in self.board.channels] if self.board else ()
+    def signals_of(self, group: str) -> tuple[str, ...]:
+        """Names of the signals that a group carries, second sensors with the first ones."""
+        if group == "adc":
+            return tuple(f"adc{channel.adc}" for channel in self.board.channels) if self.board else ()
+        return (*_GROUPS[group], *(name for name in self._second if SECOND_SENSORS[name].of in _GROUPS[group]))
+
+    def _second_readings(self, ideal: Mapping[str, float]) -> dict[str, float]:
+        """What second sensors read at their own places, with the noise of the first ones and none of their errors."""
+        found = {}
+        rates, speed = (ideal["p"], ideal["q"], ideal["r"]), max(ideal["airspeed"], 1.0)
+        for name, place in self._second.items():
+            of = SECOND_SENSORS[name].of
+            own, first = (by_place(of, where, rates, speed) for where in (place, self._first[of]))
+            noise = self._errors[of].noise * self._beside.standard_normal()
+            found[name] = float(ideal[of] + own - first + noise)
+        return found
 
     def _derive(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:
         """Signals that share a sensor with another one share its error."""
@@ -254,10 +275,3 @@ class SensorSuite:
         fresh["lat"], fresh["lon"] = degrees_from_home(float(north), float(east))
         fresh["gps_north"], fresh["gps_east"] = float(north), float(east)
         fresh["gps_altitude"] = float(ideal["altitude"] + 2.0 * self._gps_error[2])
-
-
-def signals_of(group: str, board: AnalogueBoard | None) -> tuple[str, ...]:
-    """Names of the signals that a group carries."""
-    if group == "adc":
-        return tuple(f"adc{channel.adc}" for channel in board.channels) if board else ()
-    return _GROUPS[group]

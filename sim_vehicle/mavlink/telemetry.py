@@ -16,6 +16,7 @@ from sim_vehicle.flight.tick import Tick
 from sim_vehicle.mavlink.boot_clock import VehicleClock
 from sim_vehicle.mavlink.frame_encoder import Voice
 from sim_vehicle.mavlink.message_rates import Rates
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 
 _STANDBY_S = 1.0  # after a restart in flight, before the vehicle says that it is armed
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -115,9 +116,18 @@ class Telemetry:
         if "engine" in reading.due:
             say(link.named_value_float_encode(ms, b"thrust", v["thrust"]))
             say(link.rpm_encode(v["rpm"], 0.0))
+        self._second(reading, ms)
         if "adc" in reading.due and any(name.startswith("adc") for name in v):
             volts = [v.get(f"adc{index}", 0.0) for index in range(_ADC_SLOTS)]
             say(link.debug_float_array_encode(usec, b"adc", 0, volts))
+
+    def _second(self, reading: Reading, ms: int) -> None:
+        """Second sensors with the first ones; all of them, or none where the message leaves less often."""
+        there = [name for name in SECOND_SENSORS if name in reading.values]
+        number = mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+        if there and {"vanes", "air"} & reading.due and self.rates.due(number, self._now):
+            for name in there:
+                self.voice.say(self._link.named_value_float_encode(ms, name.encode(), reading.values[name]))
 
     def _hud(self, tick: Tick) -> None:
         v = tick.reading.values

@@ -16,6 +16,7 @@ from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.vehicle.plausibility import impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
 # Of the moments of inertia: by how much the sum of two may fall short of the third, without and with a warning.
@@ -87,11 +88,15 @@ class Sensor:
     lag: Known = NOT_SAID
 
 
+_KINDS = {"beta_vane": ("sideslip", "flank"), "airspeed": ("calibrated", "true")}
+
+
 @dataclass(frozen=True)
 class Sensors:
     """Every sensor; one that the file does not name sits at the centre of gravity with unknown noise.
 
-    beta_vane.kind: "sideslip" (asin(v/V)) or "flank" (atan2(v, u)). airspeed.kind: "calibrated" or "true".
+    beta_vane.kind: "sideslip" (asin(v/V)) or "flank" (atan2(v, u)). airspeed.kind: "calibrated" or "true". second:
+    those of SECOND_SENSORS that the file names, by key.
     """
 
     accelerometer: Sensor = Sensor()
@@ -99,17 +104,34 @@ class Sensors:
     attitude: Sensor = Sensor()
     alpha_vane: Sensor = Sensor()
     beta_vane: Sensor = Sensor(kind="sideslip")
-    alpha2_vane: Sensor = Sensor()
-    beta2_vane: Sensor = Sensor(kind="sideslip")
     airspeed: Sensor = Sensor(kind="calibrated")
     thrust: Sensor = Sensor()
     gps: Sensor = Sensor()
+    second: Mapping[str, Sensor] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Sensor:
-        sensor = getattr(self, name, None)
+        sensor = self.second.get(name) or getattr(self, name, None) or self._not_named(name)
         if not isinstance(sensor, Sensor):
             raise KeyError(name)
         return sensor
+
+    def _not_named(self, name: str) -> Sensor | None:
+        first = next((one.first for one in SECOND_SENSORS.values() if one.key == name), None)
+        return Sensor(kind=Sensors.kinds(first)[0]) if first is not None else None
+
+    @staticmethod
+    def firsts() -> tuple[str, ...]:
+        """Keys of the first sensor of every kind."""
+        return tuple(name for name in Sensors.__dataclass_fields__ if name != "second")
+
+    @staticmethod
+    def kinds(name: str) -> tuple[str, ...]:
+        """Kinds that a sensor may be of, the usual one first."""
+        return _KINDS.get(name, ("",))
+
+    def named(self) -> dict[str, Sensor]:
+        """Every first sensor, and the second ones that there are, by key."""
+        return {**{name: self[name] for name in self.firsts()}, **self.second}
 
 
 @dataclass(frozen=True)
@@ -336,26 +358,24 @@ def _read_geometry(table: Table) -> Geometry:
 
 
 def _read_sensors(table: Table) -> Sensors:
-    kinds = {
-        "beta_vane": ("sideslip", "flank"),
-        "beta2_vane": ("sideslip", "flank"),
-        "airspeed": ("calibrated", "true"),
-    }
+    second = {one.key: one.first for one in SECOND_SENSORS.values()}
     found: dict[str, Sensor] = {}
-    for name in Sensors.__dataclass_fields__:
+    for name in (*Sensors.firsts(), *second):
         if not table.optional(name):
             continue
         entry = table.table(name)
-        kind = entry.text("kind", kinds[name][0], kinds[name]) if name in kinds else ""
+        first = second.get(name, name)
+        kind = entry.text("kind", _KINDS[first][0], _KINDS[first]) if first in _KINDS else ""
         bias, scale = (entry.optional_number(f"{key}_std", low=0.0) for key in ("bias", "scale"))
-        position = entry.optional_number("position_error_std", low=0.0) if name == "airspeed" else None
+        position = entry.optional_number("position_error_std", low=0.0) if first == "airspeed" else None
         found[name] = Sensor(
             entry.vector("position"), entry.optional_number("noise", above=0.0), kind, bias, scale, position,
             entry.known("delay"), entry.known("lag"),
         )  # fmt: skip
         entry.close()
     table.close()
-    return Sensors(**found)
+    beside = {name: found.pop(name) for name in second if name in found}
+    return Sensors(**found, second=beside)
 
 
 def _read_timing(table: Table) -> dict[str, Known]:
@@ -474,8 +494,8 @@ def _doubted_mass(vehicle: Vehicle) -> list[str]:
 def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
     """Sensors, propulsion, environment and speed. rest_on_mass: mass and area are sound enough to judge these by."""
     mass, geometry, lines = vehicle.mass, vehicle.geometry, []
-    for key in Sensors.__dataclass_fields__:
-        if max(map(abs, vehicle.sensors[key].position)) > 3.0 * geometry.b:
+    for key, sensor in vehicle.sensors.named().items():
+        if max(map(abs, sensor.position)) > 3.0 * geometry.b:
             lines.append(f"sensors.{key}.position: farther out than three spans: cm or mm?")
     lift = mass.mass * vehicle.environment.gravity
     thrust = vehicle.propulsion.max_thrust if vehicle.propulsion else None

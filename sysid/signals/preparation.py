@@ -16,7 +16,7 @@ from sysid.errors import SegmentError, SignalError
 from sysid.signals.calibration import Calibration
 from sysid.signals.flight import FlightData, FlightSignals, repeats
 from sysid.signals.record import SURFACES, Record, has_positions, make_records
-from sysid.signals.redundant_vanes import combined_vanes
+from sysid.signals.redundant_sensors import combined_sensors
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
 from sysid.signals.sensor_layout import SensorLayout, sensor_layout
@@ -142,7 +142,7 @@ def prepare(
     data = resample(signals, moving=SURFACES if has_positions(vehicle) else ())
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
-    data, shares = combined_vanes(_without_dead(data, segments), vehicle)
+    data, shares = combined_sensors(_without_dead(data, segments), vehicle)
     if "thrust" in data and repeats(data["thrust"]):
         columns, consequence = dict(data.columns), "if that sensor is dead, lift and drag coefficients are wrong"
         if dead_thrust(data["thrust"], data.columns.get("throttle", np.zeros(0))):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError, TableError
@@ -25,7 +26,7 @@ _HELD_SHARE = 0.5
 # Angles, rad, that 99 % of the rows keep within in any aircraft: surfaces and flow, attitude however it is counted.
 _LARGEST_RAD = {
     **dict.fromkeys(("de", "da", "dr", "theta"), 1.6),
-    **dict.fromkeys(("alpha", "beta", "alpha2", "beta2"), 3.2),
+    **dict.fromkeys(("alpha", "beta", *(name for name, one in SECOND_SENSORS.items() if one.unit == "rad")), 3.2),
     "phi": 6.4,
 }
 # Largest throttle that is a fraction; more is a percentage.

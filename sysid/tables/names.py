@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import re
 
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
+
 # Signal -> SI unit. `true_airspeed` is the air's velocity itself, `airspeed` what a pitot tube makes of its pressure.
 SIGNAL_UNITS: dict[str, str] = {
     **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
     **dict.fromkeys(("p", "q", "r"), "rad/s"),
     **dict.fromkeys(("pdot", "qdot", "rdot"), "rad/s^2"),
-    **dict.fromkeys(("phi", "theta", "psi", "alpha", "beta", "alpha2", "beta2"), "rad"),
+    **dict.fromkeys(("phi", "theta", "psi", "alpha", "beta"), "rad"),
+    **{name: one.unit for name, one in SECOND_SENSORS.items()},
     **dict.fromkeys(("airspeed", "true_airspeed", "vn", "ve", "vd"), "m/s"),
     **dict.fromkeys(("differential_pressure", "static_pressure"), "Pa"),
     **{"temperature": "K", "air_density": "kg/m^3", "altitude": "m", "height": "m", "thrust": "N", "rpm": "1/min"},
@@ -56,8 +59,7 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     "psi": ("psi", "yaw", "heading", "yaw_angle", "true_heading", "heading_true", "hding_true", "att_yaw", "hdg"),
     "alpha": ("alpha", "alfa", "aoa", "angle_of_attack", "angleofattack", "alpha_vane", "aoa_aoa"),
     "beta": ("beta", "aos", "ssa", "sideslip", "angle_of_sideslip", "sideslip_angle", "beta_vane", "aoa_ssa"),
-    "alpha2": ("alpha2",),
-    "beta2": ("beta2",),
+    **{name: (name,) for name in SECOND_SENSORS},
     "true_airspeed": ("tas", "true_airspeed", "vtas", "vt", "vtrue", "v_total", "v_true", "v_tas", "v"),
     "airspeed": (
         *("cas", "ias", "airspeed", "calibrated_airspeed", "indicated_airspeed", "vcas", "vias", "vc", "vind"),

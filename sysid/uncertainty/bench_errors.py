@@ -30,7 +30,7 @@ from sysid.problem.estimation_problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap
-from sysid.signals.redundant_vanes import PAIRS
+from sysid.signals.redundant_sensors import PAIRS
 
 MEASURED = ("alpha", "beta", "airspeed")
 

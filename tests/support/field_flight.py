@@ -18,7 +18,7 @@ from field_sensors import Field, sense
 from field_truth import truth_of
 from jsbsim_flight import linear_aircraft, table_aircraft
 
-from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.signals.flight import FlightSignals
 
 FAMILIES = ("mild", "typical", "rough", "short", "closed-loop", "slow", "odd", "stock")
@@ -225,9 +225,9 @@ def told(vehicle: Vehicle, share: float, seed: int) -> Vehicle:
     doubt = {f"{key}_std": share * size * getattr(mass, key) / np.sqrt(3.0) for key, size in off.items()}
     shift = share * 0.005 * g.uniform(-1.0, 1.0, 3)
     moved = {}
-    for entry in fields(vehicle.sensors):
-        sensor: Sensor = getattr(vehicle.sensors, entry.name)
-        moved[entry.name] = replace(sensor, position=tuple((np.array(sensor.position) + shift).tolist()))
+    for key in vehicle.sensors.firsts():
+        sensor = vehicle.sensors[key]
+        moved[key] = replace(sensor, position=tuple((np.array(sensor.position) + shift).tolist()))
     return replace(
         vehicle,
         mass=replace(mass, **wrong, **{key: value for key, value in doubt.items() if key in known}),
