@@ -6,6 +6,7 @@ import gzip
 import hashlib
 import importlib.util
 import json
+import re
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -23,7 +24,11 @@ POLICY = (
     "connect-src 'self'; manifest-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-_KINDS = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+_KINDS = {
+    ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8", ".json": "application/json",
+}  # fmt: skip
+#: The page in other languages: language-CODE.json, English text -> the other one, "" -> the language's own name.
+_LANGUAGE = re.compile(r"language-([a-z]{2})\.json")
 #: What a phone asks for before it puts the page on its home screen.
 MANIFEST = {
     "name": "Ground station", "short_name": "Ground station", "start_url": "/#/live", "scope": "/",
@@ -69,6 +74,7 @@ def load_assets() -> Assets:
     marks = {
         "{own}": own_at,
         "{plots}": " ".join(plots_at + name for name in _PLOTTING),
+        "{languages}": ",".join(f"{code}={escape(name)}" for code, name in sorted(_languages(own).items())),
         "{modules}": "\n".join(f'<link rel="modulepreload" href="{escape(own_at + name)}">' for name in modules),
     }
     for mark, text in marks.items():
@@ -76,6 +82,12 @@ def load_assets() -> Assets:
     every = own_files | plots_files
     shell = (folder / "shell.js.in").read_text(encoding="utf-8").replace("{files}", json.dumps(sorted(every)))
     return Assets(document, every, shell)
+
+
+def _languages(own: dict[str, bytes]) -> dict[str, str]:
+    """By code the own names of the languages that there are catalogues of."""
+    found = {match[1]: name for name in own if (match := _LANGUAGE.fullmatch(name))}
+    return {code: json.loads(own[name])[""] for code, name in found.items()}
 
 
 def _bundle(contents: dict[str, bytes]) -> tuple[str, dict[str, Asset]]:

@@ -9,6 +9,7 @@ import { number, utc } from './format.js'
 import { download } from './links.js'
 import { surfaceCheck } from './surfacecheck.js'
 import { trends } from './trends.js'
+import { say } from './language.js'
 
 /** The view of all aircraft, of one, or of a new one. */
 export async function aircraft(page, [id, action], query, signal) {
@@ -84,7 +85,7 @@ function described(form) {
 }
 
 async function discard(button, id, name) {
-  if (!confirm(`Take ${name} from the list? Flights that were identified with it keep it.`)) return
+  if (!confirm(say(`Take ${name} from the list? Flights that were identified with it keep it.`))) return
   button.disabled = true
   try {
     await remove(`/api/vehicles/${id}`)

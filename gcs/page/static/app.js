@@ -6,6 +6,8 @@ import { compare } from './compare.js'
 import { size } from './format.js'
 import { flight } from './flight.js'
 import { flights } from './flights.js'
+import { listen } from './keys.js'
+import { languageChooser, translate } from './language.js'
 import { live } from './live.js'
 import { start } from './router.js'
 import { chooser, dress } from './theme.js'
@@ -30,6 +32,9 @@ async function health() {
 if ('serviceWorker' in navigator && isSecureContext) navigator.serviceWorker.register('/shell.js').catch(() => {})
 dress()
 chooser(document.getElementById('theme'))
+listen(document.getElementById('keys'))
+languageChooser(document.getElementById('language'))
+await translate()
 start({
   live,
   flights: (page, parts, query, signal) => (parts.length ? flight : flights)(page, parts, query, signal),

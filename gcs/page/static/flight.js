@@ -11,6 +11,7 @@ import { flightTitle } from './flightchoice.js'
 import { download } from './links.js'
 import { plan } from './plan.js'
 import { signals } from './signals.js'
+import { say } from './language.js'
 
 const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy'], ['plan', 'Next flight']]
 
@@ -53,7 +54,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
 function deletion(path, name) {
   const words = remark('bad')
   const button = h('button', { click: async event => {
-    if (!confirm(`Delete flight ${name} with its recording, models and results? For a day it can be taken back.`)) return
+    if (!confirm(say(`Delete flight ${name} with its recording, models and results? For a day it can be taken back.`))) return
     event.target.disabled = true
     try {
       await remove(path)

@@ -8,6 +8,7 @@ import { outcomeWords } from './flightnotes.js'
 import { duration, size, utc } from './format.js'
 import { keepQuery } from './router.js'
 import { sparkline } from './sparkline.js'
+import { say } from './language.js'
 
 const PAUSE_MS = 250
 
@@ -115,7 +116,7 @@ function together() {
       says.textContent = 'Choose flights in the list first.'
       return
     }
-    if (words.ask && !confirm(`${words.ask} ${boxes.length} flights?`)) return
+    if (words.ask && !confirm(say(`${words.ask} ${boxes.length} flights?`))) return
     event.target.disabled = true
     const refused = []
     for (const box of boxes) {

@@ -2,10 +2,18 @@
 
 import { h } from './dom.js'
 import { keep, kept } from './kept.js'
+import { language, say } from './language.js'
 import { write } from './livetable.js'
 
 const SPEAK = 'speak-next'
 const SHAPES = { multisine: 'a multisine of 20 s', 3211: 'a 3-2-1-1', doublet: 'doublets', step: 'steps', pulse: 'a pulse' }
+// What each shape takes on one surface, s, with the rest behind it; the other manoeuvres as a whole.
+const LASTS_S = { multisine: 20, 3211: 6, doublet: 4, step: 4, pulse: 3 }
+const OTHERS_S = 20
+const LEAD_S = 3
+// Surfaces as they are measured, and what each must move at least to show anything, rms.
+const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
+const LEAST_DEG = 1
 const SURFACES = { elevator: 'elevator', aileron: 'ailerons', rudder: 'rudder', throttle: 'throttle' }
 
 /** A manoeuvre as one says it: "elevator-3211,aileron-doublet" is "a 3-2-1-1 on the elevator, doublets on the ailerons". */
@@ -20,6 +28,18 @@ export function spoken(manoeuvre) {
   return [...parts].map(([shape, surfaces]) => `${SHAPES[shape]} on the ${listed(surfaces)}`).join(', ')
 }
 
+/** Seconds that a manoeuvre takes, and the surfaces that it moves. */
+export function course(manoeuvre) {
+  const parts = manoeuvre.split(',').map(piece => /^(\w+)-(\w+)$/.exec(piece.trim()) ?? [])
+  const known = parts.every(([, surface, shape]) => surface in SURFACES && shape in LASTS_S)
+  if (!known) return { seconds: OTHERS_S, surfaces: [] }
+  // Sines on several surfaces are flown at once.
+  const lengths = parts.map(([, , shape]) => LASTS_S[shape])
+  const sines = parts.filter(([, , shape]) => shape === 'multisine').length
+  const seconds = lengths.reduce((sum, one) => sum + one, 0) - Math.max(sines - 1, 0) * LASTS_S.multisine
+  return { seconds, surfaces: parts.map(([, surface]) => surface).filter(surface => surface in MEASURED) }
+}
+
 const listed = words => words.length < 2 ? words.join('') : `${words.slice(0, -1).join(', ')} and ${words.at(-1)}`
 
 const upper = text => text.charAt(0).toUpperCase() + text.slice(1)
@@ -30,16 +50,22 @@ export class FlyNext {
     this.what = h('p', { class: 'next-what' })
     this.why = h('p', { class: 'hint' })
     this.speaks = kept(SPEAK) === 'yes'
-    this.voice = h('button', { type: 'button', class: 'small', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
+    this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
     this.voice.hidden = !('speechSynthesis' in window)
+    this.count = h('p', { class: 'next-count', hidden: true })
+    this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count', click: () => this.counting ? this.stop() : this.begin() }, 'Count down')
+    this.wanted = ''
+    this.counting = null
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
-      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.voice), this.what, this.why)
+      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what, this.count, this.why)
     this.said = ''
   }
 
   clear() {
     this.element.hidden = true
     this.said = ''
+    this.stop()
+    this.count.hidden = true
   }
 
   /** Take the coefficients of the live estimate, null where there are none. */
@@ -51,8 +77,11 @@ export class FlyNext {
     for (const [name, entry] of entries) {
       if (!entry.known && entry.fly) wanted.set(entry.fly, [...(wanted.get(entry.fly) ?? []), name])
     }
+    if (this.counting) return  // what is being flown stays until it is over
     const [best] = [...wanted].sort((a, b) => b[1].length - a[1].length)
     this.element.classList.toggle('flown', !best)
+    this.wanted = best?.[0] ?? ''
+    this.counts.hidden = !best
     const text = best ? upper(spoken(best[0])) : '✓ Everything that this flight should identify is known.'
     write(this.what, text, 'next-what')
     write(this.why, best ? `It would identify ${best[1].join(', ')}.` : '', 'hint')
@@ -60,6 +89,64 @@ export class FlyNext {
       this.said = text
       this.say(text)
     }
+  }
+
+  /** Count down, then while the manoeuvre is flown; in the end say whether the surfaces moved. */
+  begin() {
+    const { seconds, surfaces } = course(this.wanted)
+    const start = performance.now() + 1000 * LEAD_S
+    this.moved = Object.fromEntries(surfaces.map(surface => [surface, []]))
+    this.counting = setInterval(() => this.tick(start, seconds), 250)
+    write(this.counts, 'Stop', 'small')
+    this.tick(start, seconds)
+  }
+
+  tick(start, seconds) {
+    const passed = (performance.now() - start) / 1000
+    this.flying = passed >= 0
+    this.count.hidden = false
+    if (passed < 0) this.display(`Begins in ${Math.ceil(-passed)}`)
+    else if (passed < seconds) this.display(`Fly now: ${Math.ceil(seconds - passed)} s left`, Math.floor(passed) === 0)
+    else {
+      this.stop()
+      this.display(this.verdict())
+    }
+  }
+
+  /** Show a line, and say it where that is wanted; seconds that are left are not said. */
+  display(text, aloud = !text.startsWith('Fly now')) {
+    if (this.count.textContent !== text && text !== this.displayed) {
+      this.displayed = text
+      write(this.count, text, 'next-count')
+      if (aloud) this.say(text.replace(/: \d+ s left/, ''))
+    }
+  }
+
+  /** What the surfaces have done, in words. */
+  verdict() {
+    for (const [surface, angles] of Object.entries(this.moved)) {
+      const mean = angles.reduce((sum, one) => sum + one, 0) / (angles.length || 1)
+      const rms = Math.sqrt(angles.reduce((sum, one) => sum + (one - mean) ** 2, 0) / (angles.length || 1)) * 180 / Math.PI
+      if (rms < LEAST_DEG) return `The ${SURFACES[surface]} hardly moved (${rms.toFixed(1)}° rms): fly it again, larger.`
+      this.rms = rms
+    }
+    const surfaces = Object.keys(this.moved)
+    return surfaces.length ? `✓ Flown: the ${listed(surfaces.map(one => SURFACES[one]))} moved by ${this.rms.toFixed(1)}° rms.` : '✓ Flown.'
+  }
+
+  /** Take the newest signals: name -> value. */
+  feel(signals) {
+    if (!this.counting || !this.flying) return
+    for (const [surface, angles] of Object.entries(this.moved)) {
+      const angle = signals[MEASURED[surface]]
+      if (Number.isFinite(angle)) angles.push(angle)
+    }
+  }
+
+  stop() {
+    clearInterval(this.counting)
+    this.counting = null
+    write(this.counts, 'Count down', 'small')
   }
 
   toggle() {
@@ -73,6 +160,8 @@ export class FlyNext {
   say(text) {
     if (!this.speaks || !text) return
     speechSynthesis.cancel()
-    speechSynthesis.speak(new SpeechSynthesisUtterance(text.replace('✓ ', '')))
+    const words = new SpeechSynthesisUtterance(say(text).replace('✓ ', ''))
+    words.lang = language()
+    speechSynthesis.speak(words)
   }
 }

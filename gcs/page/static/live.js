@@ -131,6 +131,7 @@ class LiveView {
     this.notes.time = event.time_s
     this.heard = Date.now()
     this.instruments.show(event.signals)
+    this.next.feel(event.signals)
     if (this.plots.knows(event.signals)) this.plots.add(event)
     else this.askUnits()
   }
@@ -183,7 +184,10 @@ class LiveView {
       if (!signal.aborted) this.disconnected(error.message)
     })
     const clock = setInterval(() => this.look(), 1000)
-    signal.addEventListener('abort', () => clearInterval(clock))
+    signal.addEventListener('abort', () => {
+      clearInterval(clock)
+      this.next.stop()
+    })
   }
 
   /** The stream is there: what happened meanwhile is asked for. */

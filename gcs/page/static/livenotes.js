@@ -16,12 +16,12 @@ export class Notes {
     this.time = null
     this.own = []
     this.heard = []
-    const text = h('input', { type: 'text', maxlength: 200, autocomplete: 'off', 'aria-label': 'Note', placeholder: 'What do you see?' })
+    const text = h('input', { type: 'text', maxlength: 200, autocomplete: 'off', 'aria-label': 'Note', 'data-key': 'note', placeholder: 'What do you see?' })
     this.text = text
     this.form = h('form', { class: 'row note-form', submit: event => {
       event.preventDefault()
       if (text.value.trim()) this.note(text.value.trim(), () => { text.value = '' })
-    } }, h('button', { type: 'button', class: 'main', click: () => this.note('mark') }, 'Mark'), text, h('button', {}, 'Note'))
+    } }, h('button', { type: 'button', class: 'main', 'data-key': 'mark', click: () => this.note('mark') }, 'Mark'), text, h('button', {}, 'Note'))
     this.list = h('ol', { class: 'said', 'aria-label': 'Texts and notes, the newest first' })
     this.element = h('section', { 'aria-labelledby': 'notes-heading' }, h('h2', { id: 'notes-heading' }, 'Notes and texts'), this.form, this.list)
   }

@@ -33,8 +33,12 @@ export class LiveTable {
   }
 }
 
+/** What each element was made to say; in another language it says something else. */
+const said = new WeakMap()
+
 /** Make an element say a text; nothing is touched where it does already. */
 export function write(element, text, kind = '') {
-  if (element.textContent !== text) element.textContent = text
+  if ((said.get(element) ?? element.textContent) !== text) element.textContent = text
+  said.set(element, text)
   if (element.className !== kind) element.className = kind
 }

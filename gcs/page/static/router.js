@@ -2,6 +2,7 @@
 
 import { keepToken, token } from './api.js'
 import { field, h, remark } from './dom.js'
+import { say } from './language.js'
 
 let leaving = new AbortController()
 
@@ -50,7 +51,7 @@ async function render(views, fallback) {
   if (signal.aborted) return
   main.removeAttribute('aria-busy')
   const heading = page.querySelector('h1')
-  document.title = `${heading?.textContent ?? 'Ground station'} – Ground station`
+  document.title = say(`${heading?.textContent ?? 'Ground station'} – Ground station`)
   heading?.setAttribute('tabindex', '-1')
   heading?.focus({ preventScroll: true })
   window.scrollTo(0, 0)
