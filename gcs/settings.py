@@ -28,6 +28,7 @@ class Settings:
     max_upload_bytes: largest recording that may be uploaded.
     storage: how recordings are kept on disk. keep_days, keep_bytes: recordings that are older, or for which there is
     no room in that size, are deleted once they have been worked on; None keeps them.
+    map: MBTiles file whose pictures lie beneath the track; None for none.
     token: demanded from every client as `Authorization: Bearer`, None where only this machine can connect.
     """
 
@@ -46,6 +47,7 @@ class Settings:
     storage: StorageOptions = field(default_factory=StorageOptions)
     keep_days: float | None = None
     keep_bytes: int | None = None
+    map: Path | None = None
 
     @property
     def flights(self) -> Path:

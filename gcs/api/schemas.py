@@ -493,6 +493,20 @@ class NoteMade(BaseModel):
     flights: list[str]
 
 
+class Map(BaseModel):
+    """A map of tiles."""
+
+    least_zoom: int
+    most_zoom: int
+    attribution: str = Field(description="Whose map it is, to be shown beside it")
+
+
+class MapAnswer(BaseModel):
+    """Whether there is a map."""
+
+    map: Map | None
+
+
 class Minute(BaseModel):
     """The last minute of the flight that is followed, five times a second."""
 

@@ -10,6 +10,7 @@ from fastapi import Depends, Request
 
 from gcs.api.last_minute import LastMinute
 from gcs.catalogue.store import Catalogue
+from gcs.formats.map_tiles import MapTiles
 from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
@@ -31,7 +32,7 @@ class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
     live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
-    following: how many follow the stream of events.
+    following: how many follow the stream of events. map: what lies beneath the track.
     """
 
     settings: Settings
@@ -46,9 +47,11 @@ class Service:
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
     following: int = 0
+    map: MapTiles | None = field(init=False)
 
     def __post_init__(self) -> None:
         self.uploads = Uploads(self.settings, self.catalogue)
+        self.map = None if self.settings.map is None else MapTiles(self.settings.map)
 
 
 async def _service(request: Request) -> Service:  # without a thread of its own, which there may be none for

@@ -5,9 +5,10 @@ from __future__ import annotations
 import shutil
 import time
 
-from fastapi import APIRouter
+from fastapi import APIRouter, HTTPException
+from fastapi.responses import Response
 
-from gcs.api.schemas import Forwarding, Health, LinkStatus
+from gcs.api.schemas import Forwarding, Health, LinkStatus, Map, MapAnswer, Problem
 from gcs.api.service import Serving, Watched
 from gcs.version import VERSION
 
@@ -43,3 +44,25 @@ async def health(service: Serving) -> Health:
 def links(service: Serving) -> list[LinkStatus]:
     """Every link: rates, losses, checksum failures, and the systems heard on it with their clocks."""
     return [LinkStatus.model_validate(status) for status in service.recorder.link_status()]
+
+
+@router.get("/api/map")
+def map_tiles(service: Serving) -> MapAnswer:
+    """The map that the service was started with (`--map`), null where it was started without one."""
+    tiles = service.map
+    if tiles is None:
+        return MapAnswer(map=None)
+    return MapAnswer(map=Map(least_zoom=tiles.least_zoom, most_zoom=tiles.most_zoom, attribution=tiles.attribution))
+
+
+@router.get(
+    "/api/map/{zoom}/{column}/{row}",
+    response_class=Response,
+    responses={200: {"content": {"image/*": {}}, "description": "a picture"}, 404: {"model": Problem}},
+)
+def map_tile(service: Serving, zoom: int, column: int, row: int) -> Response:
+    """A tile of the map: Web Mercator, rows counted from the north."""
+    found = None if service.map is None else service.map.tile(zoom, column, row)
+    if service.map is None or found is None:
+        raise HTTPException(404, "the map has no such tile")
+    return Response(found, media_type=service.map.kind, headers={"Cache-Control": "max-age=86400"})

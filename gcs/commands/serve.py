@@ -36,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; other than loopback demands a token")
     parser.add_argument("--port", type=int, default=8000, help="port of the page and REST (default 8000)")
     parser.add_argument("--token-file", metavar="FILE", type=Path, help="file with the token, else GCS_TOKEN")
+    parser.add_argument(
+        "--map", metavar="FILE", type=Path, help="map beneath the track on the page: an MBTiles file of pictures"
+    )
     parser.add_argument("--silence", metavar="S", type=float, default=10.0, help="silence that ends a flight (10)")
     add_storage_arguments(parser)
     parser.add_argument(
@@ -49,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until asked to stop."""
     from gcs.errors import SettingsError
+    from gcs.formats.map_tiles import MapTiles
     from gcs.links.url import parse_url
     from gcs.mavlink.dialect import Dialect
     from gcs.options.links import link_options
@@ -68,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--keep-days and --keep-size delete what was identified, so they need --vehicle FILE")
     for url in args.connect:
         parse_url(url)
+    if args.map is not None:
+        MapTiles(args.map).close()
     link = link_options(args)
     if args.forward:
         dialect = Dialect.load(link.dialect)
@@ -87,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
         silence_s=args.silence,
         storage=storage_options(args),
         keep_days=args.keep_days,
+        map=args.map,
         keep_bytes=None if args.keep_size is None else parse_size(args.keep_size, "--keep-size"),
     )
     serve(settings, _announce)

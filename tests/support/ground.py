@@ -22,6 +22,7 @@ class Ground:
     http: int
     udp: int
     token: str = ""
+    options: tuple[str, ...] = ()
     process: subprocess.Popen[str] | None = field(default=None, repr=False)
 
     @property
@@ -33,7 +34,7 @@ class Ground:
 
     def start(self) -> None:
         command = ("serve", "--port", self.http, "--connect", f"udpin:127.0.0.1:{self.udp}", "--vehicle", "iitb-mav",
-                   "--data", self.data, "--silence", 3, "--no-identify")  # fmt: skip
+                   "--data", self.data, "--silence", 3, "--no-identify", *self.options)  # fmt: skip
         self.process = start("gcs", command, **({"GCS_TOKEN": self.token} if self.token else {}))
         assert self.process.stdout is not None
         said = self.process.stdout.readline()

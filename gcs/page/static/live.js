@@ -62,7 +62,7 @@ class LiveView {
     this.warnings = new Warnings()
     this.instruments = new Instruments()
     this.status = new Status()
-    this.track = new Track()
+    this.track = new Track(signal)
     this.notes = new Notes(signal)
     this.next = new FlyNext()
     this.plots = new LivePlots(query, signal)

@@ -1,8 +1,10 @@
-// Where the aircraft has been, over ground: home, wind, a scale, the aircraft. No map is needed, and none is fetched.
+// Where the aircraft has been, over ground: home, wind, a scale, the aircraft. No map is needed, and none is fetched from
+// elsewhere; one that the station has lies beneath.
 
 import { h, svg } from './dom.js'
 import { number } from './format.js'
 import { write } from './livetable.js'
+import { MapTiles } from './maptiles.js'
 
 const SIZE = 300
 const MARGIN = 26
@@ -13,7 +15,10 @@ const STEPS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000]
 
 /** The track. */
 export class Track {
-  constructor() {
+  constructor(signal) {
+    this.map = new MapTiles()
+    this.map.ask(signal).then(() => this.draw())
+    this.credit = h('small', {})
     this.path = svg('path', { class: 'track' })
     this.home = svg('path', { d: 'M-7 0H7M0 -7V7', class: 'home' })
     this.craft = svg('path', { d: 'M0 -11L7 9L0 4L-7 9Z', class: 'craft', visibility: 'hidden' })
@@ -22,10 +27,10 @@ export class Track {
     this.wind = svg('g', { visibility: 'hidden' }, svg('path', { d: 'M0 -14V12M-5 5L0 14L5 5', class: 'wind' }))
     this.windText = svg('text', { x: SIZE - 12, y: 52, 'text-anchor': 'end' })
     this.picture = svg('svg', { viewBox: `0 0 ${SIZE} ${SIZE}`, role: 'img', class: 'map', 'aria-label': 'Track over ground: no position yet' },
-      svg('rect', { width: SIZE, height: SIZE, class: 'ground' }), svg('text', { x: SIZE / 2, y: 16, 'text-anchor': 'middle' }, 'N'),
+      svg('rect', { width: SIZE, height: SIZE, class: 'ground' }), this.map.element, svg('text', { x: SIZE / 2, y: 16, 'text-anchor': 'middle' }, 'N'),
       this.path, this.home, this.craft, this.bar, this.barText, this.wind, this.windText)
     this.words = h('figcaption', {}, 'No position yet.')
-    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture, this.words)
+    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture, this.words, this.credit)
     this.clear()
   }
 
@@ -79,6 +84,8 @@ export class Track {
     const scale = (SIZE - 2 * MARGIN) / span
     const middle = [0, 1].map(at => (low[at] + high[at]) / 2)
     const at = ([north, east]) => [SIZE / 2 + (east - middle[1]) * scale, SIZE / 2 - (north - middle[0]) * scale]
+    this.map.draw(this.from, middle, SIZE / 2 / scale, scale, at)
+    write(this.credit, this.map.map?.attribution ?? '')
     const move = place => `translate(${at(place).map(one => one.toFixed(1)).join(' ')})`
     this.path.setAttribute('d', `M${this.places.map(one => at(one).map(value => value.toFixed(1)).join(' ')).join('L')}`)
     this.home.setAttribute('transform', move([0, 0]))

@@ -71,8 +71,9 @@ class ChangeDetector:
 
     def __init__(self, axis: str, names: Sequence[str]) -> None:
         self._axis, self._names = axis, tuple(names)
-        # Of what each term whose coefficient is known explains of the residuals: windows, mean and variance.
-        self._usual = np.zeros((3, len(self._names)))
+        # Of what each term whose coefficient is known explains of the residuals, and last of all of them: windows, mean
+        # and variance.
+        self._usual = np.zeros((3, len(self._names) + 1))
         self._parts: deque[Mapping[int, float]] = deque()
         self.restart()
 
@@ -175,13 +176,18 @@ class ChangeDetector:
             parts[j] = step * float(np.sqrt(power))
             if ratio > best[0]:
                 best = (ratio, j, step, parts[j] ** 2 / max(float(e @ e), 1e-300))
+        whole = len(self._names)
+        if parts:  # something that is known has moved
+            parts[whole] = float(np.sqrt(total))
         # The likeliest one is reported or none: beside a small change of one coefficient a large one of another whose
         # motion is alike explains nearly as much.
         ratio, j, step, explained = best
         if j >= 0 and total >= 4.0 * self._variance * residuals.size and self._is_unusual(j, parts[j]):
             name = self._names[j]
             least = _LIFT_SHARE * lift if name == _LIFT else (_DRAG_SHARE if name == _DRAG else _SHARE) * abs(theta[j])
-            broken = total > _BROKEN * self._variance * residuals.size
+            # What hands do comes with pauses, in which little is left: that is not what is usual.
+            usual = self._usual[0, whole] >= _FIRST and self._is_unusual(whole, parts[whole])
+            broken = usual and total > _BROKEN * self._variance * residuals.size
             if abs(step) > least and (explained > _EXPLAINED or broken):
                 return j, step, abs(step) / float(np.sqrt(ratio))
         self._parts.append(parts)

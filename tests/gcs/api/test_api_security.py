@@ -90,6 +90,8 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "POST /api/vehicles/{vehicle_id}/restore",
         "GET /api/vehicles/{vehicle_id}/toml",
         "GET /api/vehicles/{vehicle_id}/trends",
+        "GET /api/map",
+        "GET /api/map/{zoom}/{column}/{row}",
         "GET /api/models",
         "GET /api/models/{model_id}",
         "GET /api/models/{model_id}/export",
