@@ -16,6 +16,7 @@ from gcs.api.description import describe
 from gcs.api.flights import router as flights_router
 from gcs.api.jobs import router as jobs_router
 from gcs.api.live import router as live_router
+from gcs.api.metrics import router as metrics_router
 from gcs.api.page import router as page_router
 from gcs.api.security import DESCRIPTION_FILES, Guard
 from gcs.api.service import Service, Watched
@@ -66,6 +67,8 @@ def create_app(
             recorder.stop()
             jobs.stop()
             catalogue.close()
+            if service.map is not None:
+                service.map.close()
 
     app = FastAPIOffline(  # its /docs takes no script from another site: a field has no network
         title="Ground station",
@@ -80,6 +83,14 @@ def create_app(
     app.add_middleware(Guard, token=settings.token)  # the last one added is asked first
     problems.install(app)
     describe(app)
-    for router in (status_router, live_router, flights_router, jobs_router, vehicles_router, page_router):
+    for router in (
+        status_router,
+        metrics_router,
+        live_router,
+        flights_router,
+        jobs_router,
+        vehicles_router,
+        page_router,
+    ):
         app.include_router(router)
     return app

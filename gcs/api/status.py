@@ -65,4 +65,4 @@ def map_tile(service: Serving, zoom: int, column: int, row: int) -> Response:
     found = None if service.map is None else service.map.tile(zoom, column, row)
     if service.map is None or found is None:
         raise HTTPException(404, "the map has no such tile")
-    return Response(found, media_type=service.map.kind, headers={"Cache-Control": "max-age=86400"})
+    return Response(found, media_type=service.map.kind, headers={"Cache-Control": "no-cache"})

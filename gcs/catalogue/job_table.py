@@ -153,6 +153,12 @@ class JobTable(Database):
         rows = self._rows("SELECT count(*) AS n FROM jobs WHERE state = 'queued' AND priority = ?", priority)
         return int(rows[0]["n"])
 
+    def job_states(self) -> tuple[dict[str, int], int | None]:
+        """How many jobs are in each state, and when the oldest that waits was queued, ns UTC, None where none waits."""
+        rows = self._rows("SELECT state, count(*) AS n, min(created_ns) AS oldest FROM jobs GROUP BY state")
+        counts = {str(row["state"]): int(row["n"]) for row in rows}
+        return counts, next((int(row["oldest"]) for row in rows if row["state"] == "queued"), None)
+
     def cancel_job(self, job_id: str) -> bool:
         """Mark a job that waits or runs as cancelled; False, and nothing is changed, if it is over."""
         with self._transaction() as db:

@@ -46,7 +46,10 @@ def _new(args: argparse.Namespace) -> int:
     text = with_answers("", answers_from(args))
     vehicle = read_text(text)
     args.output.write_text(text, encoding="utf-8")
-    print("\n".join([*vehicle_lines(vehicle), *(f"warning: {one}" for one in vehicle.warnings)]))
+    warnings = list(vehicle.warnings)
+    if vehicle.propulsion is None:
+        warnings.append("no thrust is known: drag will be refused; give --thrust, the largest static one in N")
+    print("\n".join([*vehicle_lines(vehicle), *(f"warning: {one}" for one in warnings)]))
     print(f"written: {args.output}; draw it with: gcs vehicle show {args.output} -o sketch.svg")
     return 0
 

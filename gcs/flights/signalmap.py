@@ -1,4 +1,4 @@
-"""Which MAVLink field is which signal: the table, as data.
+"""Which MAVLink field is which signal: the table, as data. A new sensor begins here (CONTRIBUTING.md).
 
 The first source of a row that comes fast enough through the flight counts. Field names are in lower case, as the
 recording keeps them; "data[3]" is an element of an array. Numbers that MAVLink defines as "unknown" become NaN.

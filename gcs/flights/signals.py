@@ -24,6 +24,7 @@ from gcs.flights.signalmap import (
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, VehicleStreams, load_streams
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
 from sysid.signals.flight import FlightSignals, Signal, repeats
@@ -38,6 +39,8 @@ ESTIMATED_VANES = (
     "AOA_SSA comes from ArduPilot, whose filter estimates it: it counts as no vanes;"
     " if vanes measure it, say so under [signals] in the vehicle file"
 )
+#: Signals that a bench curve in Pa gives.
+AIRSPEEDS = {"airspeed", *(name for name, one in SECOND_SENSORS.items() if one.of == "airspeed")}
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ class _Flight:
             if np.any(outside):
                 self.warn(f"{name}: {np.mean(outside):.1%} of {source.source} lies beyond its bench points")
             unit = calibration.si_unit
-            if name == "airspeed" and unit == "Pa":
+            if unit == "Pa" and name in AIRSPEEDS:
                 values, unit = airspeed_from_pressure(values), "m/s"
             row = SIGNALS.get(name)
             if row is not None and row.unit != unit:

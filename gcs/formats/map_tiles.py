@@ -25,7 +25,9 @@ class MapTiles:
         try:
             self._database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, check_same_thread=False)
             stated = dict(self._database.execute("SELECT name, value FROM metadata"))
-            zooms = self._database.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
+            zooms = self._database.execute(
+                "SELECT min(zoom_level), max(zoom_level) FROM tiles WHERE typeof(zoom_level) = 'integer'"
+            ).fetchone()
         except sqlite3.Error as error:
             raise SettingsError(f"--map {path}: {error}; give an MBTiles file of pictures") from error
         kind = str(stated.get("format", "png")).lower()
@@ -49,7 +51,7 @@ class MapTiles:
                 found = self._database.execute(query, (zoom, column, (1 << zoom) - 1 - row)).fetchone()
             except sqlite3.Error:
                 return None
-        return bytes(found[0]) if found else None
+        return found[0] if found and isinstance(found[0], bytes) else None
 
     def close(self) -> None:
         """Let go of the file."""

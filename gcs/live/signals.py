@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs.flights.signalmap import SIGNALS, SURFACE_RATE_HZ, ZERO_MEANS_ABSENT, Row, Source
 from gcs.flights.signals import (
+    AIRSPEEDS,
     ESTIMATED_VANES,
     MESSAGES,
     airspeed_from_pressure,
@@ -184,7 +185,7 @@ class SignalStream:
                     found.pop(name, None)
                 continue
             values, _ = calibration.apply(raw.values)
-            if name == "airspeed" and calibration.si_unit == "Pa":
+            if name in AIRSPEEDS and calibration.si_unit == "Pa":
                 values = airspeed_from_pressure(values)
             found[name] = Samples(raw.time_s, values)
 

@@ -2,7 +2,8 @@
 
 An effect is physics that a baseline model may lack. Each lives in one file with its equation as a compiled function of
 plain scalars; `sim_vehicle.physics.dynamics`, `actuation` and `ideal_sensors` call these functions where the effect's
-slot is on. Effects that are plain coefficients (pitch damping is Cm_q) need no code of their own: see `coefficient.py`.
+slot is on. Effects that are plain coefficients (pitch damping is Cm_q) need no code of their own: see
+`aerodynamic_terms.py`.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ RATES_HZ: dict[str, float] = {
     "adc": 50.0,
     "gps": 5.0,
 }
-_GROUPS: dict[str, tuple[str, ...]] = {
+GROUPS: dict[str, tuple[str, ...]] = {
     "imu": ("ax", "ay", "az", "p", "q", "r"),
     "attitude": ("phi", "theta", "psi"),
     "vanes": ("alpha", "beta"),
@@ -175,6 +175,7 @@ class SensorSuite:
                         if one.key in vehicle.sensors.second}  # fmt: skip
         self._beside = self._generator.spawn(1)[0]
         self._first = {one.of: vehicle.sensors[one.first].position for one in SECOND_SENSORS.values()}
+        self._beta_kinds = (vehicle.sensors.beta_vane.kind, vehicle.sensors["beta2_vane"].kind)
         self._airspeed_is_true = vehicle.sensors.airspeed.kind == "true"
         self.board: AnalogueBoard | None = load_analogue(vehicle.path)
         self._rates = {**RATES_HZ, **(rates_hz or {})}
@@ -238,7 +239,7 @@ class SensorSuite:
         """Names of the signals that a group carries, second sensors with the first ones."""
         if group == "adc":
             return tuple(f"adc{channel.adc}" for channel in self.board.channels) if self.board else ()
-        return (*_GROUPS[group], *(name for name in self._second if SECOND_SENSORS[name].of in _GROUPS[group]))
+        return (*GROUPS[group], *(name for name in self._second if SECOND_SENSORS[name].of in GROUPS[group]))
 
     def _second_readings(self, ideal: Mapping[str, float]) -> dict[str, float]:
         """What second sensors read at their own places, with the noise of the first ones and none of their errors."""
@@ -246,9 +247,14 @@ class SensorSuite:
         rates, speed = (ideal["p"], ideal["q"], ideal["r"]), max(ideal["airspeed"], 1.0)
         for name, place in self._second.items():
             of = SECOND_SENSORS[name].of
+            true = ideal[of]
+            if of == "beta" and self._beta_kinds[0] != self._beta_kinds[1]:
+                # tan(flank) = tan(sideslip) / cos(alpha), one way or the other.
+                cosine = np.cos(ideal["alpha"])
+                true = float(np.arctan(np.tan(true) * (cosine if self._beta_kinds[0] == "flank" else 1.0 / cosine)))
             own, first = (by_place(of, where, rates, speed) for where in (place, self._first[of]))
             noise = self._errors[of].noise * self._beside.standard_normal()
-            found[name] = float(ideal[of] + own - first + noise)
+            found[name] = float(true + own - first + noise)
         return found
 
     def _derive(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:

@@ -11,7 +11,7 @@ os.environ.setdefault("MAVLINK20", "1")
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicle.flight.sensor_suite import Reading
+from sim_vehicle.flight.sensor_suite import GROUPS, Reading
 from sim_vehicle.flight.tick import Tick
 from sim_vehicle.mavlink.boot_clock import VehicleClock
 from sim_vehicle.mavlink.frame_encoder import Voice
@@ -24,6 +24,8 @@ _MODE = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | mavlink.MAV_MODE_FLAG_STABI
 _INT16, _INT32 = 2**15 - 1, 2**31 - 1
 _ADC_SLOTS = 58  # length of DEBUG_FLOAT_ARRAY.data
 _IMU_FIELDS = 0x1E3F  # accelerometer, gyro, pressures, altitude and temperature are filled; magnetometer is not
+
+_GROUP_OF = {name: group for group, names in GROUPS.items() for name in names}
 
 
 class Telemetry:
@@ -113,21 +115,24 @@ class Telemetry:
         if "air" in reading.due:
             centi_celsius = _whole((v["temperature"] - 273.15) * 100.0, _INT16)
             say(link.airspeed_encode(0, v["airspeed"], centi_celsius, v["differential_pressure"] / 100.0, 0))
+        self._named(reading, ms)
         if "engine" in reading.due:
-            say(link.named_value_float_encode(ms, b"thrust", v["thrust"]))
             say(link.rpm_encode(v["rpm"], 0.0))
-        self._second(reading, ms)
         if "adc" in reading.due and any(name.startswith("adc") for name in v):
             volts = [v.get(f"adc{index}", 0.0) for index in range(_ADC_SLOTS)]
             say(link.debug_float_array_encode(usec, b"adc", 0, volts))
 
-    def _second(self, reading: Reading, ms: int) -> None:
-        """Second sensors with the first ones; all of them, or none where the message leaves less often."""
-        there = [name for name in SECOND_SENSORS if name in reading.values]
+    def _named(self, reading: Reading, ms: int) -> None:
+        """Thrust and second sensors, each with its own group: of one message, so that all leave or none."""
+        groups = {"thrust": "engine", **{name: _GROUP_OF[one.of] for name, one in SECOND_SENSORS.items()}}
+        names = [name for name, group in groups.items() if name in reading.values and group in reading.due]
         number = mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
-        if there and {"vanes", "air"} & reading.due and self.rates.due(number, self._now):
-            for name in there:
-                self.voice.say(self._link.named_value_float_encode(ms, name.encode(), reading.values[name]))
+        if not names or not self.rates.due(number, self._now):
+            return
+        for name in names:
+            message = self._link.named_value_float_encode(ms, name.encode(), reading.values[name])
+            self.latest[number] = message
+            self.voice.say(message)
 
     def _hud(self, tick: Tick) -> None:
         v = tick.reading.values

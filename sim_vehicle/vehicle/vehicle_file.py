@@ -368,6 +368,8 @@ def _read_sensors(table: Table) -> Sensors:
         kind = entry.text("kind", _KINDS[first][0], _KINDS[first]) if first in _KINDS else ""
         bias, scale = (entry.optional_number(f"{key}_std", low=0.0) for key in ("bias", "scale"))
         position = entry.optional_number("position_error_std", low=0.0) if first == "airspeed" else None
+        if name in second and first == "airspeed" and kind != found.get(first, Sensors.airspeed).kind:
+            raise entry.error("kind", f"two of a kind are compared: give it the kind of sensors.{first}")
         found[name] = Sensor(
             entry.vector("position"), entry.optional_number("noise", above=0.0), kind, bias, scale, position,
             entry.known("delay"), entry.known("lag"),

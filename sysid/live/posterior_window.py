@@ -1,4 +1,4 @@
-"""Coefficients while flying, by the estimator of after the flight (sysid.posterior) on the last 25 s.
+"""The coefficients reported in flight, by the estimator of after the flight (sysid.posterior) on the last 25 s.
 
 A window takes a second of work, so it is estimated elsewhere: the caller hands in what runs it, and asks again later.
 """

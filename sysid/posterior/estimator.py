@@ -1,4 +1,6 @@
-"""The estimator: the posterior's maximum over coefficients, nuisances and initial states of a group of axes.
+"""The likelihood of a flight with priors, and its maximum over coefficients, nuisances and initial states of a group.
+
+The likelihood is Whittle's: residuals are independent from frequency to frequency under their spectrum.
 
 minimise  sum over f of e(f)* S(f)^-1 e(f)  +  sum over nuisances ((theta - mean) / std)^2,   e: Fourier transform of
 measured less simulated, S: their spectrum matrix, estimated anew from the residuals after every step. Gauss-Newton

@@ -20,19 +20,18 @@ from sysid.signals.flight import FlightData
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 PAIRS = {one.of: name for name, one in SECOND_SENSORS.items()}
-_NEEDED = ("p", "q", "r")
+_NEEDED = ("airspeed", "p", "q", "r")
 
 
 def combined_sensors(data: FlightData, vehicle: Vehicle) -> tuple[FlightData, dict[str, float]]:
     """The flight with both sensors of a kind in one column, and the share that each of them has in it.
 
     Two that disagree by more than a cheap sensor's own errors are not averaged: the first counts alone, with a warning.
-    A second one without a first one stands in its place.
+    A second vane without a first one stands in its place.
     """
     columns, warnings, shares = dict(data.columns), list(data.warnings), dict.fromkeys(PAIRS, 1.0)
     for first, second in PAIRS.items():
-        needed = (*_NEEDED, *(() if first == "airspeed" else ("airspeed",)))
-        if second not in data or not all(name in data for name in needed):
+        if second not in data or not all(name in data for name in _NEEDED):
             continue
         moved = _at_the_first(data, first, vehicle)
         if first not in data:
@@ -57,7 +56,7 @@ def _at_the_first(data: FlightData, first: str, vehicle: Vehicle) -> Array:
     here, there = vehicle.sensors[second.first], vehicle.sensors[second.key]
     x, y, z = np.subtract(here.position, there.position).tolist()
     values = data[PAIRS[first]]
-    speed = np.maximum(data["airspeed" if "airspeed" in data else PAIRS["airspeed"]], 1.0)
+    speed = np.maximum(data["airspeed"], 1.0)
     if first == "beta":
         values = _as_kind(values, there, here, data.columns.get("alpha", np.zeros(values.size)))
     return np.asarray(values + by_place(first, (x, y, z), (data["p"], data["q"], data["r"]), speed))

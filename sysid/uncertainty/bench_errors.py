@@ -93,7 +93,8 @@ def _misread(
         read = column / factor
         if name == "airspeed" and curve.si_unit == "Pa":
             pressure = 0.5 * SEA_LEVEL_DENSITY * read * np.abs(read)
-            column += factor * curve.error_modes(pressure)[part] / np.maximum(SEA_LEVEL_DENSITY * np.abs(read), 1e-6)
+            slope = np.maximum(SEA_LEVEL_DENSITY * np.abs(read), 1e-6)
+            column += share * factor * curve.error_modes(pressure)[part] / slope
         else:
             column += share * factor * curve.error_modes(read)[part]
         return replace(record, z=z)

@@ -16,8 +16,8 @@ const PAUSE_MS = 250
 function row(flight) {
   const box = h('input', { type: 'checkbox', value: flight.id, 'aria-label': `Choose ${flightTitle(flight)}` })
   return [
-    [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole' },
-      flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag' }, tag)])],
+    [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole', translate: 'no' },
+      flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag', translate: 'no' }, tag)])],
     utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), sparkline(flight.outline), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
   ]
 }

@@ -14,6 +14,8 @@ const LEAD_S = 3
 // Surfaces as they are measured, and what each must move at least to show anything, rms.
 const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
 const LEAST_DEG = 1
+// Readings of a surface that moved, fewer than which say nothing.
+const FEWEST = 5
 const SURFACES = { elevator: 'elevator', aileron: 'ailerons', rudder: 'rudder', throttle: 'throttle' }
 
 /** A manoeuvre as one says it: "elevator-3211,aileron-doublet" is "a 3-2-1-1 on the elevator, doublets on the ailerons". */
@@ -53,7 +55,7 @@ export class FlyNext {
     this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
     this.voice.hidden = !('speechSynthesis' in window)
     this.count = h('p', { class: 'next-count', hidden: true })
-    this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count', click: () => this.counting ? this.stop() : this.begin() }, 'Count down')
+    this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count', click: () => this.counting ? this.end() : this.begin() }, 'Count down')
     this.wanted = ''
     this.counting = null
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
@@ -64,8 +66,7 @@ export class FlyNext {
   clear() {
     this.element.hidden = true
     this.said = ''
-    this.stop()
-    this.count.hidden = true
+    this.end()
   }
 
   /** Take the coefficients of the live estimate, null where there are none. */
@@ -115,7 +116,7 @@ export class FlyNext {
 
   /** Show a line, and say it where that is wanted; seconds that are left are not said. */
   display(text, aloud = !text.startsWith('Fly now')) {
-    if (this.count.textContent !== text && text !== this.displayed) {
+    if (text !== this.displayed) {
       this.displayed = text
       write(this.count, text, 'next-count')
       if (aloud) this.say(text.replace(/: \d+ s left/, ''))
@@ -124,14 +125,15 @@ export class FlyNext {
 
   /** What the surfaces have done, in words. */
   verdict() {
+    const figures = []
     for (const [surface, angles] of Object.entries(this.moved)) {
+      if (angles.length < FEWEST) return `What the ${SURFACES[surface]} did was not received.`
       const mean = angles.reduce((sum, one) => sum + one, 0) / (angles.length || 1)
       const rms = Math.sqrt(angles.reduce((sum, one) => sum + (one - mean) ** 2, 0) / (angles.length || 1)) * 180 / Math.PI
       if (rms < LEAST_DEG) return `The ${SURFACES[surface]} hardly moved (${rms.toFixed(1)}° rms): fly it again, larger.`
-      this.rms = rms
+      figures.push(`the ${SURFACES[surface]}${figures.length ? '' : ' moved'} by ${rms.toFixed(1)}°${figures.length ? '' : ' rms'}`)
     }
-    const surfaces = Object.keys(this.moved)
-    return surfaces.length ? `✓ Flown: the ${listed(surfaces.map(one => SURFACES[one]))} moved by ${this.rms.toFixed(1)}° rms.` : '✓ Flown.'
+    return figures.length ? `✓ Flown: ${figures.join(', ')}.` : '✓ Flown.'
   }
 
   /** Take the newest signals: name -> value. */
@@ -139,8 +141,16 @@ export class FlyNext {
     if (!this.counting || !this.flying) return
     for (const [surface, angles] of Object.entries(this.moved)) {
       const angle = signals[MEASURED[surface]]
-      if (Number.isFinite(angle)) angles.push(angle)
+      // The newest value comes again and again, however old it is.
+      if (Number.isFinite(angle) && angle !== angles.at(-1)) angles.push(angle)
     }
+  }
+
+  /** Stop before its end: nothing is left on the screen of it. */
+  end() {
+    this.stop()
+    this.count.hidden = true
+    this.displayed = ''
   }
 
   stop() {

@@ -1,5 +1,5 @@
 // The page in another language. Texts are put in where they stand in the document, so that no view knows of it: a catalogue
-// gives for each English text the other one, {} standing for what changes. What no catalogue has stays English.
+// gives for each English text the other one, {} standing for what changes, {t} where that is a text of the page too. What no catalogue has stays English.
 
 import { keep, kept } from './kept.js'
 
@@ -48,7 +48,7 @@ function translated(text) {
     const found = pattern.exec(core)
     if (!found) continue
     let at = 0
-    return before + words.replaceAll('{}', () => say(found[++at])) + behind
+    return before + words.replaceAll(/\{(t?)\}/g, (_, too) => too ? say(found[++at]) : found[++at]) + behind
   }
   return text
 }
@@ -81,7 +81,7 @@ function put(node) {
 /** @param {Element} element */
 function putAttribute(element, name) {
   const text = element.getAttribute(name)
-  if (!text) return
+  if (!text || element.closest('[translate=no]')) return
   const said = say(text)
   if (said !== text) element.setAttribute(name, said)
 }

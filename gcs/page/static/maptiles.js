@@ -36,6 +36,7 @@ export class MapTiles {
   async ask(signal) {
     try {
       this.map = (await get('/api/map', signal)).map
+      signal.addEventListener('abort', () => this.close())
     } catch {
       this.map = null
     }
@@ -74,7 +75,7 @@ export class MapTiles {
       image = svg('image', { preserveAspectRatio: 'none' })
       this.shown.set(key, image)
       this.element.append(image)
-      this.picture(key).then(address => address ? image.setAttribute('href', address) : image.remove())
+      this.picture(key).then(address => address ? image.setAttribute('href', address) : this.shown.delete(key) && image.remove())
     }
     // A hair larger, so that no seam shows.
     for (const [name, value] of Object.entries({ x, y, width: width + 0.3, height: height + 0.3 })) image.setAttribute(name, value.toFixed(2))
@@ -83,11 +84,21 @@ export class MapTiles {
   /** The address of a tile's picture; it is asked for with the token, which an image cannot carry. */
   picture(key) {
     if (!this.pictures.has(key)) {
-      const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob)).catch(() => null)
+      const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob)).catch(error => {
+        // A tile that the file lacks is asked for once; one that was lost under way again.
+        if (error.status !== 404) this.pictures.delete(key)
+        return null
+      })
       this.pictures.set(key, fetched)
       if (this.pictures.size > MOST_KEPT) this.forget()
     }
     return this.pictures.get(key)
+  }
+
+  /** The view is left: no picture is kept. */
+  close() {
+    for (const kept of this.pictures.values()) kept.then(address => address && URL.revokeObjectURL(address))
+    this.pictures.clear()
   }
 
   forget() {

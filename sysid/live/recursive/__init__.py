@@ -1,1 +1,1 @@
-"""Recursive regressions in the time and the frequency domain, and changes of the aircraft."""
+"""Recursive regression: what watches for changes, and reports coefficients where there is no window."""

@@ -25,6 +25,8 @@ _LEAST_M, _FAR, _FIRST, _USUAL = 5.0, 8.0, 10, 100
 _BACK = 0.3
 # Readings further apart are not compared, s: the velocity may have changed between them. Kept, s.
 _APART_S, _KEPT_S = 1.5, 10.0
+# A velocity so near to the ends of an interval stands for them, s.
+_SLACK_S = 0.3
 
 Samples = Mapping[str, tuple[Array, Array]]
 
@@ -43,7 +45,12 @@ class PositionJumps:
         """Take samples: signal -> stamps (s) and values. Signals other than positions and velocities are left out."""
         for name in self._held.keys() & samples.keys():
             time_s, values = samples[name]
-            self._held[name].extend(zip(time_s.tolist(), values.tolist(), strict=True))
+            # Exactly 0 is what a receiver says that does not know.
+            kept = [(t, v) for t, v in zip(time_s.tolist(), values.tolist(), strict=True) if v or name in _VELOCITY]
+            held = self._held[name]
+            held.extend(kept)
+            while held and held[0][0] < held[-1][0] - _KEPT_S:
+                held.popleft()
 
     def check(self) -> SensorFailure | None:
         """The newest jump that has been confirmed, if any."""
@@ -57,15 +64,13 @@ class PositionJumps:
         found = None
         for before, now in pairwise(stamps):
             self._done = now
-            if not 0.0 < now - before < _APART_S:
+            if not 0.0 < now - before < _APART_S or not all(_covered(t, before, now) for t, _ in velocities):
+                self._open = None  # what was to be confirmed cannot be
                 continue
             cosine = np.cos(np.radians(positions[now]))
             moved = np.array([positions[now] - positions[before], (east_of[now] - east_of[before]) * cosine])
             flown = [_mean(t, v, before, now) * (now - before) for t, v in velocities]
             found = self._judge(now, _METRES_PER_DEGREE * moved - np.array(flown)) or found
-        for held in self._held.values():
-            while held and held[0][0] < min(self._done, ends - _APART_S) - _KEPT_S:
-                held.popleft()
         return found
 
     def _judge(self, time_s: float, off: Array) -> SensorFailure | None:
@@ -85,6 +90,13 @@ class PositionJumps:
         else:
             self._usual.append(far)
         return None
+
+
+def _covered(time_s: Array, begin_s: float, end_s: float) -> bool:
+    """Whether velocities are known all along an interval."""
+    near = time_s[(time_s > begin_s - _APART_S) & (time_s < end_s + _APART_S)]
+    whole = near.size > 1 and near[0] <= begin_s + _SLACK_S and near[-1] >= end_s - _SLACK_S
+    return bool(whole and np.max(np.diff(near)) < _APART_S)
 
 
 def _mean(time_s: Array, values: Array, begin_s: float, end_s: float) -> float:

@@ -90,6 +90,7 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "POST /api/vehicles/{vehicle_id}/restore",
         "GET /api/vehicles/{vehicle_id}/toml",
         "GET /api/vehicles/{vehicle_id}/trends",
+        "GET /metrics",
         "GET /api/map",
         "GET /api/map/{zoom}/{column}/{row}",
         "GET /api/models",

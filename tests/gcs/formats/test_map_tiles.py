@@ -34,6 +34,13 @@ def test_rows_are_counted_from_the_north(tmp_path: Path) -> None:
     tiles.close()
 
 
+def test_tiles_that_are_no_pictures_are_none(tmp_path: Path) -> None:
+    rows = ((2, 1, 3, None), (2, 1, 2, "text"), ("deep", 1, 1, b"x"))
+    tiles = MapTiles(mbtiles(tmp_path / "odd.mbtiles", rows=rows))  # type: ignore[arg-type]
+    assert (tiles.tile(2, 1, 0), tiles.tile(2, 1, 1)) == (None, None)
+    tiles.close()
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

@@ -73,3 +73,27 @@ def test_a_turn_one_bad_reading_and_readings_that_are_lost_are_no_jump() -> None
 def test_a_receiver_that_always_wanders_far_is_not_reported() -> None:
     assert judged(circle(2.0)) == []
     assert judged({name: one for name, one in circle(0.1).items() if name != "ve"}) == []
+
+
+def test_velocities_that_are_lost_make_no_jump_and_nothing_grows() -> None:
+    flight = {name: (time_s[::5], values[::5]) for name, (time_s, values) in circle(0.1).items()}
+    kept = (flight["vn"][0] < 15.0) | (flight["vn"][0] > 30.0)
+    for name in ("vn", "ve"):
+        time_s, values = flight[name]
+        flight[name] = (time_s[kept], values[kept])
+    assert judged(flight) == []
+    watch, time_s = PositionJumps(), np.arange(0.0, 300.0, 0.2)
+    watch.take({"lat": (time_s, np.full(time_s.size, 47.0)), "lon": (time_s, np.full(time_s.size, 8.0))})
+    assert watch.check() is None
+    assert max(len(held) for held in watch._held.values()) < 60
+
+
+def test_a_bad_reading_before_a_gap_and_a_receiver_without_a_fix_are_no_jump() -> None:
+    flight = jumped(circle(0.1), 30.0, until_s=JUMPS_S + 0.5 / HZ)
+    kept = (flight["lat"][0] <= JUMPS_S + 0.01) | (flight["lat"][0] > JUMPS_S + 1.8)
+    assert judged({name: (time_s[kept], values[kept]) for name, (time_s, values) in flight.items()}) == []
+    flight = circle(0.1)
+    for name in ("lat", "lon"):
+        time_s, values = flight[name]
+        flight[name] = (time_s, np.where(time_s < 10.0, 0.0, values))
+    assert judged(flight) == []

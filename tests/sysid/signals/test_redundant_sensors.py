@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.flight.flight_loop import fly
 from sim_vehicle.flight.plant import Plant
-from sim_vehicle.flight.sensor_suite import SensorSuite
+from sim_vehicle.flight.sensor_suite import TABLE_II, SensorSuite
 from sim_vehicle.manoeuvres.plan import plan_of
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle, load_vehicle
@@ -129,3 +131,27 @@ def test_second_sensors_leave_what_the_others_read_as_it_is() -> None:
         np.testing.assert_array_equal(values, flown[1].measured[name][1], name)
     rest = flown[1].measured["airspeed2"][1] - flown[1].measured["airspeed"][1] + 0.3 * flown[1].measured["r"][1]
     assert 0.02 < np.std(rest) < 0.04
+
+
+def test_a_second_vane_of_the_other_kind_is_flown_as_it_reads() -> None:
+    plane = load_vehicle("iitb-mav")
+    kinds = {"beta2_vane": Sensor(plane.sensors.beta_vane.position, kind="flank")}
+    plane = replace(plane, sensors=replace(plane.sensors, second=kinds))
+    suite = SensorSuite(plane, generator=1, noise="none")
+    ideal = dict.fromkeys((*TABLE_II, "north", "east", "rho"), 0.0)
+    ideal |= {"alpha": 0.3, "beta": 0.1, "airspeed": 15.0, "altitude": 100.0, "rho": 1.2}
+    values = suite.sample(0.0, ideal).values
+    assert values["beta2"] == pytest.approx(np.arctan(np.tan(0.1) / np.cos(0.3)), abs=1e-9)
+    assert values["beta"] == pytest.approx(0.1, abs=1e-9)
+
+
+def test_a_pitot_tube_of_another_kind_beside_the_first_is_refused(tmp_path: Path) -> None:
+    packaged = load_vehicle("ultrastick25e")
+    text = Path(str(packaged.path)).read_text(encoding="utf-8")
+    other = "calibrated" if packaged.sensors.airspeed.kind == "true" else "true"
+    line = 'airspeed2 = { position = [0.0, 0.3, 0.0], kind = "' + other + '" }'
+    changed = re.sub(r"(?m)^\[sensors\].*$", f"[sensors]\n{line}", text)
+    assert changed != text
+    (tmp_path / "two.toml").write_text(changed, encoding="utf-8")
+    with pytest.raises(VehicleFileError, match=r"give it the kind of sensors\.airspeed"):
+        load_vehicle(str(tmp_path / "two.toml"))
