@@ -94,4 +94,6 @@ def test_a_manoeuvre_is_counted_down_and_judged_by_the_surface(browser: Browser,
     page.wait_for_selector("#card :text('✓ Flown: the elevator moved by 2.9° rms.')", timeout=10_000)
     page.evaluate("() => { window.size = 0.001; window.card.begin() }")
     page.wait_for_selector("#card :text('The elevator hardly moved (0.1° rms)')", timeout=15_000)
+    assert page.inner_text("#card .next-count") == "The elevator hardly moved (0.1° rms): fly it again, larger."
+    assert page.inner_text("#card button") == "Count down"
     page.close()
