@@ -25,7 +25,7 @@ from sysid.problem.free_run import GAP_NAMES, Fixed, windows
 from sysid.problem.predictor import with_errors
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap, effects_at
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 Array = NDArray[np.float64]
 
@@ -176,7 +176,7 @@ def free_runs(
     return [with_errors(run.y, model.errors) for run in runs]
 
 
-def _residuals(records: Sequence[Record], layout: SensorLayout, model: Fixed, correction: Correction | None) -> Array:
+def _residuals(records: Sequence[Record], layout: SensorMounting, model: Fixed, correction: Correction | None) -> Array:
     """Measured less simulated, (N, 15), over the windows of five seconds of all records."""
     parts, starts = [], []
     for record in records:
@@ -198,7 +198,7 @@ def _with_biases(errors: Mapping[str, float], residuals: Array) -> dict[str, flo
 
 
 def judged_gap(
-    records: Sequence[Record], layout: SensorLayout, model: Fixed, correction: Correction | None = None
+    records: Sequence[Record], layout: SensorMounting, model: Fixed, correction: Correction | None = None
 ) -> dict[str, float]:
     """Gap per output (root mean square over windows of five seconds) of a model with its own sensor biases fitted.
 

@@ -58,7 +58,7 @@ from simulated import fly_mav
 from table_two import with_table_two
 
 from sim_vehicle.flight.flight_log import FlownFlight
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility

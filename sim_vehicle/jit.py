@@ -16,7 +16,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 # Physical constants, places in arrays, and the grammar that orders them.
-_CONSTANTS = ("constants.py", "layout.py", "coefficient_names.py")
+_CONSTANTS = ("constants.py", "layout.py", "aerodynamic_terms.py")
 
 
 def _fingerprint() -> str:

@@ -19,7 +19,7 @@ from gcs.errors import ExportError
 from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
 from gcs.exports.xml_folder import USUAL_TRAVEL, file_name, travel_of, write_folder
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
-from sim_vehicle.model.coefficient_names import AXES, Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, Term, parse_term
 from sim_vehicle.vehicle.propulsion import Curve, Polynomial, rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -348,7 +348,7 @@ def _term(term: Term, value: float, vehicle: Vehicle, effects: dict[str, dict[st
 
 
 def _regressor(name: str, vehicle: Vehicle) -> _Node:
-    """JSBSim's expression of a regressor (sim_vehicle.model.coefficient_names.REGRESSORS)."""
+    """JSBSim's expression of a regressor (sim_vehicle.model.aerodynamic_terms.REGRESSORS)."""
     if name in _SURFACES:
         return _property(_SURFACES[name][1])
     if name in ("alpha", "beta"):

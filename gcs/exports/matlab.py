@@ -13,7 +13,7 @@ from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
 from gcs.exports.state_space import state_space
 from gcs.text.files import write_whole
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 from sysid.numerics.gaussian import known_from
 
 # The function's arguments, and what stands for a regressor in it.

@@ -13,7 +13,7 @@ from gcs.report.markup import decimals
 from gcs.text.files import write_whole
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient
 
 _REGRESSORS = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import SignalMapError
-from gcs.flights.signalmap import (
+from gcs.flights.signal_sources import (
     HIGHRES_BITS,
     SIGNALS,
     SURFACE_RATE_HZ,
@@ -25,7 +25,8 @@ from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, V
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
-from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle
+from sim_vehicle.vehicle.sensors import CalibrationSource, SignalSource
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.calibration import Calibration, calibrate, points_from_pairs, read_points
 from sysid.signals.flight import FlightSignals, Signal, repeats
 from sysid.tables.flight_table import with_airspeed_of

@@ -14,7 +14,7 @@ from gcs.clock.stamps import Stamps, VehicleClock, build_clock
 from gcs.clock.timesync import own_replies
 from gcs.errors import SignalMapError
 from gcs.flights.sender import AUTOPILOT_INVALID, GCS, GENERIC, Sender
-from gcs.flights.signalmap import INSTANCE_FIELDS
+from gcs.flights.signal_sources import INSTANCE_FIELDS
 
 Array = NDArray[np.float64]
 Records = NDArray[Any]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import ImportFileError
-from gcs.flights.signalmap import TABLE_SIGNALS
+from gcs.flights.signal_sources import TABLE_SIGNALS
 from gcs.importers import messages as make
 from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, write_recording
 from gcs.importers.table import FIRST_US, row_series

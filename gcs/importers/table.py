@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs.errors import ImportFileError
 from gcs.flights.sender import FIXED_WING
-from gcs.flights.signalmap import TABLE_NAMES, TABLE_SIGNALS, TABLE_SIGNALS_EACH
+from gcs.flights.signal_sources import TABLE_NAMES, TABLE_SIGNALS, TABLE_SIGNALS_EACH
 from gcs.flights.signals import IMPORT_WARNING
 from gcs.importers import messages as make
 from gcs.importers.synthesis import ImportedLog, Progress, Series, write_recording

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs.clock.stamps import Stamps
 from gcs.flights.sender import AUTOPILOT_INVALID, GCS
-from gcs.flights.signalmap import INSTANCE_FIELDS
+from gcs.flights.signal_sources import INSTANCE_FIELDS
 from gcs.flights.streams import Stream
 from gcs.links.datagrams import Batch
 from gcs.live.reception import Reception

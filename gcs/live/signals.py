@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs.flights.signalmap import SIGNALS, SURFACE_RATE_HZ, ZERO_MEANS_ABSENT, Row, Source
+from gcs.flights.signal_sources import SIGNALS, SURFACE_RATE_HZ, ZERO_MEANS_ABSENT, Row, Source
 from gcs.flights.signals import (
     AIRSPEEDS,
     ESTIMATED_VANES,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from gcs.report import histories
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, Drawing, pages
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 from sysid.arrays import Array
 
 Result = Mapping[str, Any]

@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.report.markup import decimals, shown
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 
 _REGRESSORS = {
     "alpha": "α", "alphadot": '<span class="hat">α̇</span>', "beta": "β", "p": "p̂", "q": "q̂", "r": "r̂",

@@ -10,7 +10,7 @@ from gcs.report.markup import NONE, estimate, number, p_value, shown, table, tex
 from gcs.report.symbols import axis_symbol, symbol
 from gcs.text.meanings import meaning
 from gcs.text.unknowns import STATED, beside_bars, unknown_words
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 
 Result = Mapping[str, Any]
 _Z95 = 1.96

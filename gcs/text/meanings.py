@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import POLAR, parse_term
+from sim_vehicle.model.aerodynamic_terms import POLAR, parse_term
 
 _AXES = {
     "CL": "lift", "CD": "drag", "CY": "side force", "Cl": "rolling moment", "Cm": "pitching moment",

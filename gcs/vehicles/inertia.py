@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gcs.errors import VehicleError
 from sim_vehicle.constants import STANDARD_GRAVITY
-from sim_vehicle.vehicle.vehicle_file import usual_inertia
+from sim_vehicle.vehicle.mass_properties import usual_inertia
 
 #: Of a person with a stop watch, s, 1 sigma, for one start and stop (a reaction time scatters by 0.05 to 0.1 s).
 WATCH_STD_S = 0.1

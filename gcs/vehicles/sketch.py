@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from html import escape
 
-from sim_vehicle.vehicle.vehicle_file import Sensors, Vehicle
+from sim_vehicle.vehicle.sensors import Sensors
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 _PAPER_M = (0.297, 0.210)
 # Of the span: a usual length of the fuselage, from the nose to the centre of gravity and on to the tail, its width, and

@@ -19,7 +19,7 @@ from sim_vehicle.effects.ramp import switched
 from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
 from sim_vehicle.jit import jit_fused
-from sim_vehicle.model.coefficient_names import AXES, REGRESSORS
+from sim_vehicle.model.aerodynamic_terms import AXES, REGRESSORS
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, speed_slopes
 

@@ -27,7 +27,7 @@ from sim_vehicle.derivatives.tangent_blocks import (
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit_fused, jit_fused_arrays
-from sim_vehicle.model.coefficient_names import REGRESSORS
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par

@@ -30,8 +30,8 @@ from sim_vehicle.effects import (
     unsteady_lift,
     wind_shear,
 )
-from sim_vehicle.effects.aerodynamic_terms import COEFFICIENT_EFFECTS
 from sim_vehicle.effects.base import CoefficientEffect, Effect, Need, Parameter, Remembers, Stage
+from sim_vehicle.effects.coefficient_effects import COEFFICIENT_EFFECTS
 from sim_vehicle.effects.confusable_effects import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
 

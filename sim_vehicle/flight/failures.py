@@ -17,7 +17,7 @@ from sim_vehicle.effects import slot
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.manoeuvres.shapes import CONTROLS
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.icing import HEAVY_COAT
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, CURVE_COEFFICIENTS, CURVE_SEGMENTS, CURVE_SIZE, SURFACES, Par

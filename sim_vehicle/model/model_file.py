@@ -11,7 +11,7 @@ from typing import Any
 
 from sim_vehicle.effects import Effect, effect_called
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 
 SCHEMA = "model/1"
 BUILT_IN = Path(__file__).parent.parent / "vehicles"

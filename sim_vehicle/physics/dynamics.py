@@ -27,7 +27,7 @@ from sim_vehicle.effects.thrust_speed_loss import speed_thrust
 from sim_vehicle.effects.unsteady_lift import lag_rate
 from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit, jit_inlined
-from sim_vehicle.model.coefficient_names import REGRESSORS
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.layout import Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, throttle_thrust, throttle_torque
 from sim_vehicle.physics.rotation import rotation_matrix

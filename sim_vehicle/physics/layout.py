@@ -3,7 +3,7 @@
 from enum import IntEnum, auto
 
 from sim_vehicle.effects import SENSOR_LAGS
-from sim_vehicle.model.coefficient_names import REGRESSORS
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 
 # State: position north east down [m], velocity u v w of the aircraft over ground in body axes [m/s], attitude
 # quaternion (earth to body, scalar first), body rates p q r [rad/s], angle of attack the lift feels [rad].

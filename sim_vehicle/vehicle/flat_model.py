@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import pack_effects
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import AXES, MAX_FACTORS, POLAR, REGRESSORS, Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, MAX_FACTORS, POLAR, REGRESSORS, Term, parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.dynamics import ELEVATOR_MOMENT, INDUCED_DRAG, PLAIN, ZERO_LIFT_DRAG
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, Par

@@ -14,7 +14,7 @@ from sysid.compatibility.kinematics import STATES, air_data, body_velocity, reco
 from sysid.errors import SignalError
 from sysid.numerics.smoothing import fourier_smooth, sample_noise
 from sysid.signals.flight import FlightData
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 # See `linearise_part`.
 PartJacobians = tuple[Array, Array, Array, Array]
@@ -89,7 +89,7 @@ def _reach(values: Array) -> float:
     return float(np.nanmax(np.abs(values), initial=0.0))
 
 
-def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
+def prepare_part(data: FlightData, layout: SensorMounting) -> Part:
     """Arrays of one part.
 
     data: signals as measured, see `compatibility`. layout: sensor positions.
@@ -131,14 +131,14 @@ def prepare_part(data: FlightData, layout: SensorLayout) -> Part:
     )
 
 
-def part_states(data: FlightData, layout: SensorLayout, values: Mapping[str, float]) -> dict[str, Array]:
+def part_states(data: FlightData, layout: SensorMounting, values: Mapping[str, float]) -> dict[str, Array]:
     """Signals of a part with sensor errors taken off, at the centre of gravity.
 
     Parameters
     ----------
     data : FlightData
         The part: N uniform samples of the sensors' readings, SI units and rad.
-    layout : SensorLayout
+    layout : SensorMounting
         Where the sensors sit and what they read.
     values : Mapping[str, float]
         Sensor errors by name, each in the unit of `sysid.compatibility.selection.LIMITS`; those absent count as 0.
@@ -228,7 +228,7 @@ def _to_body(states: Array, vector: Array) -> Array:
     return np.column_stack([x, sf * lifted + cf * aside, cf * lifted - sf * aside])
 
 
-def _imu_at_centre(data: FlightData, layout: SensorLayout, gyro_bias: Array) -> Array:
+def _imu_at_centre(data: FlightData, layout: SensorMounting, gyro_bias: Array) -> Array:
     """(6, N) what the IMU would read at the centre of gravity. gyro_bias: (3,) rad/s."""
     imu = np.stack([data[name] for name in IMU], dtype=np.float64)
     if any(layout.accelerometer):
@@ -267,7 +267,7 @@ def _unwrapped(values: Array) -> Array:
     return out
 
 
-def _measured_states(data: FlightData, z: Array, layout: SensorLayout) -> Array:
+def _measured_states(data: FlightData, z: Array, layout: SensorMounting) -> Array:
     """(N, 6) states from air data and attitude alone, smoothed; what is not measured is 0 (psi: integrated)."""
 
     def column(index: int) -> Array:

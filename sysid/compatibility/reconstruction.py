@@ -25,9 +25,9 @@ from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, airspeed_gain, in_even_air
 from sysid.signals.record import OUTPUTS as RECORD_OUTPUTS
 from sysid.signals.record import STATES, Record
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
-__all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "SensorLayout", "compatibility", "correct"]
+__all__ = ["CompatibilityResult", "OutputFit", "Refusal", "SensorError", "SensorMounting", "compatibility", "correct"]
 
 _COUNT = len(PARAMETERS)
 _MAX_ITERATIONS = 20  # of Gauss-Newton
@@ -76,14 +76,14 @@ class CompatibilityResult:
     states: list[dict[str, Array]]
     noise: dict[str, float]
     gust_sigma: float
-    layout: SensorLayout
+    layout: SensorMounting
     converged: bool
     warnings: list[str] = field(default_factory=list)
 
 
 def compatibility(
     parts: FlightData | Sequence[FlightData],
-    layout: SensorLayout | None = None,
+    layout: SensorMounting | None = None,
     candidates: Sequence[str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> CompatibilityResult:
@@ -99,7 +99,7 @@ def compatibility(
     sequence = [parts] if isinstance(parts, FlightData) else list(parts)
     if not sequence:
         raise EstimationError("data compatibility needs at least one part of a flight")
-    layout = layout or SensorLayout()
+    layout = layout or SensorMounting()
     prepared = [prepare_part(part, layout) for part in sequence]
     wanted = _candidates(prepared, candidates)
     setting = _setting(prepared, wanted, dict(priors or {}))
@@ -327,7 +327,7 @@ def _result(
     covariance: Array,
     kept: list[str],
     refused: list[Refusal],
-    layout: SensorLayout,
+    layout: SensorMounting,
     converged: bool,
 ) -> CompatibilityResult:
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -359,7 +359,7 @@ def check_compatibility(prepared: Sequence[Prepared]) -> CompatibilityResult:
     return compatibility(in_even_air(prepared), prepared[0].layout)
 
 
-def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, float]) -> dict[str, Array]:
+def smoothed_states(record: Record, layout: SensorMounting, errors: dict[str, float]) -> dict[str, Array]:
     """Motion of a record reconstructed from its own measurements: errors taken off, smoothed without phase.
 
     A vane that is missing counts as zero angle.
@@ -368,7 +368,7 @@ def smoothed_states(record: Record, layout: SensorLayout, errors: dict[str, floa
     ----------
     record : Record
         One stretch of a flight, N samples.
-    layout : SensorLayout
+    layout : SensorMounting
         Where the sensors sit and what they read.
     errors : dict[str, float]
         Sensor errors by name, each in the unit of `sysid.compatibility.selection.LIMITS`; those absent count as 0.

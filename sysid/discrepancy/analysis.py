@@ -29,7 +29,7 @@ from sysid.errors import SysidError
 from sysid.identification.repaired_flight import read_flights
 from sysid.numerics.threads import single_threaded
 from sysid.problem.coefficient_residuals import CoefficientPath, coefficient_path
-from sysid.quality.verdict import CARE, Reason
+from sysid.quality.flight_quality import CARE, Reason
 from sysid.signal_check.corrected_faults import require_searched
 from sysid.signals.flight import FlightSignals
 from sysid.validation.simulation_series import simulation_series

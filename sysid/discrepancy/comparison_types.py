@@ -12,7 +12,7 @@ from sysid.discrepancy.identified_effect import Named
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.estimation_problem import Motion
 from sysid.problem.free_run import Fixed
-from sysid.quality.verdict import Quality
+from sysid.quality.flight_quality import Quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 

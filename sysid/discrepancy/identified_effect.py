@@ -8,8 +8,8 @@ from typing import Any
 
 from sim_vehicle.effects import EFFECTS, Effect, Remembers
 from sim_vehicle.model.model_file import Coefficient
-from sysid.discrepancy.candidate_weights import Weight
 from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.significance import Significance
 from sysid.discrepancy.wording import chance_text
 
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.
@@ -18,12 +18,12 @@ _IMPRECISE = 0.03
 
 @dataclass(frozen=True)
 class Named:
-    """An effect that was added: its candidate, its weight, the alternatives, the estimates, among how many effects
-    it was the likeliest, and what the likelihood gained (twice its logarithm) when it came in.
+    """An effect that was added: its candidate, its significance, the alternatives, the estimates, among how many
+    effects it was the likeliest, and what the likelihood gained (twice its logarithm) when it came in.
     """
 
     candidate: Candidate
-    weight: Weight
+    significance: Significance
     alternatives: tuple[tuple[str, float], ...]
     values: Mapping[str, tuple[float, float]]
     tried: int
@@ -51,18 +51,18 @@ def unmodelled_memory_gain(named: Sequence[Named]) -> float:
 
 def reason(named: Named) -> str:
     """What it was named for, in words."""
-    weight = named.weight
+    significance = named.significance
     return (
-        f"{named.candidate.effect.name}: the likelihood gains {weight.gain:.0f} ({chance_text(weight.p_value)}, "
-        f"{named.tried} effects looked at)"
+        f"{named.candidate.effect.name}: the likelihood gains {significance.gain:.0f} "
+        f"({chance_text(significance.p_value)}, {named.tried} effects looked at)"
     )
 
 
-def nearly(effect: str, weight: Weight, tried: int) -> str:
+def nearly(effect: str, significance: Significance, tried: int) -> str:
     """That an effect is likely but not significant enough for a name, in words."""
     return (
-        f"{effect}: the likelihood would gain {weight.gain:.0f} ({chance_text(weight.p_value)}, {tried} effects looked "
-        "at); not named below five standard errors"
+        f"{effect}: the likelihood would gain {significance.gain:.0f} ({chance_text(significance.p_value)}, "
+        f"{tried} effects looked at); not named below five standard errors"
     )
 
 
@@ -72,7 +72,7 @@ def effect_json(named: Named) -> dict[str, Any]:
     return {
         "name": effect.name,
         "title": effect.title,
-        "probability": round(min(named.weight.probability, 0.9999), 4),
+        "probability": round(min(named.significance.probability, 0.9999), 4),
         "parameters": {name: Coefficient(value, std).to_json() for name, (value, std) in named.values.items()},
         "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
         "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sysid.arrays import Array
 from sysid.equation_error.equations import Equations, axes_of
 from sysid.equation_error.frequency_domain import band_of, frequency_regression

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import Body
 from sysid.equation_error.equations import Equations

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import Term
+from sim_vehicle.model.aerodynamic_terms import Term
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import AXES, Body, coefficients, dynamic_pressure, off_centre
 from sysid.errors import EstimationError, SignalError

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.model.coefficient_names import Term
+from sim_vehicle.model.aerodynamic_terms import Term
 from sysid.arrays import Array
 from sysid.equation_error.equations import CONTROLS, MOMENTS, Equations, PartEquations
 from sysid.errors import EstimationError

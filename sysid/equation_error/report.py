@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sysid.arrays import Array
 from sysid.equation_error.coefficient_tables import tables
 from sysid.equation_error.coefficients import Body

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sysid.arrays import Array
 from sysid.equation_error.least_squares import RegressionResult, regress
 from sysid.errors import EstimationError

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sysid.equation_error.coefficients import Body
 from sysid.equation_error.equations import CUTOFF_HZ, MOMENTS, Equations, axes_of
 from sysid.equation_error.least_squares import RegressionResult, mixed_values, regress

@@ -16,7 +16,7 @@ from sim_vehicle.derivatives.sensor_jacobian import READINGS, reading_jacobian
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit, jit_arrays
-from sim_vehicle.model.coefficient_names import REGRESSORS
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import STATE_SIZE, WORK_SIZE, Aux, Par
 from sysid.filter_error.prediction import to_simulation

@@ -34,8 +34,8 @@ from sysid.problem.estimation_problem import Problem, Progress, free_coefficient
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
 from sysid.problem.model_structure import default_structure
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
+from sysid.quality.flight_quality import NOTHING_SEEN, Quality
 from sysid.quality.flight_rules import flights_quality
-from sysid.quality.verdict import NOTHING_SEEN, Quality
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, require_thrust, unmeasured_thrust

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.effects.thrust_line_offset import THRUST_LINE_OFFSET
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sysid.equation_error.coefficients import AXES
 from sysid.problem.model_structure import LONGITUDINAL_AXES
 

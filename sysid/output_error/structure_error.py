@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -76,7 +76,7 @@ class _Begun:
 
     def cost(self) -> float:
         """Negative logarithm of the posterior density with the noise that is likeliest, but for a constant."""
-        return self.posterior.profile(self.theta)
+        return self.posterior.profile_cost(self.theta)
 
     def values(self) -> dict[str, float]:
         """What every unknown but the initial states stands at."""
@@ -299,7 +299,7 @@ def _begun(
         if again and not tried:
             begin[: len(model.names)] = [near.get(name, value) for name, value in zip(model.names, begin, strict=False)]
         posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
-        tried.append((posterior.profile(begin), begin, posterior))
+        tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
     return _Begun(posterior, model, theta, doubts)
 
@@ -318,7 +318,7 @@ def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Post
     searched = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)
-        searched.append((posterior.profile(theta), theta, posterior))
+        searched.append((posterior.profile_cost(theta), theta, posterior))
     _, theta, posterior = min(searched, key=lambda one: one[0])
     return posterior, theta
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.considered_errors import Doubt

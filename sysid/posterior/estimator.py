@@ -200,7 +200,7 @@ class Posterior:
             g += J.T @ e
         return H, g
 
-    def profile(self, theta: Array) -> float:
+    def profile_cost(self, theta: Array) -> float:
         """Half the deviance at a point (P,), its noise estimated there; infinite where the motion diverges."""
         try:
             at = self.point(np.clip(theta, self.low, self.high))

@@ -10,7 +10,8 @@ import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
-from sim_vehicle.vehicle.vehicle_file import Sensors, Vehicle
+from sim_vehicle.vehicle.sensors import Sensors
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.posterior.inputs import InputSignal, input_signal

@@ -20,7 +20,7 @@ from scipy import sparse
 
 from sim_vehicle.effects.environment import DENSITY_ERROR
 from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import Par
 from sim_vehicle.vehicle.flat_model import FlatModel, flatten

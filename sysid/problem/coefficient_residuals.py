@@ -22,7 +22,7 @@ from sysid.numerics.smoothing import fourier_smooth, noise_sigma
 from sysid.problem.free_run import Fixed
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS, STATES, Record, effects_at, held_by_dead_band, with_other_inputs
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 from sysid.signals.thrust_source import lagged_throttle
 
 # Band of the motion: rate derivatives are taken, and forces compared, below it.
@@ -102,7 +102,7 @@ def _predicted(record: Record, path: Array, model: Fixed) -> dict[str, Array]:
     return found
 
 
-def coefficient_path(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> CoefficientPath:
+def coefficient_path(record: Record, layout: SensorMounting, vehicle: Vehicle, model: Fixed) -> CoefficientPath:
     """Measured and predicted coefficients along one record, which must have all IMU, airspeed and attitude samples."""
     states = smoothed_states(record, layout, dict(model.errors))
     dt, here = record.interval_s, slice(record.start, record.start + record.length)
@@ -158,7 +158,7 @@ def moment_noise(record: Record, vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-def residual_noise(record: Record, layout: SensorLayout, vehicle: Vehicle, model: Fixed) -> dict[str, float]:
+def residual_noise(record: Record, layout: SensorMounting, vehicle: Vehicle, model: Fixed) -> dict[str, float]:
     """Noise of measured minus predicted coefficients, axis -> sigma, by the sensors' own noise added once more.
 
     Sensors are on both sides: a vane's noise is in what the model predicts as a gyro's is in what is measured.

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
 from sim_vehicle.vehicle.flat_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle

@@ -14,7 +14,7 @@ from sysid.compatibility.reconstruction import smoothed_states
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.predictor import STILL_AIR, Predictor
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 WINDOW_S = 5.0  # s, over which a free simulation runs before it starts afresh
 GAP_OUTPUTS = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az")
@@ -116,14 +116,14 @@ def _moved(states: Array, off: Array, airspeed: float) -> Array:
     return found
 
 
-def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list[tuple[Record, Array]]:
+def window_residuals(record: Record, layout: SensorMounting, model: Fixed) -> list[tuple[Record, Array]]:
     """Measured minus free-running simulation, for every window of a record.
 
     Parameters
     ----------
     record : Record
         Stretch of a flight, which is cut into windows of five seconds.
-    layout : SensorLayout
+    layout : SensorMounting
         Where the sensors sit and what they read, for the initial states.
     model : Fixed
         Model with nothing left free.
@@ -145,7 +145,7 @@ def window_residuals(record: Record, layout: SensorLayout, model: Fixed) -> list
     return result
 
 
-def gap(records: Sequence[Record], layout: SensorLayout, model: Fixed) -> dict[str, float]:
+def gap(records: Sequence[Record], layout: SensorMounting, model: Fixed) -> dict[str, float]:
     """Root mean square per output over all windows, those not measured left out; not finite where a run diverged."""
     residuals = np.concatenate([r for record in records for _, r in window_residuals(record, layout, model)])
     measured = np.concatenate([part.z for record in records for part in windows(record)])
@@ -159,7 +159,7 @@ def gap(records: Sequence[Record], layout: SensorLayout, model: Fixed) -> dict[s
 
 
 def _flown_by(
-    model: Fixed, record: Record, start: Array, layout: SensorLayout, gusts: Array
+    model: Fixed, record: Record, start: Array, layout: SensorMounting, gusts: Array
 ) -> list[tuple[Record, Array]]:
     """What a model makes of a run's commands, (N, 15): of the whole run or, where it diverges, of each window."""
     y = free_run(record, start_read_alike(record, start, model), model, gusts)
@@ -190,7 +190,7 @@ def _gusts(record: Record, start: Array, air: Turbulence, generator: np.random.G
 def noise_floor(
     records: Sequence[Record],
     starts: Sequence[Array],
-    layout: SensorLayout,
+    layout: SensorMounting,
     model: Fixed,
     sigma: Array,
     thrust_sigma: float,
@@ -208,7 +208,7 @@ def noise_floor(
         Runs to generate data for.
     starts : Sequence of Array, shape (9,) each
         Initial state of each run: u, v, w, m/s, p, q, r, rad/s, phi, theta, psi, rad.
-    layout : SensorLayout
+    layout : SensorMounting
         Where the sensors sit and what they read.
     model : Fixed
         Model with nothing left free.

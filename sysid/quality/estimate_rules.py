@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.compatibility.selection import Refusal
 from sysid.problem.model_structure import usual_size
+from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
-from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.uncertainty.inertia import inertia_shares
 from sysid.validation.statistics import Validation
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.smoothing import noise_sigma
+from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
 from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
-from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, repeats
 from sysid.signals.preparation import Prepared
 

@@ -26,7 +26,7 @@ from sysid.signal_check.reported_faults import TURNS, uncorrected_mistakes
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.sensor_groups import ACCEL, ATTITUDE, GROUPS, GYRO, IMU, VANES
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 # A gain of a gyro counts from this error on, and up to a factor that is rather a unit.
 _GAIN, _LARGEST_GAIN = 0.2, 20.0
@@ -128,7 +128,7 @@ def _at(flight: FlightSignals, name: str, time_s: Array) -> Array:
 
 
 def decisive_corrections(
-    parts: Sequence[FlightData], layout: SensorLayout, as_recorded: Collection[str] = ()
+    parts: Sequence[FlightData], layout: SensorMounting, as_recorded: Collection[str] = ()
 ) -> tuple[list[Correction], list[Mistake]]:
     """Mistakes of uniform parts without NaN in IMU, attitude and airspeed, the surest first; and those of which it is
     not sure whose they are, which nothing mends.

@@ -22,7 +22,7 @@ from sim_vehicle.jit import jit
 from sysid.arrays import Array
 from sysid.compatibility.ekf_part import part_states
 from sysid.signals.flight import FlightData
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 SLOW_HZ = 0.15  # below which drift and wind are projected out
 GROUND = ("vn", "ve", "vd")
@@ -70,7 +70,7 @@ class Window:
     where there are fewer samples than `integrate` takes.
     """
 
-    def __init__(self, data: FlightData, layout: SensorLayout) -> None:
+    def __init__(self, data: FlightData, layout: SensorMounting) -> None:
         # A length whose Fourier transform is quick; at most a few per cent of the stretch are left out.
         size = data.time_s.size
         while size > 1 and next_fast_len(size - 1, real=True) != size - 1:

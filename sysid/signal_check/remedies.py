@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sim_vehicle.vehicle.vehicle_file import CalibrationSource, Vehicle
+from sim_vehicle.vehicle.sensors import CalibrationSource
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.signal_check.fault import Mistake
 from sysid.signals.calibration import UNITS
 from sysid.signals.preparation import Prepared

@@ -19,7 +19,7 @@ from sysid.signals.record import SURFACES, Record, has_positions, make_records
 from sysid.signals.redundant_sensors import combined_sensors
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
-from sysid.signals.sensor_layout import SensorLayout, sensor_layout
+from sysid.signals.sensor_mounting import SensorMounting, sensor_mounting
 from sysid.signals.thrust_source import ThrustSource, dead_thrust
 
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
@@ -57,7 +57,7 @@ class Prepared:
 
     data: FlightData
     stretches: tuple[Stretch, ...]
-    layout: SensorLayout
+    layout: SensorMounting
     calibrations: Mapping[str, Calibration]
     shares: Mapping[str, float]
 
@@ -175,7 +175,7 @@ def prepare(
     ]
     rho = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
     curves = {name: one.calibration for name, one in signals.signals.items() if one.calibration is not None}
-    return Prepared(data, tuple(stretches), sensor_layout(vehicle, rho), curves, shares)
+    return Prepared(data, tuple(stretches), sensor_mounting(vehicle, rho), curves, shares)
 
 
 def _most_moved(data: FlightData, spans: list[tuple[FlightSegment, int, int]]) -> list[tuple[FlightSegment, int, int]]:
@@ -219,7 +219,7 @@ def require_thrust(prepared: Sequence[Prepared]) -> None:
             raise SignalError(f"{flight.data.name}: thrust is unknown: {flight.thrust_source.missing}")
 
 
-def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
+def airspeed_gain(record: Record, layout: SensorMounting) -> Array:
     """Factor by which an indicated airspeed grows when it is expressed as in the air of `layout.airspeed_factor`.
 
     True over indicated airspeed is sqrt(1.225 / rho) at each sample; the kinematic equations know one factor only.
@@ -228,7 +228,7 @@ def airspeed_gain(record: Record, layout: SensorLayout) -> Array:
     ----------
     record : Record
         Stretch of a flight with N output samples, whose air density, kg/m3, is used.
-    layout : SensorLayout
+    layout : SensorMounting
         What the airspeed sensor reads, and the one factor, dimensionless, of the kinematic equations.
 
     Returns

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS, by_place
-from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle
+from sim_vehicle.vehicle.sensors import Sensor
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.numerics.normal_equations import inverse
 from sysid.numerics.smoothing import noise_sigma

@@ -38,7 +38,7 @@ from flight_bounds import INPUTS, LATERAL_OUTPUTS, LONGITUDINAL_OUTPUTS, Array, 
 from gust_bounds import gust_model, linear_path, whitened
 
 from sim_vehicle.effects import EFFECTS
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 from sim_vehicle.model.model_file import Model
 
 # Sensor errors that are unknown in every flight, and what a bench calibration leaves of the airspeed.

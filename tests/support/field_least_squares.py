@@ -6,7 +6,7 @@ import numpy as np
 from jsbsim_twin import Array
 from scipy.signal import savgol_filter
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.problem.model_structure import default_structure
 from sysid.signals.flight import FlightSignals

@@ -18,7 +18,8 @@ from jsbsim_flight import AIRSPEED, FULL_THRUST, HEIGHT, MOTOR_LAG, Aircraft
 from jsbsim_twin import AXES, FT, NEWTON_PER_POUND_FORCE, SLUG, Array, Lag, load_twin, set_inputs, write_twin
 from scipy import linalg, optimize
 
-from sim_vehicle.vehicle.vehicle_file import Geometry, Vehicle
+from sim_vehicle.vehicle.mass_properties import Geometry
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 STEP = 0.004  # s, of JSBSim and of the log
 SURFACES = ("de", "da", "dr")

@@ -23,7 +23,9 @@ from field_truth import left_by_axis, projection
 from jsbsim_flight import linear_aircraft
 from jsbsim_twin import FT, NEWTON_PER_POUND_FORCE, SLUG, Array, write_twin
 
-from sim_vehicle.vehicle.vehicle_file import Flight, Geometry, MassProperties, Sensors, Vehicle
+from sim_vehicle.vehicle.mass_properties import Geometry, MassProperties
+from sim_vehicle.vehicle.sensors import Sensors
+from sim_vehicle.vehicle.vehicle_file import Flight, Vehicle
 
 # Name and airspeed, m/s, well within what each flies.
 STOCK = (("c172p", 50.0), ("J3Cub", 33.0), ("SGS", 30.0), ("pa28", 50.0), ("c310", 75.0), ("DHC6", 70.0))

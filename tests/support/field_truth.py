@@ -14,8 +14,8 @@ from jsbsim_flight import _DEGREES, _ELEVATOR, _TABLES, Aircraft
 from jsbsim_twin import AXES, Array
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from sim_vehicle.model.coefficient_names import parse_term
-from sim_vehicle.vehicle.vehicle_file import Geometry
+from sim_vehicle.model.aerodynamic_terms import parse_term
+from sim_vehicle.vehicle.mass_properties import Geometry
 from sysid.problem.model_structure import default_structure
 
 STRUCTURE = default_structure(("de", "da", "dr"))

@@ -22,7 +22,7 @@ from jsbsim_flight import Aircraft, linear_aircraft
 from jsbsim_twin import AXES, Array, Lag, function, product, regressor
 
 from sim_vehicle.flight.failures import KINDS, BrokenReading, parse_failure
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.signals.flight import FlightSignals, Signal
 

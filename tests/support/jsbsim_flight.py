@@ -31,7 +31,7 @@ from jsbsim_twin import (
 from scipy import optimize
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.signals.flight import FlightSignals, Signal

@@ -18,7 +18,7 @@ import jsbsim
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.model.coefficient_names import Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import Term, parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 

@@ -23,7 +23,7 @@ from gcs.exports.exported import AXES_AND_SIGNS, Exported, require_new
 from gcs.exports.fmu.variables import OF_EFFECTS, OUTPUTS, Variable, by_causality, variables
 from gcs.text.files import write_whole
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY, STANDARD_GRAVITY
-from sim_vehicle.model.coefficient_names import AXES, REGRESSORS, Term, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, REGRESSORS, Term, parse_term
 from sim_vehicle.physics.layout import CURVE_COEFFICIENTS
 from sim_vehicle.vehicle.propulsion import Curve, pack_curve
 

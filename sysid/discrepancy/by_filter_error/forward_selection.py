@@ -11,9 +11,15 @@ import numpy as np
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
-from sysid.discrepancy.candidate_weights import Weight, is_significant, is_unlikely, smallest_set, weigh
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
+from sysid.discrepancy.significance import (
+    Significance,
+    by_information_criterion,
+    is_significant,
+    is_unlikely,
+    smallest_set,
+)
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
@@ -84,20 +90,30 @@ def extend(search: Search, progress: Progress) -> bool:
     if not found:
         return False
     samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
-    weights = weigh([one.shown for one in found], [len(one.candidate.free) for one in found], samples)
-    top = max(range(len(found)), key=lambda i: weights[i].probability)
+    significances = by_information_criterion(
+        [one.shown for one in found], [len(one.candidate.free) for one in found], samples
+    )
+    top = max(range(len(found)), key=lambda i: significances[i].probability)
+    best = significances[top]
     candidate, result = found[top].candidate, found[top].result
-    if weights[top].gain < search.unmodelled_memory_gain:
+    if best.gain < search.unmodelled_memory_gain:
         return False
-    if not is_significant(weights[top], len(choices)):
-        if is_unlikely(weights[top], len(choices)):
-            search.nearly = nearly(candidate.effect.name, weights[top], len(choices))
+    if not is_significant(best, len(choices)):
+        if is_unlikely(best, len(choices)):
+            search.nearly = nearly(candidate.effect.name, best, len(choices))
         return False
-    probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, weights, strict=True)]
+    probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, significances, strict=True)]
     own = candidate.effect.name
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
     search.named.append(
-        Named(candidate, weights[top], alternatives, values_of(candidate, result), len(choices), weights[top].gain)
+        Named(
+            candidate,
+            best,
+            alternatives,
+            values_of(candidate, result),
+            len(choices),
+            best.gain,
+        )
     )
     _add(search, candidate, result)
     return True
@@ -149,14 +165,14 @@ def eliminate_redundant(search: Search) -> None:
         asked = [(one, _without(search, one)) for one in search.named]
         gains = {one.effect: without.gain for one, without in asked if without is not None}
         search.named = [
-            replace(one, weight=_weighed(one, gains[one.effect])) if one.effect in gains else one
+            replace(one, significance=_significance(one, gains[one.effect])) if one.effect in gains else one
             for one in search.named
         ]
         needless = [
             (without, one)
             for one, (_, without) in zip(search.named, asked, strict=True)
             if without is not None
-            and not (is_significant(one.weight, one.tried) and without.gain > search.memory_gain_without(one))
+            and not (is_significant(one.significance, one.tried) and without.gain > search.memory_gain_without(one))
         ]
         if not needless:
             return
@@ -164,9 +180,11 @@ def eliminate_redundant(search: Search) -> None:
         _leave_out(search, one, without, "not needed beside the others")
 
 
-def _weighed(one: Named, gain: float) -> Weight:
-    """The weight of an effect with another gain, its probability among its alternatives as it was."""
-    return replace(weigh([gain], [len(one.candidate.free)], 1.0)[0], probability=one.weight.probability)
+def _significance(one: Named, gain: float) -> Significance:
+    """The significance of an effect with another gain, its probability among its alternatives as it was."""
+    return replace(
+        by_information_criterion([gain], [len(one.candidate.free)], 1.0)[0], probability=one.significance.probability
+    )
 
 
 def _without(search: Search, one: Named) -> _Without | None:
@@ -231,7 +249,7 @@ def eliminate_insignificant(search: Search) -> None:
         doubtful = [
             (statistic, one)
             for one, statistic in borne
-            if statistic is not None and not is_significant(_weighed(one, statistic), one.tried)
+            if statistic is not None and not is_significant(_significance(one, statistic), one.tried)
         ]
         if not doubtful:
             return

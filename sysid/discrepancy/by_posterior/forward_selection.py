@@ -13,9 +13,9 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_posterior.group_fits import GroupFit, is_size
 from sysid.discrepancy.by_posterior.limits import RULES
 from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
-from sysid.discrepancy.candidate_weights import NAMING_P_VALUE, Weight, is_significant, is_unlikely, smallest_set
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
 from sysid.discrepancy.identified_effect import Named, nearly
+from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_significant, is_unlikely, smallest_set
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.numerics.normal_equations import inverse
@@ -116,15 +116,15 @@ def _extend(found: Found, progress: Progress) -> bool:
     tried = _likeliest_of_each(tried)
     if not tried:
         return False
-    weights = _weighed(tried)
+    significances = _significances(tried)
     top = max(range(len(tried)), key=lambda i: tried[i].evidence)
-    best, weight = tried[top], weights[top]
-    if _is_conclusive(best, weight, len(choices)):
+    best, significance = tried[top], significances[top]
+    if _is_conclusive(best, significance, len(choices)):
         progress(1.0, f"standard errors of {best.candidate.effect.name}")
-        weight = _with_full_bars(best, weight)
-    if not _is_conclusive(best, weight, len(choices)):
-        if is_unlikely(weight, len(choices)):
-            found.notes.append(nearly(best.candidate.effect.name, weight, len(choices)))
+        significance = _with_full_bars(best, significance)
+    if not _is_conclusive(best, significance, len(choices)):
+        if is_unlikely(significance, len(choices)):
+            found.notes.append(nearly(best.candidate.effect.name, significance, len(choices)))
         return False
     if found.named and best.gain < RULES.companion_share * found.named[0].came_with:
         found.notes.append(
@@ -132,9 +132,9 @@ def _extend(found: Found, progress: Progress) -> bool:
         )
         return False
     own = best.candidate.effect.name
-    every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, weights, strict=True)]
+    every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, significances, strict=True)]
     alternatives = tuple(item for item in smallest_set(every) if item[0] != own)
-    found.named.append(Named(best.candidate, weight, alternatives, best.values, len(choices), best.gain))
+    found.named.append(Named(best.candidate, significance, alternatives, best.values, len(choices), best.gain))
     found.groups = dict(best.groups)
     found.model = found.model.with_effect(best.candidate.effect, {name: v for name, (v, _) in best.values.items()})
     return True
@@ -227,8 +227,8 @@ def _fitted(
             if other is None:
                 return None
             groups[group] = other
-    deviance = sum(found.groups[g].posterior.profile(found.groups[g].theta) for g in groups)
-    gain = 2.0 * (deviance - sum(fit.posterior.profile(fit.theta) for fit in groups.values()))
+    deviance = sum(found.groups[g].posterior.profile_cost(found.groups[g].theta) for g in groups)
+    gain = 2.0 * (deviance - sum(fit.posterior.profile_cost(fit.theta) for fit in groups.values()))
     evidence = 2.0 * sum(fit.evidence - found.groups[group].evidence for group, fit in groups.items())
     return Trial(candidate, own, groups, known, min(gain, _borne_out(candidate, known)), evidence)
 
@@ -243,19 +243,19 @@ def _borne_out(candidate: Candidate, values: Mapping[str, tuple[float, float]]) 
     return RULES.borne_out * float(sum((value / max(std, 1e-300)) ** 2 for value, std in values.values()))
 
 
-def _weighed(tried: Sequence[Trial]) -> list[Weight]:
-    """Posterior weights by the evidence, "no effect" being one of them."""
+def _significances(tried: Sequence[Trial]) -> list[Significance]:
+    """Posterior probabilities by the evidence, "no effect" being one of them."""
     scores = np.array([0.0, *(0.5 * min(one.evidence, one.gain) for one in tried)])
     shares = np.exp(scores - scores.max())
     return [
-        Weight(float(share), one.gain, float(special.chdtrc(len(one.values), max(one.gain, 0.0))))
+        Significance(float(share), one.gain, float(special.chdtrc(len(one.values), max(one.gain, 0.0))))
         for share, one in zip(shares[1:] / shares.sum(), tried, strict=True)
     ]
 
 
-def _with_full_bars(trial: Trial, weight: Weight) -> Weight:
-    """The weight with what the gain comes to where bars count all: the colour that the noise keeps, what no structure
-    holds, what was taken as known. A likelihood that knows of none of these grows with every second of flight.
+def _with_full_bars(trial: Trial, significance: Significance) -> Significance:
+    """The significance with what the gain comes to where bars count all: the colour that the noise keeps, what no
+    structure holds, what was taken as known. A likelihood that knows of none of these grows with every second flown.
     """
     result = trial.groups[trial.own].ended().result
     places = [result.names.index(trial.candidate.parameter(name)) for name in trial.values]
@@ -265,11 +265,11 @@ def _with_full_bars(trial: Trial, weight: Weight) -> Weight:
     if np.isfinite(_borne_out(trial.candidate, trial.values)):
         values = result.theta[places]
         gain = min(gain, float(values @ inverse(full) @ values))
-    return Weight(weight.probability, gain, float(special.chdtrc(len(places), max(gain, 0.0))))
+    return Significance(significance.probability, gain, float(special.chdtrc(len(places), max(gain, 0.0))))
 
 
-def _is_conclusive(trial: Trial, weight: Weight, choices: int) -> bool:
-    return trial.evidence > 2.0 * RULES.evidence and is_significant(weight, choices)
+def _is_conclusive(trial: Trial, significance: Significance, choices: int) -> bool:
+    return trial.evidence > 2.0 * RULES.evidence and is_significant(significance, choices)
 
 
 def _eliminate(found: Found) -> None:
@@ -328,14 +328,16 @@ def _look_at_the_rest(found: Found) -> None:
             after = fit.with_effect(one, promise.values)
             if after is None:
                 continue
-            gain = 2.0 * (fit.posterior.profile(fit.theta) - after.posterior.profile(after.theta))
+            gain = 2.0 * (fit.posterior.profile_cost(fit.theta) - after.posterior.profile_cost(after.theta))
             if after.evidence - fit.evidence < RULES.evidence:
                 continue
             values, stds = after.values(), after.stds()
             trial = Trial(
                 one, group, {group: after}, {name: (values[name], stds[name]) for name in one.free}, gain, 0.0
             )
-            weight = _with_full_bars(trial, Weight(1.0, gain, 0.0))
-            if weight.p_value * len(terms) < NAMING_P_VALUE:
-                found.left[one.effect.name] = f"smooth terms gain {weight.gain:.0f}, {chance_text(weight.p_value)}"
+            significance = _with_full_bars(trial, Significance(1.0, gain, 0.0))
+            if significance.p_value * len(terms) < NAMING_P_VALUE:
+                found.left[one.effect.name] = (
+                    f"smooth terms gain {significance.gain:.0f}, {chance_text(significance.p_value)}"
+                )
                 found.left_gain = max(found.left_gain, gain)

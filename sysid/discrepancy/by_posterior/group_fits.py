@@ -123,7 +123,7 @@ class GroupFit:
         begin = len(self.names)
         return {one.name: float(v) for one, v in zip(self.posterior.model.unknowns, self.theta[begin:], strict=False)}
 
-    def profile_from(
+    def profile_cost_from(
         self, candidate: Candidate | None, values: Mapping[str, float], start: Mapping[str, float]
     ) -> float:
         """Half the deviance with a candidate, or none, at these values and others at `start`, nothing searched."""
@@ -134,7 +134,7 @@ class GroupFit:
             coefficients = (*coefficients, *own)
             fresh = {name: fresh_unknown(candidate, name, values[name]) for name in own}
         begun = self._rebuilt(model, coefficients, self.effects, fresh, start)
-        return begun.posterior.of(begun.posterior.model.rough()).profile(begun.theta)
+        return begun.posterior.of(begun.posterior.model.rough()).profile_cost(begun.theta)
 
     def _of_own_axes(self, model: Model) -> Model:
         return replace(

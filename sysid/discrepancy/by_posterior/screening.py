@@ -103,7 +103,7 @@ def second_looks(
     model = fit.posterior.model
     servos = {name: value for name, value in fit.nuisances().items() if name in SERVO}
     as_given = {**{name: value for name, value in given.items() if name in fit.names}, **servos}
-    at_given = fit.profile_from(None, {}, as_given)
+    at_given = fit.profile_cost_from(None, {}, as_given)
     lag = next((one.mean for one in model.unknowns if one.name == "servo_lag"), 0.0)
 
     def by_equation_error(more: Sequence[str]) -> tuple[float, dict[str, float]]:
@@ -112,7 +112,7 @@ def second_looks(
             for values, delay in equation_error_starts(model.parts, model.vehicle, [*fit.coefficients, *more])
         ]
         added = [{name: one[name] for name in more} for one in places]
-        costs = [fit.profile_from(candidate, add, one) for add, one in zip(added, places, strict=True)]
+        costs = [fit.profile_cost_from(candidate, add, one) for add, one in zip(added, places, strict=True)]
         best = int(np.argmin(costs))
         return costs[best], places[best]
 
@@ -129,7 +129,7 @@ def second_looks(
             continue
         else:
             tried = [
-                (fit.profile_from(candidate, values, start), i, start)
+                (fit.profile_cost_from(candidate, values, start), i, start)
                 for start in (as_given, place)
                 for i, values in enumerate(candidate.starts)
             ]

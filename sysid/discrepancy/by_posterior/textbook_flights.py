@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sim_vehicle.vehicle.controls import Control
+from sim_vehicle.vehicle.sensors import Sensor
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
-from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import NuisanceEstimate, PosteriorEstimate
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import Term
+from sim_vehicle.model.aerodynamic_terms import Term
 from sysid.live.recursive.change_detection import ChangeDetector
 from sysid.live.recursive.decimation import Decimator
 from sysid.live.recursive.equations import BIASES, Sides

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.icing import HEAVY_COAT
 from sysid.arrays import Array
 from sysid.numerics.normal_equations import inverse

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sysid.live.recursive.frequency_estimator import CoefficientEstimates
 from sysid.problem.model_structure import REFUSED_SHARE, helpful_manoeuvre, usual_size
 

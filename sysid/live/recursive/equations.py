@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.model.coefficient_names import Term
+from sim_vehicle.model.aerodynamic_terms import Term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import Body, body_of, coefficients, dynamic_pressure

@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 
 from sim_vehicle.jit import jit
-from sim_vehicle.model.coefficient_names import Term
+from sim_vehicle.model.aerodynamic_terms import Term
 from sysid.arrays import Array, IntArray
 from sysid.equation_error.equations import CONTROLS, MOMENTS
 from sysid.live.signals.sample_buffer import Flags

@@ -21,7 +21,7 @@ from gcs.exports import jsbsim, matlab, state_space, tables
 from gcs.exports.exported import Exported, model_of
 from gcs.exports.samples import drawn
 from sim_vehicle.effects import EFFECTS, parse_effect
-from sim_vehicle.model.coefficient_names import AXES, parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 from sim_vehicle.model.model_file import Coefficient, Correlation, Model, ModelEffect, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 

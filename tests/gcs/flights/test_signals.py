@@ -13,7 +13,8 @@ from flight_file import FlightFile, mavlink
 
 from gcs.errors import SignalMapError
 from gcs.flights.signals import extract
-from sim_vehicle.vehicle.vehicle_file import CalibrationSource, SignalSource, Vehicle, load_vehicle
+from sim_vehicle.vehicle.sensors import CalibrationSource, SignalSource
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.signals.flight import FlightSignals
 
 START = 20.0

@@ -19,7 +19,7 @@ from sim_vehicle.effects.confusable_effects import CONFUSIONS
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.flight.flight_loop import wind_of
 from sim_vehicle.flight.plant import Plant
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model, model_from_json, read_model
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.vehicle.flat_model import flatten

@@ -11,7 +11,7 @@ from sysid.compatibility.reconstruction import compatibility, correct
 from sysid.compatibility.selection import most_implausible, select
 from sysid.errors import EstimationError, SignalError
 from sysid.signals.flight import FlightData
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 pytestmark = pytest.mark.whole_flight
 
@@ -206,7 +206,7 @@ def test_wind_comes_from_gps_and_vanes_off_the_centre_are_moved():
     ground = states[:, :1] * north + states[:, 1:2] * right + states[:, 2:3] * down + wind
     ground += 0.1 * rng.standard_normal(ground.shape)
     ground[np.arange(time.size) % 10 != 0] = np.nan
-    layout = SensorLayout(alpha_vane=(0.1, 0.5, 0.0), beta_vane=(0.1, -0.5, 0.2))
+    layout = SensorMounting(alpha_vane=(0.1, 0.5, 0.0), beta_vane=(0.1, -0.5, 0.2))
     columns = dict(zip(("ax", "ay", "az", "p", "q", "r"), imu.T, strict=True))
     columns |= {
         "airspeed": speed, "alpha": alpha - 0.1 * q / speed + 0.5 * p / speed,

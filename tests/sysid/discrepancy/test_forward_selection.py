@@ -12,9 +12,9 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error import forward_selection
 from sysid.discrepancy.by_filter_error.forward_selection import Search, eliminate_insignificant, eliminate_redundant
-from sysid.discrepancy.candidate_weights import Weight
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.identified_effect import Named
+from sysid.discrepancy.significance import Significance
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.estimation_problem import Problem
@@ -38,7 +38,9 @@ def searched(sizes: dict[str, tuple[float, float]], *, together: bool) -> Search
         effect, parameter = name.split(".")
         candidate = Candidate(EFFECTS[effect], (parameter,), ({parameter: 0.01},))
         others = tuple((other.split(".")[0], 0.3) for other in sizes if other != name)
-        named.append(Named(candidate, Weight(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44, 80.0 + i))
+        named.append(
+            Named(candidate, Significance(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44, 80.0 + i)
+        )
     values, stds = ([pair[k] for pair in sizes.values()] for k in (0, 1))
     model = Model("plane", {})
     for one in named:
@@ -114,7 +116,7 @@ def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first(monk
     eliminate_redundant(found)
     assert names_of(found) == ["thrust_scale", "mass_error"]
     # What they gain is told beside each other, and nothing that was dropped is an alternative.
-    assert [one.weight.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
+    assert [one.significance.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
     assert all(name != "density_error" for one in found.named for name, _ in one.alternatives)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from held_response import BODY, STEP_S, multisine, rolling
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sysid.equation_error.frequency_domain import band_of, frequency_regression
 from sysid.equation_error.time_domain import settled_equations
 from sysid.errors import EstimationError

@@ -5,7 +5,7 @@ import pytest
 import statsmodels.api as sm
 from held_response import BODY, DENSITY, SPEED, STEP_S, multisine, rolling
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sysid.equation_error.equations import Equations
 from sysid.equation_error.time_domain import equation_error
 from sysid.signals.flight import FlightData

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from simulated import fly_mav
 
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility

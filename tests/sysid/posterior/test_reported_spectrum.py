@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_vehicle.vehicle.vehicle_file import Sensor, Sensors, Vehicle
+from sim_vehicle.vehicle.sensors import Sensor, Sensors
+from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.observations import Channel, common_grid, joined_at
 from sysid.posterior.reported_spectrum import noise_spectra

@@ -17,13 +17,13 @@ from sim_vehicle.vehicle.flat_model import flatten
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.free_run import Fixed, free_run, gap, noise_floor, start_read_alike, windows
 from sysid.signals.record import OUTPUTS, Record
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 pytestmark = pytest.mark.whole_flight
 
 Array = NDArray[np.float64]
 
-LAYOUT = SensorLayout()
+LAYOUT = SensorMounting()
 
 
 def fixed(errors: dict[str, float] | None = None, **changes: float) -> Fixed:

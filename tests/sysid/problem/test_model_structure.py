@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim_vehicle.manoeuvres.shapes import MANOEUVRES
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import read_model
 from sysid.problem.model_structure import (
     default_structure,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from simulated import fly_mav
 
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
+from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined
 from sysid.quality.flight_rules import SeenFlight, flight_quality
-from sysid.quality.verdict import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.validation.statistics import validate

@@ -7,7 +7,8 @@ from typing import cast
 
 import pytest
 
-from sim_vehicle.vehicle.vehicle_file import CalibrationSource, load_vehicle
+from sim_vehicle.vehicle.sensors import CalibrationSource
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.signal_check.fault import Mistake
 from sysid.signal_check.remedies import named_cures
 from sysid.signals.preparation import Prepared

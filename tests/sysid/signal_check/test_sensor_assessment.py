@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.compatibility.reconstruction import CompatibilityResult, OutputFit, Refusal, SensorError
 from sysid.signal_check.sensor_assessment import verdicts
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 
 
 def test_each_sensor_gets_a_verdict_in_words() -> None:
@@ -20,7 +20,7 @@ def test_each_sensor_gets_a_verdict_in_words() -> None:
             "accel_bias_x": SensorError(0.01, 0.1, "m/s^2"),
         },
         np.zeros((3, 3)), [Refusal("accel_bias_y", "nothing turned", "aileron-doublet")], after, after, False,
-        ["theta"], [], {"theta": 0.001}, 0.0, SensorLayout(), True,
+        ["theta"], [], {"theta": 0.001}, 0.0, SensorMounting(), True,
     )  # fmt: skip
     # A search that has run away says nothing of any sensor.
     unsettled = verdicts(replace(result, converged=False))

@@ -16,7 +16,8 @@ from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.sensor_suite import TABLE_II, SensorSuite
 from sim_vehicle.manoeuvres.plan import plan_of
 from sim_vehicle.model.model_file import read_model
-from sim_vehicle.vehicle.vehicle_file import Sensor, Vehicle, load_vehicle
+from sim_vehicle.vehicle.sensors import Sensor
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.signals.flight import FlightData
 from sysid.signals.redundant_sensors import combined_sensors
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_vehicle.vehicle.vehicle_file import Environment, Sensor, Vehicle
+from sim_vehicle.vehicle.sensors import Sensor
+from sim_vehicle.vehicle.vehicle_file import Environment, Vehicle
 from sysid.errors import SignalError, TableError
 from sysid.signals.flight import FlightSignals
 from sysid.tables.columns import match_columns

@@ -15,10 +15,10 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.flat_model import flatten
 from sysid.problem.free_run import Fixed, gap
 from sysid.signals.record import OUTPUTS
-from sysid.signals.sensor_layout import SensorLayout
+from sysid.signals.sensor_mounting import SensorMounting
 from sysid.validation.simulation_series import simulation_series
 
-LAYOUT = SensorLayout()
+LAYOUT = SensorMounting()
 
 
 def fixed(**changes: float) -> Fixed:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_vehicle.errors import ModelFileError
-from sim_vehicle.model.coefficient_names import parse_term
+from sim_vehicle.model.aerodynamic_terms import parse_term
 
 # The grammar as it is promised to users, written out once more on purpose.
 ORDER = ("alpha", "alphadot", "beta", "p", "q", "r", "de", "da", "dr", "CL", "throttle")

@@ -16,7 +16,7 @@ NAMING_P_VALUE = float(special.chdtrc(1, 5.0**2))
 
 
 @dataclass(frozen=True)
-class Weight:
+class Significance:
     """A candidate's posterior probability and how much it gained.
 
     gain: twice the log likelihood ratio against the model without the effect, in independent samples.
@@ -28,8 +28,8 @@ class Weight:
     p_value: float
 
 
-def weigh(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[Weight]:
-    """Posterior weights of candidates by the Bayesian information criterion, "no effect" being one of them.
+def by_information_criterion(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[Significance]:
+    """Significance of candidates by the Bayesian information criterion, "no effect" being one of them.
 
     gains: twice the log likelihood that each gains. sizes: parameters that each adds. samples: independent ones.
     """
@@ -38,19 +38,19 @@ def weigh(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[
     shares = [math.exp(score - top) for score in scores]
     total = sum(shares)
     return [
-        Weight(share / total, gain, float(special.chdtrc(k, max(gain, 0.0))))
+        Significance(share / total, gain, float(special.chdtrc(k, max(gain, 0.0))))
         for share, gain, k in zip(shares[1:], gains, sizes, strict=True)
     ]
 
 
-def is_unlikely(weight: Weight, candidates: int) -> bool:
+def is_unlikely(significance: Significance, candidates: int) -> bool:
     """Whether a gain is beyond what the best of so many candidates gains by chance (Bonferroni)."""
-    return weight.p_value * max(candidates, 1) < FALSE_ALARM
+    return significance.p_value * max(candidates, 1) < FALSE_ALARM
 
 
-def is_significant(weight: Weight, candidates: int) -> bool:
+def is_significant(significance: Significance, candidates: int) -> bool:
     """Whether a gain is enough for a name: unlikely by chance, and as far out as five standard errors."""
-    return weight.p_value < NAMING_P_VALUE and is_unlikely(weight, candidates)
+    return significance.p_value < NAMING_P_VALUE and is_unlikely(significance, candidates)
 
 
 def smallest_set(probabilities: Sequence[tuple[str, float]], share: float = 0.95) -> list[tuple[str, float]]:

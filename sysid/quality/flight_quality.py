@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim_vehicle.model.coefficient_names import AXES
+from sim_vehicle.model.aerodynamic_terms import AXES
 from sysid.problem.model_structure import LONGITUDINAL_AXES
 
 GOOD, CARE, POOR = "good", "care", "poor"

@@ -13,7 +13,7 @@ from sysid.arrays import Array
 
 
 @dataclass(frozen=True)
-class SensorLayout:
+class SensorMounting:
     """Where the sensors sit and what they read.
 
     accelerometer, alpha_vane, beta_vane: (x, y, z) from the centre of gravity, body axes, m.
@@ -38,11 +38,11 @@ class SensorLayout:
         return np.array([self.airspeed_factor, a[0], a[1], b[0], b[2], flank, self.gravity])
 
 
-def sensor_layout(vehicle: Vehicle, density: float) -> SensorLayout:
+def sensor_mounting(vehicle: Vehicle, density: float) -> SensorMounting:
     """Where the sensors sit, and what the airspeed indicator calls airspeed at `density` [kg/m3]."""
     sensors = vehicle.sensors
     factor = 1.0 if sensors.airspeed.kind == "true" else math.sqrt(SEA_LEVEL_DENSITY / density)
-    return SensorLayout(
+    return SensorMounting(
         accelerometer=sensors.accelerometer.position,
         alpha_vane=sensors.alpha_vane.position,
         beta_vane=sensors.beta_vane.position,
