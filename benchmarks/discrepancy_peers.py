@@ -33,7 +33,7 @@ from residual_peers import GaussianProcess, Sindy
 from seed_lines import end_line, fingerprint, keyed_lines, progress
 
 from sim_vehicle.model.model_file import Model, model_from_json
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.discrepancy import discrepancy

@@ -28,10 +28,11 @@ from scipy.integrate import solve_ivp
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import read_model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.output_error.estimator import OutputError
-from sysid.problem.predictor import Predictor, coefficient
+from sysid.problem.free_parameters import coefficient
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import OUTPUTS as SIGNALS
 from sysid.signals.record import Record
 

@@ -29,7 +29,7 @@ from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.sensor_suite import TABLE_II, SensorSuite
 from sim_vehicle.manoeuvres.plan import plan_of
 from sim_vehicle.model.model_file import Model, read_model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.compatibility.reconstruction import compatibility
 from sysid.equation_error.coefficients import body_of
@@ -39,7 +39,8 @@ from sysid.identify import identify
 from sysid.output_error.estimator import OutputError
 from sysid.problem.estimation_problem import LONGITUDINAL_STATES, Motion
 from sysid.problem.formulation import corrected_parts
-from sysid.problem.predictor import Predictor, coefficient, sensor_error
+from sysid.problem.free_parameters import coefficient, sensor_error
+from sysid.problem.predictor import Predictor
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.signals.record import LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record

@@ -19,7 +19,7 @@ from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Model, read_model
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.simulation import simulate
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 STEP, STEPS = 1.0 / 120.0, 7200

@@ -134,11 +134,11 @@ def simulate(
     """
     from sysid.compatibility.reconstruction import smoothed_states
     from sysid.identification.repaired_flight import read_flights
-    from sysid.posterior.servo_replay import as_moved
     from sysid.posterior.stated_priors import as_estimated
     from sysid.problem.free_run import free_run, start_read_alike
     from sysid.signals.record import OUTPUTS, STATES
     from sysid.validation.held_out import comparison
+    from sysid.validation.servo_replay import as_moved
 
     if restart_s is not None and restart_s <= 0.0:
         raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")

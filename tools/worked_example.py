@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 from doc_commands import ROOT, blocks
 
-from gcs.report.gapfigures import draw_bars, draw_curves, draw_simulations
+from gcs.report.discrepancy_figures import draw_bars, draw_curves, draw_simulations
 from gcs.report.svg import save
 from sysid.discrepancy.summary import shrinking
 

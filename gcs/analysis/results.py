@@ -10,9 +10,9 @@ from typing import Any
 from gcs.errors import SettingsError
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
+from gcs.text.nuisance_text import STATED, beside_bars, unknown_words
 from gcs.text.probability_text import p_text, probability_text
 from gcs.text.quality import flights_words, quality_lines
-from gcs.text.unknowns import STATED, beside_bars, unknown_words
 from sim_vehicle.cli.writable import unwritable
 
 _Z95 = 1.96

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.catalogue.flight_duration import vehicle_seconds
 from gcs.catalogue.flight_table import Flight
-from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue
 from gcs.errors import RecordingError, in_words
 from gcs.flights.sender import GCS

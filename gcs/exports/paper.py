@@ -10,7 +10,7 @@ from typing import Any
 from gcs.errors import ExportError, ReportError
 from gcs.exports.exported import estimates_of, one_line, require_new
 from gcs.exports.tables import csv_side_by_side, latex_number, latex_side_by_side, latex_table
-from gcs.report.beside import headings
+from gcs.report.side_by_side import headings
 from gcs.text.files import write_whole
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.model.model_file import model_from_json
@@ -26,11 +26,11 @@ def write_paper(result: Result, folder: Path, beside: Sequence[Result] = ()) -> 
     Raises ExportError where the folder exists or cannot be made, ReportError for a result that does not hold what its
     schema says.
     """
-    from gcs.report import figures, gapfigures  # slow to import
+    from gcs.report import discrepancy_figures, figures  # slow to import
     from gcs.report.svg import publish
 
     require_new(folder)
-    of_schema = {"identification/1": figures.every, "discrepancy/1": gapfigures.every}
+    of_schema = {"identification/1": figures.every, "discrepancy/1": discrepancy_figures.every}
     if result.get("schema") not in of_schema:
         raise ReportError(f"this is no result that figures can be made of: its schema is {result.get('schema')!r}")
     flights = ", ".join(map(str, result.get("flights", [])))

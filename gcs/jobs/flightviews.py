@@ -32,7 +32,7 @@ from gcs.errors import (
 )
 from gcs.jobs.keptsignal import KeptSignal
 from gcs.jobs.limits import memory_limit
-from gcs.jobs.once import AskedOnce
+from gcs.jobs.one_shot_process import AskedOnce
 from gcs.settings import Settings
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError

@@ -15,7 +15,7 @@ from gcs.catalogue.intake import flight_stamp, numbered_ids
 from gcs.catalogue.store import Catalogue
 from gcs.errors import ImportFileError
 from gcs.jobs.limits import memory_limit
-from gcs.jobs.once import AskedOnce
+from gcs.jobs.one_shot_process import AskedOnce
 from gcs.settings import Settings
 
 _MAX_NAME = 200

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.live.events import events_json, finite_or_none
 from gcs.live.signals import Samples
-from gcs.text.unknowns import unknown_words
+from gcs.text.nuisance_text import unknown_words
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array, IntArray
 from sysid.live.identifier import LiveIdentifier, LiveReport

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gcs.report.gapfigures import STAGES, shown_gaps
+from gcs.report.discrepancy_figures import STAGES, shown_gaps
 from gcs.report.markup import estimate, number, p_value, probability, table, text
 from gcs.report.tables import interval
 

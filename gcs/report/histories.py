@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gcs.report.gapfigures import OUTPUTS, VARIABLES, within_reach
+from gcs.report.discrepancy_figures import OUTPUTS, VARIABLES, within_reach
 from gcs.report.svg import MEASURED, PREDICTED, Drawing, pages
 from sysid.arrays import Array
 

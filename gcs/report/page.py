@@ -8,8 +8,8 @@ from typing import Any
 
 from gcs.errors import ReportError
 from gcs.report import tables
-from gcs.report.beside import headings, side_by_side
 from gcs.report.markup import listing, paragraph, section, table, text
+from gcs.report.side_by_side import headings, side_by_side
 from gcs.report.symbols import LEGEND, equations
 from gcs.text.quality import VERDICTS, flights_words, verdict_words
 from gcs.version import VERSION
@@ -83,7 +83,7 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
 
 
 def _discrepancy(result: Result) -> str:
-    from gcs.report import discrepancy, gapfigures
+    from gcs.report import discrepancy, discrepancy_figures
     from gcs.report.svg import element
 
     verdict = result["verdict"].replace("_", " ")
@@ -99,10 +99,10 @@ def _discrepancy(result: Result) -> str:
         _quality(result),
         _warnings(result),
         section("Reasons", listing([text(one) for one in result.get("reasons", [])])),
-        section("Where", discrepancy.where(result), *map(element, gapfigures.residual_curves(result))),
+        section("Where", discrepancy.where(result), *map(element, discrepancy_figures.residual_curves(result))),
         section("Effects", *discrepancy.effects(result)),
-        section("Gap", *map(element, gapfigures.gap_bars(result)), *discrepancy.gaps(result)),
-        section("Measured and simulated", *map(element, gapfigures.simulations(result))),
+        section("Gap", *map(element, discrepancy_figures.gap_bars(result)), *discrepancy.gaps(result)),
+        section("Measured and simulated", *map(element, discrepancy_figures.simulations(result))),
         section("Model", *(f'<p class="equation">{e}</p>' for e in equations(result["model"]["coefficients"])),
                 paragraph(LEGEND), tables.coefficients(result["model"])),
         section("How it was made", _made(result)),

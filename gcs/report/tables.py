@@ -9,7 +9,7 @@ from typing import Any
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
 from gcs.text.meanings import meaning
-from gcs.text.unknowns import STATED, beside_bars, unknown_words
+from gcs.text.nuisance_text import STATED, beside_bars, unknown_words
 from sim_vehicle.model.aerodynamic_terms import AXES
 
 Result = Mapping[str, Any]

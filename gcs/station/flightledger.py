@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gcs.catalogue.flight_duration import vehicle_seconds
 from gcs.catalogue.flight_table import Flight
-from gcs.catalogue.span import vehicle_seconds
 from gcs.catalogue.store import Catalogue
 from gcs.recording.parts import Metadata
 from gcs.station.liveflight import LiveFlight

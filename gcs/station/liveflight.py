@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from gcs.catalogue.flight_table import Flight
 from gcs.mavlink.framing import Frames
 from gcs.recording.parts import Metadata, RecordingParts
-from gcs.station.motion import MOVING_M_S, fastest
 from gcs.station.segmentation import FlightSegmenter
+from gcs.station.unarmed_motion import MOVING_M_S, fastest
 
 # So many seconds in which it moves; a gust or a step of GPS is no flight.
 _MOVING_S = 3

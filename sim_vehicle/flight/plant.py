@@ -21,7 +21,7 @@ from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_
 from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.physics.simulation import read_within_tick, tick
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]

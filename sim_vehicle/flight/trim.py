@@ -15,7 +15,7 @@ from sim_vehicle.flight.state import PlantState, Trim
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
 from sim_vehicle.physics.rotation import euler_angles, quaternion
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Plant(Protocol):
 
     vehicle: Vehicle
     model: Model
-    flat: FlatModel
+    flat: PackedModel
 
     def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
         """Rate of the state vector (14,)."""

@@ -17,9 +17,9 @@ import numpy as np
 
 from sim_vehicle.effects import effect_called
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.discrepancy.by_filter_error import comparison as by_filter_error
+from sysid.discrepancy.by_filter_error import workflow as by_filter_error
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import stage_gaps
 from sysid.discrepancy.identified_effect import effect_json
@@ -75,7 +75,7 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    from sysid.discrepancy.by_posterior.comparison import compare, compare_textbooks  # slow to import
+    from sysid.discrepancy.by_posterior.workflow import compare, compare_textbooks  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)

@@ -12,7 +12,7 @@ from sim_vehicle.effects import EFFECTS, Effect, Need, Stage
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.event_times import is_in_flight, likely_events
 from sysid.problem.estimation_problem import Problem
-from sysid.problem.predictor import effect_parameter
+from sysid.problem.free_parameters import effect_parameter
 
 # Half steps that are looked at of a parameter over which the likelihood goes in steps: one is then on the right step.
 _HALF_STEPS = 40

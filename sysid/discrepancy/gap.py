@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.numerics.dryden import Turbulence

@@ -14,11 +14,11 @@ from math import exp
 
 import numpy as np
 
-from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.sensitivities.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array, IntArray
 from sysid.signals.record import OUTPUT_PLACES, OUTPUTS, Record
 
@@ -57,7 +57,7 @@ class Memory:
 
 
 def lags(effects: Array, interval_s: float) -> list[OutputLag]:
-    """Every output that remembers, by the effects of a model (as in `FlatModel.E`)."""
+    """Every output that remembers, by the effects of a model (as in `PackedModel.E`)."""
     found: dict[int, OutputLag] = {}
     _, part = split_delay_ticks(effects, interval_s)
     for column, place in enumerate(OUTPUT_PLACES):
@@ -143,7 +143,7 @@ class HiddenInput:
     start: float
 
 
-def unseen(record: Record, flat: FlatModel) -> list[HiddenInput]:
+def unseen(record: Record, flat: PackedModel) -> list[HiddenInput]:
     """What acts on a record unseen.
 
     Noise that is left in a measured thrust: a propeller's torque rolls the aircraft by it, and gyros measure that

@@ -23,7 +23,8 @@ from sysid.numerics.dryden import Turbulence
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import damped_step, hold, inverse, require_numbers
 from sysid.output_error.estimator import prior_knowledge
-from sysid.problem.predictor import FreeParameter, Predictor
+from sysid.problem.free_parameters import FreeParameter
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import OUTPUTS
 
 MAX_ITERATIONS = 30  # of Gauss-Newton

@@ -11,14 +11,14 @@ from math import cos, pi, sin, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.derivatives.dynamics_jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
-from sim_vehicle.derivatives.sensor_jacobian import READINGS, reading_jacobian
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.sensitivities.dynamics_jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
+from sim_vehicle.sensitivities.sensor_jacobian import READINGS, reading_jacobian
 from sysid.filter_error.prediction import to_simulation
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Remembers, slot
 from sim_vehicle.physics.simulation import effects_flown, split_delay_ticks, undo_hysteresis
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array, IntArray
 from sysid.filter_error.augmented_states import (
     HiddenInput,
@@ -41,7 +41,8 @@ from sysid.filter_error.prediction import predict_path, run_actuators
 from sysid.numerics.dryden import Turbulence, gust_system
 from sysid.numerics.parallel import side_by_side
 from sysid.numerics.smoothing import noise_sigma
-from sysid.problem.predictor import THRUST_ERROR, Predictor, error_gains, sensor_derivative, with_placed_errors
+from sysid.problem.free_parameters import THRUST_ERROR
+from sysid.problem.predictor import Predictor, error_gains, sensor_derivative, with_placed_errors
 from sysid.signals.record import (
     OUTPUT_PLACES,
     OUTPUTS,
@@ -192,7 +193,7 @@ class FilteredFlight:
             unread=never.sum(axis=0)[self.columns],
         )
 
-    def widened(self, k: int, one: Linear, theta: Array, others: Sequence[FlatModel]) -> Linear:
+    def widened(self, k: int, one: Linear, theta: Array, others: Sequence[PackedModel]) -> Linear:
         """`one` with a column more for each other model: how its steps and readings differ along the same path."""
         flat, errors = self.predictor.apply(theta)
         thrust, gains = self._thrust(k, errors), error_gains(errors)
@@ -209,7 +210,7 @@ class FilteredFlight:
         )
 
     def _direct(
-        self, flat: FlatModel, record: Record, slopes: bool, hidden: Sequence[HiddenInput]
+        self, flat: PackedModel, record: Record, slopes: bool, hidden: Sequence[HiddenInput]
     ) -> tuple[list[int], IntArray, IntArray, Array]:
         """Parameters with a slope in closed form: their places, terms, columns of the Jacobian and weights.
 
@@ -248,10 +249,10 @@ class FilteredFlight:
                 thrust = thrust + size * _thrust_error(record, name)
         return thrust
 
-    def _effects(self, flat: FlatModel, record: Record) -> Array:
+    def _effects(self, flat: PackedModel, record: Record) -> Array:
         return effects_flown(effects_at(flat, record), record.thrust[record.start])
 
-    def _surfaces(self, k: int, flat: FlatModel) -> tuple[Array, Array]:
+    def _surfaces(self, k: int, flat: PackedModel) -> tuple[Array, Array]:
         """What the motion feels (N, sub, 3, 4) and what sensors see (N, 4) of the surfaces along a record."""
         record, sub_steps = self.records[k], self.predictor.sub_steps
         over, seen = np.empty((record.length, sub_steps, 3, 4)), np.empty((record.length, 4))
@@ -260,7 +261,7 @@ class FilteredFlight:
                       float(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip
         return over, seen
 
-    def _surface_noise(self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, ahead: Array) -> Array:
+    def _surface_noise(self, k: int, flat: PackedModel, thrust: Array, over: Array, seen: Array, ahead: Array) -> Array:
         """(N - 1, nf, 3) standard deviations of each step by what positions leave open between samples, or none."""
         record, free = self.records[k], self.free[k]
         if not record.surface_doubt.any():
@@ -274,7 +275,7 @@ class FilteredFlight:
         return np.stack(moved, axis=2)
 
     def _predicted(
-        self, k: int, flat: FlatModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
+        self, k: int, flat: PackedModel, thrust: Array, over: Array, seen: Array, read_ahead: bool = True
     ) -> tuple[Array, Array]:
         """One step ahead and what is read. read_ahead: see `delay_measurements`; else delayed readings are
         expected with their delay, which keeps their noise out of what is compared with them.

@@ -17,7 +17,7 @@ _OFFSET, _TILT, _LATE = (
 
 
 def misreads(P: Array, E: Array) -> bool:
-    """Whether a model's accelerometer reads anything else. P, E: of `sim_vehicle.vehicle.flat_model.FlatModel`."""
+    """Whether a model's accelerometer reads anything else. P, E: of `sim_vehicle.vehicle.packed_model.PackedModel`."""
     return bool(P[_ARM].any() or E[[_OFFSET, _TILT, _LATE]].any())
 
 

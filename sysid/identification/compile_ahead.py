@@ -20,14 +20,15 @@ import numpy as np
 from sim_vehicle.constants import STANDARD_GRAVITY
 from sim_vehicle.jit import compiled_mark
 from sim_vehicle.model.model_file import read_model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import compatibility
 from sysid.numerics.normal_equations import add_squares, gram
 from sysid.problem.coefficient_residuals import known_propulsion
+from sysid.problem.free_parameters import coefficient
 from sysid.problem.free_run import Fixed
-from sysid.problem.predictor import Predictor, coefficient
+from sysid.problem.predictor import Predictor
 from sysid.signal_check.kinematic_relations import integrate
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS, Record

@@ -223,8 +223,8 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
     from sysid.posterior.estimates import PRIOR_SHARE
     from sysid.posterior.nuisance_priors import THRUST_BY_SPEED_STD
-    from sysid.posterior.servo_replay import as_moved
     from sysid.posterior.stated_priors import as_estimated
+    from sysid.validation.servo_replay import as_moved
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)

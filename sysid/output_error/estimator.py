@@ -19,7 +19,8 @@ from sysid.numerics.filters import convolved
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.normal_equations import add_squares, damped_step, gram, inverse, require_numbers
 from sysid.numerics.parallel import side_by_side
-from sysid.problem.predictor import FreeParameter, Predictor
+from sysid.problem.free_parameters import FreeParameter
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import OUTPUTS, angle_wrap
 
 MAX_ITERATIONS = 25  # of Gauss-Newton
@@ -284,7 +285,7 @@ class OutputError:
             if cost - (_FAR if first else _NEAR) * promised > give_up_above:
                 raise UnlikelyError(f"{flight}: less likely than what is known")
             while True:
-                trial = self._bounded(theta + damped_step(M, g, damping, flight))
+                trial = self.bounded(theta + damped_step(M, g, damping, flight))
                 trial_predicted = self.predict(trial)
                 trial_residuals = self.residuals(trial_predicted)
                 trial_cost = self.cost(trial, trial_residuals)
@@ -322,7 +323,8 @@ class OutputError:
         step: Array = white @ g
         return step, self._coloured(residuals, S, sigma, white)[0]
 
-    def _bounded(self, theta: Array) -> Array:
+    def bounded(self, theta: Array) -> Array:
+        """Unknowns (P,) with every parameter within its bounds, in place."""
         for i, parameter in enumerate(self.predictor.parameters):
             theta[i] = min(max(theta[i], parameter.low), parameter.high)
         return theta

@@ -25,9 +25,10 @@ from sysid.posterior.estimates import (
     nuisances_of,
     warnings_of,
 )
-from sysid.posterior.estimator import MAX_PASSES, Posterior, Prior
+from sysid.posterior.estimator import MAX_PASSES, Posterior
 from sysid.posterior.flight_part import FlightPart, outputs_of, with_vane
 from sysid.posterior.group_model import GroupModel
+from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
     FLOW_OF,
     GROUPS,

@@ -1,10 +1,7 @@
-"""The likelihood of a flight with priors, and its maximum over coefficients, nuisances and initial states of a group.
+"""The maximum of the likelihood over coefficients, nuisances and initial states of a group, and its uncertainty.
 
-The likelihood is Whittle's: residuals are independent from frequency to frequency under their spectrum.
-
-minimise  sum over f of e(f)* S(f)^-1 e(f)  +  sum over nuisances ((theta - mean) / std)^2,   e: Fourier transform of
-measured less simulated, S: their spectrum matrix, estimated anew from the residuals after every step. Gauss-Newton
-steps with Levenberg's damping and an active set of bounds.
+The spectrum of the residuals is estimated anew after every step. Gauss-Newton steps with Levenberg's damping and an
+active set of bounds.
 """
 
 from __future__ import annotations
@@ -27,15 +24,9 @@ from sysid.posterior.closed_loop import (
     most_answered,
 )
 from sysid.posterior.considered_errors import Doubt
-from sysid.posterior.group_model import GroupModel
+from sysid.posterior.likelihood import Point, WhittleLikelihood
 from sysid.posterior.nuisance_priors import SURFACES_OF
-from sysid.posterior.residual_spectrum import (
-    LEAST_MISFIT,
-    LEAST_OF_KNOWN,
-    LOWEST_HZ,
-    ResidualSpectrum,
-    residual_spectrum,
-)
+from sysid.posterior.residual_spectrum import ResidualSpectrum
 from sysid.signals.record import STATES
 
 MAX_PASSES = 12  # of Gauss-Newton
@@ -47,23 +38,6 @@ _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
 
 # Lower ends of the octaves in each of which the structure may miss another share of each output, Hz.
 _STRUCTURE_BANDS_HZ = 0.125 * 2.0 ** np.arange(8)
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Gaussian prior of all unknowns. mean: (P,). information: (P, P)."""
-
-    mean: Array
-    information: Array
-
-
-@dataclass
-class Point:
-    """A place of the search: residuals and simulated outputs of every part."""
-
-    theta: Array
-    residuals: list[Array]
-    simulated: list[Array]
 
 
 @dataclass(frozen=True)
@@ -104,134 +78,8 @@ class PosteriorResult:
         return max(self.feedback_of.values(), default=0.0)
 
 
-class Posterior:
-    """Parts of flights under one model. low, high: (P,) bounds of all unknowns. zeros: output -> std of its zero."""
-
-    def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array, zeros: Mapping[str, float]) -> None:
-        self.model, self.prior, self.low, self.high = model, prior, low, high
-        self.zeros = zeros
-        self._zero_std = np.array([zeros[name] for name in model.outputs])
-        self.parts = model.parts
-        self.flights = list(dict.fromkeys(part.flight for part in self.parts))
-        self._bands = []
-        for part in self.parts:
-            f = np.fft.rfftfreq(part.common.points.size, part.common.interval_s)
-            lowest = max(LOWEST_HZ, 1.0 / part.common.duration_s)
-            self._bands.append((f >= lowest) & (f <= part.highest_hz))
-        self._factors: list[Array] = []
-        self._zero: list[Array] = []
-        self.spectra: dict[str, ResidualSpectrum] = {}
-        self.misfit = 0.0
-        self._logdet = 0.0
-
-    def of(self, model: GroupModel) -> Posterior:
-        """The same prior and bounds about another model of as many parts."""
-        return Posterior(model, self.prior, self.low, self.high, self.zeros)
-
-    def point(self, theta: Array) -> Point:
-        """Simulate all parts. Raises EstimationError where the motion diverges."""
-        simulated = [self.model.simulated(i, theta) for i in range(len(self.parts))]
-        if not all(np.isfinite(one).all() for one in simulated):
-            raise EstimationError("the simulated motion diverges")
-        return Point(theta, [self.model.measured(i) - one for i, one in enumerate(simulated)], simulated)
-
-    def weigh(self, at: Point) -> None:
-        """Estimate the spectrum matrices from what is left at a point."""
-        factors: list[Array | None] = [None] * len(self.parts)
-        zero: list[Array | None] = [None] * len(self.parts)
-        self._logdet, shares = 0.0, []
-        for flight in self.flights:
-            places = [i for i, part in enumerate(self.parts) if part.flight == flight]
-            grids = [self.parts[i].common for i in places]
-            spectrum, share = residual_spectrum(
-                [at.residuals[i] for i in places], [at.simulated[i] for i in places], grids,
-                least=LEAST_OF_KNOWN if all(self.model.steps_at_stamps(i) for i in places) else LEAST_MISFIT,
-            )  # fmt: skip
-            shares.append(share)
-            self.spectra[flight] = spectrum
-            for i in places:
-                common = self.parts[i].common
-                f = np.asarray(np.fft.rfftfreq(common.points.size, common.interval_s)[self._bands[i]], dtype=np.float64)
-                try:
-                    L = np.linalg.cholesky(spectrum.at(f))
-                except np.linalg.LinAlgError:
-                    raise EstimationError(
-                        f"{flight}: what is left of the outputs has no spectrum: one of them is dead"
-                    ) from None
-                factors[i] = np.linalg.inv(L) * np.sqrt(4.0 * common.interval_s / common.points.size)
-                # Log determinant of the noise at two numbers a bin, as the squares count them.
-                diagonal = np.abs(np.diagonal(L, axis1=1, axis2=2))
-                self._logdet += 2.0 * float(np.sum(np.log(diagonal)))
-                slow = spectrum.matrices[1].diagonal().real / (2.0 * common.duration_s)
-                zero[i] = 1.0 / np.sqrt(slow + self._zero_std**2)
-        self._factors = [one for one in factors if one is not None]
-        self._zero = [one for one in zero if one is not None]
-        self.misfit = max(shares)
-
-    def whitened(self, index: int, series: Array) -> Array:
-        """(2 F m + m, C) real, of series (m, K, C) of a part: every frequency, then the mean."""
-        common, band = self.parts[index].common, self._bands[index]
-        # A mean that went through the taper's edges would be determined by frequencies that no zero error may reach.
-        mean = common.taper @ series / common.taper.sum()
-        Z = np.fft.rfft((series - mean[:, None, :]) * common.taper[None, :, None], axis=1)[:, band, :]
-        W = self._factors[index] @ np.ascontiguousarray(Z.transpose(1, 0, 2))
-        flat = W.reshape(-1, series.shape[2])
-        # A bin's real and imaginary part have unit variance each.
-        return np.concatenate((flat.real, flat.imag, mean * self._zero[index][:, None]))
-
-    def cost(self, at: Point) -> float:
-        """Half the sum of squares, prior included, with the noise held as it was estimated last."""
-        off = at.theta - self.prior.mean
-        total = 0.5 * float(off @ self.prior.information @ off)
-        with np.errstate(over="ignore", invalid="ignore"):  # a motion that runs away has no finite cost
-            for i, residual in enumerate(at.residuals):
-                e = self.whitened(i, residual[:, :, None])[:, 0]
-                total += 0.5 * float(e @ e)
-        return total if np.isfinite(total) else np.inf
-
-    def normal(self, at: Point) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,), prior included."""
-        off = at.theta - self.prior.mean
-        H, g = self.prior.information.copy(), -(self.prior.information @ off)
-        for i, residual in enumerate(at.residuals):
-            J = self.whitened(i, self.model.slopes(i, at.theta))
-            e = self.whitened(i, residual[:, :, None])[:, 0]
-            H += J.T @ J
-            g += J.T @ e
-        return H, g
-
-    def profile_cost(self, theta: Array) -> float:
-        """Half the deviance at a point (P,), its noise estimated there; infinite where the motion diverges."""
-        try:
-            at = self.point(np.clip(theta, self.low, self.high))
-            self.weigh(at)
-        except EstimationError:
-            return np.inf
-        return self.cost(at) + self._logdet
-
-    def linear(self, at: Point) -> tuple[Array, Array]:
-        """Whitened slopes (K, P) and residuals (K,) of all parts at a point, the noise as it was estimated last."""
-        slopes = [self.whitened(i, self.model.slopes(i, at.theta)) for i in range(len(self.parts))]
-        return np.concatenate(slopes), self._stacked(at.residuals)
-
-    def difference(self, at: Point, other: GroupModel) -> Array:
-        """(K,) whitened change of all outputs by another model of the same unknowns; NaN where that diverges."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            moved = [other.simulated(i, at.theta) - one for i, one in enumerate(at.simulated)]
-            return self._stacked(moved)
-
-    def _stacked(self, series: Sequence[Array]) -> Array:
-        return np.concatenate([self.whitened(i, one[:, :, None])[:, 0] for i, one in enumerate(series)])
-
-    def evidence(self, theta: Array) -> float:
-        """Log of the probability of the measurement under this model, by Laplace's method about its maximum (P,); of
-        use beside that of another model of the same parts.
-        """
-        at = self.point(theta)
-        self.weigh(at)
-        H, _ = self.normal(at)
-        volume = np.linalg.slogdet(self.prior.information)[1] - np.linalg.slogdet(H)[1]
-        return -(self.cost(at) + self._logdet) + 0.5 * float(volume)
+class Posterior(WhittleLikelihood):
+    """The likelihood with what searches its maximum and says how uncertain that is."""
 
     def search(self, start: Array, max_passes: int) -> Array:
         """(P,) where some steps from `start` lead."""

@@ -23,14 +23,15 @@ from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import Par
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.inputs import surface_means, swing
 from sysid.posterior.nuisance_priors import FLOW_OF, PRODUCT_INERTIA, SURFACES_OF, THRUST_ARM, Unknowns
 from sysid.posterior.observations import joined_at, read_at
-from sysid.problem.predictor import Predictor, coefficient, effect_parameter
+from sysid.problem.free_parameters import coefficient, effect_parameter
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import OUTPUTS, STATES, SURFACES, Record
 
 _FREE = {"longitudinal": ("w", "q"), "lateral": ("v", "p", "r")}
@@ -225,7 +226,7 @@ class GroupModel:
                 result[:, :, count + i] = (self._read(one, other, moved[:, :, None])[:, :, 0] - base) / nuisance.step
         return result
 
-    def _shaped(self, values: Mapping[str, float]) -> FlatModel:
+    def _shaped(self, values: Mapping[str, float]) -> PackedModel:
         """The flat model with what the nuisances add to the vehicle's constants."""
         added = {place: values[name] for name, place in _SHAPING.items() if values.get(name)}
         if not added:

@@ -141,9 +141,25 @@ def servo(commanded: InputSignal, grid: Array, delay: float, lag: float, backlas
 
 
 def surface_means(commanded: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]) -> Array:
-    """(count,) means of what a surface did from each point of an even grid to the next.
+    """Mean of what a surface did from each point of an even grid to the next.
 
-    begin: of the grid, s. step: s. servos: delay [s], lag [s] and backlash of its servo.
+    Parameters
+    ----------
+    commanded : InputSignal
+        What its servo was sent, in rad at the surface, on its own stamps.
+    begin : float
+        First point of the grid, s.
+    step : float
+        From each point to the next, s.
+    count : int
+        Intervals.
+    servos : Sequence[float]
+        Delay in s, lag in s, and backlash in rad of its servo.
+
+    Returns
+    -------
+    Array, shape (count,)
+        Deflections, rad.
     """
     # The servo has settled where the grid begins.
     lead = round(_SERVO_LEAD_S / step)

@@ -12,11 +12,12 @@ import numpy as np
 
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.selection import Refusal
 from sysid.numerics.gaussian import Gaussian
+from sysid.problem.free_parameters import FreeParameter, coefficient, effect_parameter, sensor_error, thrust_error
 from sysid.problem.model_structure import (
     PRIOR_SHARE,
     REFUSED_SHARE,
@@ -25,14 +26,7 @@ from sysid.problem.model_structure import (
     not_believed,
     usual_size,
 )
-from sysid.problem.predictor import (
-    FreeParameter,
-    Predictor,
-    coefficient,
-    effect_parameter,
-    sensor_error,
-    thrust_error,
-)
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 

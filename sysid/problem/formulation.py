@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, correct
 from sysid.compatibility.selection import LIMITS

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.flight.wind import dryden_gusts
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import smoothed_states
 from sysid.numerics.dryden import Turbulence
@@ -31,7 +31,7 @@ _SAME, _TRIES = 1e-6, 20
 class Fixed:
     """A model with nothing left free: flat model, sensor errors, and how samples show commands."""
 
-    flat: FlatModel
+    flat: PackedModel
     errors: Mapping[str, float]
     command_first: float = 0.0
 

@@ -1,20 +1,20 @@
-"""Which numbers are estimated, and how they enter the simulation and the sensors."""
+"""How the numbers that are estimated enter the simulation and the sensors."""
 
 from __future__ import annotations
 
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.effects import EFFECTS, slot
+from sim_vehicle.effects import slot
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate_variants
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array
+from sysid.problem.free_parameters import FreeParameter
 from sysid.problem.sensitivities import Driven, Inputs, Lane, has_tangents, tangents
 from sysid.signals.record import (
     OUTPUT_PLACES,
@@ -29,69 +29,10 @@ from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _STATE_STEP = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
 
-# Followed by a row of `Record.thrust_doubt`: an error of the thrust that is estimated.
-THRUST_ERROR = "thrust_error_"
 
 STILL_AIR = np.zeros((0, 3))
 # Up to this interval one integration step per sample follows the fast modes of small aircraft, s.
 _CLOSE_SAMPLES_S = 0.021
-
-
-# A parameter with a larger step moves the outputs in steps of about that size.
-_SMOOTH_STEP = 1e-4
-
-
-@dataclass(frozen=True)
-class FreeParameter:
-    """One estimated number.
-
-    kind: "coefficient", "effect", "sensor", "input". low, high: bounds. prior_std: standard deviation of a
-    Gaussian prior about `prior_mean`, infinite for none. difference: step for difference quotients, where the kind's
-    usual one does not do.
-    """
-
-    name: str
-    kind: str
-    low: float = -math.inf
-    high: float = math.inf
-    prior_mean: float = 0.0
-    prior_std: float = math.inf
-    difference: float | None = None
-
-    @property
-    def step(self) -> float:
-        """Step for difference quotients, absolute."""
-        if self.difference is not None:
-            return self.difference
-        return {"coefficient": 1e-5, "effect": 1e-5, "sensor": 1e-6}[self.kind]
-
-    @property
-    def is_stepping(self) -> bool:
-        """Whether the outputs go in steps over it, so that no slope leads anywhere."""
-        return self.difference is not None and self.difference > _SMOOTH_STEP
-
-
-def coefficient(name: str, mean: float = 0.0, std: float = math.inf) -> FreeParameter:
-    """An aerodynamic coefficient, with a prior where one is given."""
-    return FreeParameter(name, "coefficient", prior_mean=mean, prior_std=std)
-
-
-def sensor_error(name: str) -> FreeParameter:
-    """A sensor error of SENSOR_ERRORS."""
-    return FreeParameter(name, "sensor")
-
-
-def thrust_error(index: int) -> FreeParameter:
-    """How much of an error of the thrust there is (a row of `Record.thrust_doubt`), in its standard deviations."""
-    return FreeParameter(f"{THRUST_ERROR}{index}", "input", prior_std=1.0)
-
-
-def effect_parameter(effect: str, parameter: str) -> FreeParameter:
-    """A parameter of an effect that is not a coefficient, named `effect.parameter`."""
-    for entry in EFFECTS[effect].parameters:
-        if entry.name == parameter:
-            return FreeParameter(f"{effect}.{parameter}", "effect", entry.low, entry.high, difference=entry.step)
-    raise KeyError(parameter)
 
 
 def _state_vector(states: Array) -> Array:
@@ -183,7 +124,7 @@ def _columns(y: Array, outputs: Sequence[str]) -> Array:
     return y if outputs is OUTPUTS else y[:, [OUTPUTS.index(name) for name in outputs]]
 
 
-def _timed(flat: FlatModel, record: Record) -> tuple[Array, Array]:
+def _timed(flat: PackedModel, record: Record) -> tuple[Array, Array]:
     """Effects (as in `flat.E`) at the record's own time, and its commands.
 
     commands: (M, 4), or (M, 6) with the other inputs that an effect needs.
@@ -212,7 +153,7 @@ class Predictor:
 
     def __init__(
         self,
-        flat: FlatModel,
+        flat: PackedModel,
         parameters: Sequence[FreeParameter],
         records: Sequence[Record],
         *,
@@ -245,7 +186,7 @@ class Predictor:
         states[self.free_states[index]] = theta[self.state_slice(index)]
         return states
 
-    def apply(self, theta: Array) -> tuple[FlatModel, dict[str, float]]:
+    def apply(self, theta: Array) -> tuple[PackedModel, dict[str, float]]:
         """Model and sensor errors at `theta` (its first P entries)."""
         flat = self.flat.copy()
         errors: dict[str, float] = {}
@@ -261,7 +202,7 @@ class Predictor:
         return flat, errors
 
     def outputs(
-        self, index: int, flat: FlatModel, errors: dict[str, float], states: Array, gusts: Array = STILL_AIR
+        self, index: int, flat: PackedModel, errors: dict[str, float], states: Array, gusts: Array = STILL_AIR
     ) -> Array:
         """Predicted OUTPUTS (N, 15) of a record from nine initial states u v w p q r phi theta psi.
 
@@ -279,7 +220,7 @@ class Predictor:
         return -record.moving_mass * errors.get("accel_bias_x", 0.0)
 
     def _simulate(
-        self, record: Record, commands: Array, x0: Array, flat: FlatModel, E: Array, C: Array, shift: Array,
+        self, record: Record, commands: Array, x0: Array, flat: PackedModel, E: Array, C: Array, shift: Array,
         gusts: Array, y: Array,
     ) -> None:  # fmt: skip
         simulate_variants(
@@ -343,7 +284,7 @@ class Predictor:
     def _tangents(
         self,
         index: int,
-        flat: FlatModel,
+        flat: PackedModel,
         errors: Mapping[str, float],
         states: Array,
         places: Sequence[int],

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
-from sim_vehicle.derivatives.sensor_jacobian import READINGS
-from sim_vehicle.derivatives.tangent_simulation import simulate_tangents
 from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
 from sim_vehicle.physics.simulation import split_delay_ticks
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.sensitivities.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
+from sim_vehicle.sensitivities.sensor_jacobian import READINGS
+from sim_vehicle.sensitivities.tangent_simulation import simulate_tangents
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array
 
 _STILL_AIR = np.zeros((0, 3))
@@ -57,7 +57,7 @@ class Driven:
     step: float
 
 
-def has_tangents(flat: FlatModel, interval_s: float) -> bool:
+def has_tangents(flat: PackedModel, interval_s: float) -> bool:
     """Whether `tangents` knows all that the model has: it leaves out a lift that lags, the ground, and sensors that
     are delayed by a part of a sample.
     """
@@ -66,7 +66,7 @@ def has_tangents(flat: FlatModel, interval_s: float) -> bool:
 
 
 def tangents(
-    flat: FlatModel,
+    flat: PackedModel,
     inputs: Inputs,
     x0: Array,
     states: Sequence[int],

@@ -10,7 +10,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.compatibility.selection import Refusal
 from sysid.problem.model_structure import usual_size
 from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
-from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
+from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
 from sysid.uncertainty.inertia import inertia_shares
 from sysid.validation.statistics import Validation
 

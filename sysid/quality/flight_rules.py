@@ -14,7 +14,7 @@ from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.smoothing import noise_sigma
 from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
-from sysid.quality.limits import LIMITS_OF_QUALITY as LIMITS
+from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, repeats
 from sysid.signals.preparation import Prepared
 

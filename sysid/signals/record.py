@@ -11,7 +11,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control
-from sim_vehicle.vehicle.flat_model import FlatModel
+from sim_vehicle.vehicle.packed_model import PackedModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
@@ -156,12 +156,12 @@ def thrust_without_airspeed(record: Record) -> Array:
     return record.thrust if record.law is None else record.thrust - record.law.along(record.airspeed)
 
 
-def simulated_effects(flat: FlatModel, record: Record) -> Array:
+def simulated_effects(flat: PackedModel, record: Record) -> Array:
     """The effect vector for a record whose thrust follows the airspeed of the simulation.
 
     Parameters
     ----------
-    flat : FlatModel
+    flat : PackedModel
         Flat model, of whose effect vector a copy is taken.
     record : Record
         Stretch of a flight; its airspeed law, where it has one, enters the effect vector.
@@ -177,12 +177,12 @@ def simulated_effects(flat: FlatModel, record: Record) -> Array:
     return effects
 
 
-def effects_at(flat: FlatModel, record: Record) -> Array:
+def effects_at(flat: PackedModel, record: Record) -> Array:
     """The effect vector for a record: at its own time, and without what its source of thrust holds already.
 
     Parameters
     ----------
-    flat : FlatModel
+    flat : PackedModel
         Flat model, of whose effect vector a copy is taken.
     record : Record
         Stretch of a flight; where its thrust comes from the propeller's speed, battery sag is left out.

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.propeller import along
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

@@ -78,8 +78,9 @@ def with_input_noise(here: Linearised) -> tuple[Problem, OutputErrorResult]:
         for doubt, size in zip(every, step[n:], strict=True):
             if index in doubt.outputs:
                 left[index] -= size * doubt.outputs[index]
+    theta = here.estimation.bounded(result.theta + step[:n])
     corrected = replace(
-        result, theta=result.theta + step[:n], covariance=white * np.outer(growth, growth), covariance_white=white,
+        result, theta=theta, covariance=white * np.outer(growth, growth), covariance_white=white,
         residuals=tuple(left),
     )  # fmt: skip
     return replace(problem, records=_corrected(problem.records, every, step[n:])), corrected

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.problem.coefficient_residuals import residual_noise
 from sysid.problem.free_run import Fixed

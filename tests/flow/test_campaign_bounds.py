@@ -32,7 +32,7 @@ from sim_vehicle.manoeuvres.plan import Plan
 from sim_vehicle.manoeuvres.shapes import manoeuvre
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.physics.layout import CHANNELS
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.problem.model_structure import default_structure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from corrected_flight import AXES, REGRESSORS, free_runs, judged_gap, residual_coefficients
 
 from sim_vehicle.effects import parse_effect
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.compatibility.reconstruction import smoothed_states
 from sysid.problem.free_run import Fixed, free_run, windows
 from sysid.signals.preparation import prepare

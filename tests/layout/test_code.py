@@ -14,13 +14,13 @@ from sim_vehicle.effects import EFFECTS
 ROOT = Path(__file__).resolve().parents[2]
 # Where an effect's equation stands, its derivative, and its place in the filter.
 ACT = (
-    *("sim_vehicle/effects", "sim_vehicle/physics", "sim_vehicle/derivatives", "sim_vehicle/flight"),
+    *("sim_vehicle/effects", "sim_vehicle/physics", "sim_vehicle/sensitivities", "sim_vehicle/flight"),
     "sysid/filter_error",
 )
 # What a model is flown with, reported with, or cannot be differentiated by; columns of a record that bear an effect's
 # name; and the estimator with priors, one of whose unknowns is called as an effect is.
 NAMED_BESIDE = {
-    *("sim_vehicle/vehicle/flat_model.py", "sysid/problem/sensitivities.py", "sysid/live/posterior_window.py"),
+    *("sim_vehicle/vehicle/packed_model.py", "sysid/problem/sensitivities.py", "sysid/live/posterior_window.py"),
     *(f"sysid/posterior/{name}.py" for name in ("estimates", "group_model", "nuisance_priors", "stated_priors")),
     *("sysid/signals/record.py", "sysid/identification/result_file.py", "sysid/design/simulated_flight.py"),
     *("sysid/discrepancy/analysis.py", "sysid/discrepancy/by_posterior/verdict.py"),
@@ -31,7 +31,7 @@ INVERT = {
     *("sysid/design/multisine_spectrum.py", "sysid/identification/linear_model.py", "sysid/signals/calibration.py"),
     *("sysid/compatibility/gauss_newton.py", "sysid/live/recursive/spectral_least_squares.py"),
     *("sysid/equation_error/frequency_domain.py", "sysid/equation_error/least_squares.py"),
-    *("sysid/equation_error/coefficient_tables.py", "sysid/posterior/smoothing.py", "sysid/posterior/estimator.py"),
+    *("sysid/equation_error/coefficient_tables.py", "sysid/posterior/smoothing.py", "sysid/posterior/likelihood.py"),
     *("sysid/posterior/analysis.py", "sysid/output_error/structure_error.py"),
 }
 # A call that nobody reads has more arguments by position.

@@ -59,7 +59,7 @@ ORDER = {
             "model",
             "physics",
             "vehicle",
-            "derivatives",
+            "sensitivities",
             "flight",
         ),
         *("mavlink", "sitl", "cli"),
@@ -70,7 +70,7 @@ PHYSICAL_CONSTANTS = (9.80665, 1.225, 287.05287)
 # Second names, for users of the library, of modules in the folders. They come last: nothing in a package imports them.
 ALIASES = {"sysid": {"calibration", "identify"}, "sim_vehicle": {"__main__"}, "sysid.live": set[str]()}
 # What all of sysid may import of sim_vehicle, and what a folder or a module may beside that.
-SHARED = ("errors", "constants", "jit", "effects", "model", "physics", "vehicle", "derivatives")
+SHARED = ("errors", "constants", "jit", "effects", "model", "physics", "vehicle", "sensitivities")
 BESIDE = {
     "sysid.design": ("flight", "manoeuvres"),
     "sysid.identification.linear_model": ("flight.plant", "flight.state", "flight.trim"),

@@ -18,7 +18,7 @@ from flight_bounds import Array, Experiment, simulated, true_states
 from sim_vehicle.effects import EFFECTS, Effect, Stage, parse_effect
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 
 # Share of the greatest usual size by which a parameter moves to either side.
 _STEP = 0.002

@@ -20,7 +20,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -116,7 +116,7 @@ def true_states(flown: FlownFlight) -> Array:
 
 
 def simulated(
-    experiment: Experiment, flat: FlatModel, path: Array, C: Array, start: Array, thrust: Array, command: Array
+    experiment: Experiment, flat: PackedModel, path: Array, C: Array, start: Array, thrust: Array, command: Array
 ) -> Array:
     """The outputs (N, outputs) without noise, for coefficients C, nine states at the start, thrust (N,) and commands
     (N, 4).

@@ -22,7 +22,7 @@ from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import effects_flown, settle_lift, tick
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 
 _STEP = 1e-4  # m/s, rad/s, rad: of states and gusts
 _STILL, _FREE = np.zeros(3), np.zeros(0)
@@ -105,7 +105,7 @@ def linear_path(experiment: Experiment) -> LinearPath:
 class _Steps:
     """Single steps of a flight from any of its samples, with recorded thrust and with servos that run all along."""
 
-    def __init__(self, experiment: Experiment, flat: FlatModel) -> None:
+    def __init__(self, experiment: Experiment, flat: PackedModel) -> None:
         self._flown, self._flat = experiment.flown, flat
         self._effects = effects_flown(flat.E, float(self._flown.truth["thrust"][0]))
         self._command = np.ascontiguousarray(self._flown.command)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.output_error.estimator import OutputError
-from sysid.problem.predictor import Predictor, coefficient, sensor_error
+from sysid.problem.free_parameters import coefficient, sensor_error
+from sysid.problem.predictor import Predictor
 from sysid.signals.flight import FlightData
 from sysid.signals.record import LONGITUDINAL, Record, make_record
 

@@ -7,37 +7,24 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy import special
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_posterior.group_fits import GroupFit, is_size
-from sysid.discrepancy.by_posterior.limits import RULES
+from sysid.discrepancy.by_posterior.evidence import (
+    Trial,
+    borne_out,
+    is_conclusive,
+    significances,
+    with_full_bars,
+)
+from sysid.discrepancy.by_posterior.group_fits import GroupFit
+from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
 from sysid.discrepancy.identified_effect import Named, nearly
-from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_significant, is_unlikely, smallest_set
+from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
-from sysid.numerics.normal_equations import inverse
 from sysid.problem.estimation_problem import Problem, Progress
-
-Groups = Mapping[str, GroupFit]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A candidate fitted in one group, `own`. groups: all of them with it. values: value and standard deviation of its
-    parameters.
-
-    gain: twice the log likelihood, as far as its sizes bear it out; evidence: twice the log evidence that it gains.
-    """
-
-    candidate: Candidate
-    own: str
-    groups: Groups
-    values: Mapping[str, tuple[float, float]]
-    gain: float
-    evidence: float
 
 
 @dataclass
@@ -116,13 +103,13 @@ def _extend(found: Found, progress: Progress) -> bool:
     tried = _likeliest_of_each(tried)
     if not tried:
         return False
-    significances = _significances(tried)
+    each = significances(tried)
     top = max(range(len(tried)), key=lambda i: tried[i].evidence)
-    best, significance = tried[top], significances[top]
-    if _is_conclusive(best, significance, len(choices)):
+    best, significance = tried[top], each[top]
+    if is_conclusive(best, significance, len(choices)):
         progress(1.0, f"standard errors of {best.candidate.effect.name}")
-        significance = _with_full_bars(best, significance)
-    if not _is_conclusive(best, significance, len(choices)):
+        significance = with_full_bars(best, significance)
+    if not is_conclusive(best, significance, len(choices)):
         if is_unlikely(significance, len(choices)):
             found.notes.append(nearly(best.candidate.effect.name, significance, len(choices)))
         return False
@@ -132,7 +119,7 @@ def _extend(found: Found, progress: Progress) -> bool:
         )
         return False
     own = best.candidate.effect.name
-    every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, significances, strict=True)]
+    every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, each, strict=True)]
     alternatives = tuple(item for item in smallest_set(every) if item[0] != own)
     found.named.append(Named(best.candidate, significance, alternatives, best.values, len(choices), best.gain))
     found.groups = dict(best.groups)
@@ -230,46 +217,7 @@ def _fitted(
     deviance = sum(found.groups[g].posterior.profile_cost(found.groups[g].theta) for g in groups)
     gain = 2.0 * (deviance - sum(fit.posterior.profile_cost(fit.theta) for fit in groups.values()))
     evidence = 2.0 * sum(fit.evidence - found.groups[group].evidence for group, fit in groups.items())
-    return Trial(candidate, own, groups, known, min(gain, _borne_out(candidate, known)), evidence)
-
-
-def _borne_out(candidate: Candidate, values: Mapping[str, tuple[float, float]]) -> float:
-    """What the sizes of an effect bear out of a gain: one far beyond their standard errors is of a search that went on
-    elsewhere. Infinite for limits, which have no size that vanishes.
-    """
-    sizes = [candidate.coefficients or is_size(candidate.effect.parameter(name)) for name in values]
-    if not all(sizes):
-        return float(np.inf)
-    return RULES.borne_out * float(sum((value / max(std, 1e-300)) ** 2 for value, std in values.values()))
-
-
-def _significances(tried: Sequence[Trial]) -> list[Significance]:
-    """Posterior probabilities by the evidence, "no effect" being one of them."""
-    scores = np.array([0.0, *(0.5 * min(one.evidence, one.gain) for one in tried)])
-    shares = np.exp(scores - scores.max())
-    return [
-        Significance(float(share), one.gain, float(special.chdtrc(len(one.values), max(one.gain, 0.0))))
-        for share, one in zip(shares[1:] / shares.sum(), tried, strict=True)
-    ]
-
-
-def _with_full_bars(trial: Trial, significance: Significance) -> Significance:
-    """The significance with what the gain comes to where bars count all: the colour that the noise keeps, what no
-    structure holds, what was taken as known. A likelihood that knows of none of these grows with every second flown.
-    """
-    result = trial.groups[trial.own].ended().result
-    places = [result.names.index(trial.candidate.parameter(name)) for name in trial.values]
-    here = np.ix_(places, places)
-    full, white = result.covariance[here], result.fisher[here]
-    gain = trial.gain * min(1.0, *(np.diag(white) / np.diag(full)).tolist())
-    if np.isfinite(_borne_out(trial.candidate, trial.values)):
-        values = result.theta[places]
-        gain = min(gain, float(values @ inverse(full) @ values))
-    return Significance(significance.probability, gain, float(special.chdtrc(len(places), max(gain, 0.0))))
-
-
-def _is_conclusive(trial: Trial, significance: Significance, choices: int) -> bool:
-    return trial.evidence > 2.0 * RULES.evidence and is_significant(significance, choices)
+    return Trial(candidate, own, groups, known, min(gain, borne_out(candidate, known)), evidence)
 
 
 def _eliminate(found: Found) -> None:
@@ -335,7 +283,7 @@ def _look_at_the_rest(found: Found) -> None:
             trial = Trial(
                 one, group, {group: after}, {name: (values[name], stds[name]) for name in one.free}, gain, 0.0
             )
-            significance = _with_full_bars(trial, Significance(1.0, gain, 0.0))
+            significance = with_full_bars(trial, Significance(1.0, gain, 0.0))
             if significance.p_value * len(terms) < NAMING_P_VALUE:
                 found.left[one.effect.name] = (
                     f"smooth terms gain {significance.gain:.0f}, {chance_text(significance.p_value)}"

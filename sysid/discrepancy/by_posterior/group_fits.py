@@ -21,7 +21,8 @@ from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimates import GroupEstimate
-from sysid.posterior.estimator import Posterior, Prior
+from sysid.posterior.estimator import Posterior
+from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import GROUPS
 from sysid.problem.model_structure import is_longitudinal, usual_size
 

@@ -7,7 +7,7 @@ from scipy import special
 
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_posterior.forward_selection import Found
-from sysid.discrepancy.by_posterior.limits import RULES
+from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.comparison_types import Asked, Compared
 from sysid.discrepancy.gap import widening
 from sysid.discrepancy.identified_effect import reason
@@ -33,7 +33,7 @@ _BESIDE = {
 
 
 def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> tuple[str, list[str]]:
-    """Verdict, and what it rests on in words: rules of sysid.discrepancy.by_posterior.limits."""
+    """Verdict, and what it rests on in words: rules of sysid.discrepancy.by_posterior.naming_rules."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
     if found.left:
         reasons.append("left without a name: " + "; ".join(f"{axis} ({why})" for axis, why in found.left.items()))

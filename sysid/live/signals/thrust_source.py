@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.physics.layout import Par
 from sim_vehicle.physics.propeller import along
-from sim_vehicle.vehicle.flat_model import flatten_vehicle
+from sim_vehicle.vehicle.packed_model import flatten_vehicle
 from sim_vehicle.vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array

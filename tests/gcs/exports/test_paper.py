@@ -16,7 +16,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.exports.tables import latex_side_by_side
-from gcs.report.beside import headings
+from gcs.report.side_by_side import headings
 
 
 def result() -> dict[str, Any]:

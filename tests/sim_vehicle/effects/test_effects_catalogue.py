@@ -22,7 +22,7 @@ from sim_vehicle.flight.plant import Plant
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model, model_from_json, read_model
 from sim_vehicle.physics.layout import CHANNELS
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]

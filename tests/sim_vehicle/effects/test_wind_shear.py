@@ -14,7 +14,7 @@ from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.wind import WindField
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.simulation import simulate
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 
 Array = NDArray[np.float64]
 

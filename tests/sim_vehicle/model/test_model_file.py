@@ -16,7 +16,7 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect, model_from_json, read_model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

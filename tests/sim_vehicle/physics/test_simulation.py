@@ -16,7 +16,7 @@ from sim_vehicle.flight.plant import OUTPUTS, Plant
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import CHANNELS, REGRESSORS, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.physics.simulation import evaluate_path, impose, simulate
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def simulated(
     x0: Array | None = None,
     first: int = 0,
     start: int = 0,
-    flat: FlatModel | None = None,
+    flat: PackedModel | None = None,
     thrust: Array | None = None,
     command_first: bool = False,
     held: Array = FREE,

@@ -14,7 +14,7 @@ from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.physics.layout import CT_PLACE
 from sim_vehicle.physics.propeller import along, curve
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.propulsion import Curve, Polynomial, Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 

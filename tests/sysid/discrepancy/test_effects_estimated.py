@@ -19,7 +19,7 @@ from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit
 from sysid.problem.estimation_problem import Problem, free_coefficients
 from sysid.problem.formulation import make_problem
-from sysid.problem.predictor import effect_parameter
+from sysid.problem.free_parameters import effect_parameter
 from sysid.signals.preparation import prepare
 
 pytestmark = pytest.mark.whole_flight

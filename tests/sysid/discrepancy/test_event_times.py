@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS, slot
 from sim_vehicle.model.model_file import read_model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy.event_times import is_in_flight, likely_events
 from sysid.errors import SignalError

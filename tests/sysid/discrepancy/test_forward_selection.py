@@ -18,7 +18,7 @@ from sysid.discrepancy.significance import Significance
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.estimation_problem import Problem
-from sysid.problem.predictor import effect_parameter
+from sysid.problem.free_parameters import effect_parameter
 
 
 def result_of(names: tuple[str, ...], values: list[float], stds: list[float], together: bool) -> FilterErrorResult:

@@ -13,12 +13,13 @@ from mav_problem import AERODYNAMIC, SENSORS, longitudinal_record, problem, vehi
 from numpy.typing import NDArray
 
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.errors import EstimationError
 from sysid.numerics.autocorrelation import pooled_autocorrelation
 from sysid.numerics.normal_equations import damped_step
 from sysid.output_error.estimator import OutputError, OutputErrorResult
-from sysid.problem.predictor import FreeParameter, Predictor, coefficient, effect_parameter, sensor_error
+from sysid.problem.free_parameters import FreeParameter, coefficient, effect_parameter, sensor_error
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import LONGITUDINAL, OUTPUTS, Record, angle_wrap
 
 pytestmark = pytest.mark.whole_flight

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.free_run import Fixed, free_run, gap, noise_floor, start_read_alike, windows
 from sysid.signals.record import OUTPUTS, Record

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS, slot
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
-from sysid.problem.predictor import Predictor, coefficient, effect_parameter, sensor_error
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
+from sysid.problem.free_parameters import coefficient, effect_parameter, sensor_error
+from sysid.problem.predictor import Predictor
 from sysid.signals.record import OUTPUTS, Record, make_record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
@@ -23,7 +24,7 @@ N = 100
 COLUMN = {name: j for j, name in enumerate(OUTPUTS)}
 
 
-def flat() -> FlatModel:
+def flat() -> PackedModel:
     return flatten(vehicle(), Model("mav", {name: Coefficient(value) for name, value in mav.COEFFICIENTS.items()}))
 
 

@@ -12,15 +12,16 @@ import pytest
 from effect_values import VALUES as EVERY_VALUE
 from numpy.typing import NDArray
 
-from sim_vehicle.derivatives.sensor_jacobian import READINGS
 from sim_vehicle.effects import EFFECTS, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import CHANNELS, Par
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate
-from sim_vehicle.vehicle.flat_model import FlatModel, flatten
+from sim_vehicle.sensitivities.sensor_jacobian import READINGS
+from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.propulsion import Polynomial, Propulsion
-from sysid.problem.predictor import Predictor, coefficient, effect_parameter, sensor_error
+from sysid.problem.free_parameters import coefficient, effect_parameter, sensor_error
+from sysid.problem.predictor import Predictor
 from sysid.problem.sensitivities import Driven, Inputs, Lane, has_tangents, tangents
 from sysid.signals.record import OUTPUTS, Record
 
@@ -50,14 +51,14 @@ def inputs(**changes: Any) -> Inputs:
     return replace(whole, **changes)
 
 
-def flat(effects: Mapping[str, Mapping[str, float]], coefficients: Mapping[str, float] | None = None) -> FlatModel:
+def flat(effects: Mapping[str, Mapping[str, float]], coefficients: Mapping[str, float] | None = None) -> PackedModel:
     model: Model = hf.model_with(effects)
     for name, value in (coefficients or {}).items():
         model = model.with_coefficient(name, value)
     return flatten(hf.vehicle(tau=0.1), model)
 
 
-def flown(model: FlatModel, given: Inputs, states: Array, coefficients: Array, more_thrust: float) -> Array:
+def flown(model: PackedModel, given: Inputs, states: Array, coefficients: Array, more_thrust: float) -> Array:
     x0 = np.zeros(14)
     x0[3:6], x0[10:13], x0[13] = states[:3], states[3:6], np.nan
     x0[6:10] = quaternion(*states[6:9])
@@ -87,7 +88,7 @@ def driven_by(given: Inputs, h: float) -> Inputs:
     return replace(given, commands=commands, thrust=thrust, held=held)
 
 
-def assert_tangents(model: FlatModel, given: Inputs, relative: float = 1e-6) -> None:
+def assert_tangents(model: PackedModel, given: Inputs, relative: float = 1e-6) -> None:
     """By every coefficient, every free initial state, the thrust, and what drives all of it."""
     free = [i for i in range(9) if not (given.held.size and np.isfinite(given.held[given.start, i]))]
     count = model.C.size

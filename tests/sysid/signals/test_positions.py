@@ -112,7 +112,7 @@ def test_filter_error_knows_that_an_edge_lies_somewhere_between_two_samples(tmp_
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_what_a_reading_sees_goes_from_the_mean_before_to_the_mean_after(share: float) -> None:
     from sim_vehicle.model.model_file import read_model
-    from sim_vehicle.vehicle.flat_model import flatten
+    from sim_vehicle.vehicle.packed_model import flatten
     from sysid.problem.coefficient_residuals import along_path
     from sysid.problem.free_run import Fixed
 

@@ -12,7 +12,7 @@ from gcs.analysis.results import identification_text
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators
 from sim_vehicle.physics.layout import ACTUATOR_SIZE
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.propulsion import Polynomial, Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SignalError

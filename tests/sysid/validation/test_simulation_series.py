@@ -12,7 +12,7 @@ import pytest
 from mav_problem import longitudinal_record, vehicle
 
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sysid.problem.free_run import Fixed, gap
 from sysid.signals.record import OUTPUTS
 from sysid.signals.sensor_mounting import SensorMounting

@@ -8,7 +8,7 @@ from dataclasses import replace
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.effects.thrust_scale import THRUST_SCALE
 from sim_vehicle.model.model_file import Coefficient, Model
-from sim_vehicle.vehicle.flat_model import flatten
+from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.by_posterior.forward_selection import Found, search
@@ -23,7 +23,6 @@ from sysid.numerics.dryden import Turbulence
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart
-from sysid.posterior.servo_replay import as_moved
 from sysid.posterior.stated_priors import as_estimated
 from sysid.problem.estimation_problem import Motion, Problem, excited_motion
 from sysid.problem.formulation import timing_of
@@ -31,6 +30,7 @@ from sysid.problem.free_run import Fixed
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
+from sysid.validation.servo_replay import as_moved
 
 _TRIMS = ("Cl_0", "Cn_0")
 

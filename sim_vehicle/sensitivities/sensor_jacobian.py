@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.derivatives.dynamics_jacobian import COLUMNS
 from sim_vehicle.effects import slot
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.physics.layout import CHANNELS, Aux, Par
+from sim_vehicle.sensitivities.dynamics_jacobian import COLUMNS
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class FlatModel:
+class PackedModel:
     """P: vehicle constants; E: effect vector; C, F, K, T: values, factors, kinds and axis bounds of the terms.
 
     names: coefficient names in the order of C.
@@ -35,9 +35,9 @@ class FlatModel:
     T: IntArray
     names: tuple[str, ...]
 
-    def copy(self) -> FlatModel:
+    def copy(self) -> PackedModel:
         """The same with P, E and C free to change."""
-        return FlatModel(self.P.copy(), self.E.copy(), self.C.copy(), self.F, self.K, self.T, self.names)
+        return PackedModel(self.P.copy(), self.E.copy(), self.C.copy(), self.F, self.K, self.T, self.names)
 
 
 def flatten_vehicle(vehicle: Vehicle) -> Array:
@@ -89,7 +89,7 @@ def _kind(term: Term) -> int:
     return {"CD_0": ZERO_LIFT_DRAG, POLAR: INDUCED_DRAG}.get(term.name, PLAIN)
 
 
-def flatten(vehicle: Vehicle, model: Model) -> FlatModel:
+def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
     """Vehicle and model for the compiled code. Raises ModelFileError where a coefficient has no value."""
     refused = model.refused()
     if refused:
@@ -131,4 +131,4 @@ def flatten(vehicle: Vehicle, model: Model) -> FlatModel:
             "give [propulsion] max_thrust and max_rpm in the vehicle file"
         )
     E = np.array(pack_effects(effects), dtype=np.float64)
-    return FlatModel(P, E, C, F, K, T, tuple(term.name for term in terms))
+    return PackedModel(P, E, C, F, K, T, tuple(term.name for term in terms))

@@ -7,9 +7,9 @@ array in which the same entry of all of them is contiguous, so that the compiler
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.derivatives.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.model.aerodynamic_terms import AXES, REGRESSORS
+from sim_vehicle.sensitivities.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

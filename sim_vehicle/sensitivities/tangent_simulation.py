@@ -10,9 +10,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.derivatives.dynamics_jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
-from sim_vehicle.derivatives.sensor_jacobian import READINGS, euler_slopes, reading_jacobian
-from sim_vehicle.derivatives.tangent_blocks import (
+from sim_vehicle.effects import START_TIME, slot
+from sim_vehicle.effects.wind_shear import shear_slopes
+from sim_vehicle.jit import jit_fused, jit_fused_arrays
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS
+from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
+from sim_vehicle.physics.rotation import euler_angles
+from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresis
+from sim_vehicle.sensitivities.dynamics_jacobian import COLUMNS, STATE_COLUMNS, force_jacobian
+from sim_vehicle.sensitivities.sensor_jacobian import READINGS, euler_slopes, reading_jacobian
+from sim_vehicle.sensitivities.tangent_blocks import (
     BLOCK,
     FORCED,
     STAGE,
@@ -24,15 +33,6 @@ from sim_vehicle.derivatives.tangent_blocks import (
     read_lanes,
     turn_quaternions,
 )
-from sim_vehicle.effects import START_TIME, slot
-from sim_vehicle.effects.wind_shear import shear_slopes
-from sim_vehicle.jit import jit_fused, jit_fused_arrays
-from sim_vehicle.model.aerodynamic_terms import REGRESSORS
-from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
-from sim_vehicle.physics.dynamics import derivatives
-from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
-from sim_vehicle.physics.rotation import euler_angles
-from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresis
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

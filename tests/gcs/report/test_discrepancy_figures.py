@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from gcs.cli import main
-from gcs.report import gapfigures
+from gcs.report import discrepancy_figures
 from gcs.report.discrepancy import gaps
 from gcs.report.svg import element, save
 
@@ -70,7 +70,7 @@ def lines(plot: Any) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
 
 def test_the_simulations_stand_over_the_measurement() -> None:
     made, one = Figure(), flight("one")
-    gapfigures.draw_simulations(made, one, ["q", "V"], ["before", "after"])
+    discrepancy_figures.draw_simulations(made, one, ["q", "V"], ["before", "after"])
     rate, speed = made.axes
     assert set(lines(rate)) == {"measured", "fitted again", "effect added"}
     for plot, name, factor in ((rate, "q", 180.0 / math.pi), (speed, "V", 1.0)):
@@ -86,7 +86,7 @@ def test_the_simulations_stand_over_the_measurement() -> None:
 
 def test_the_residual_stands_over_its_variable_with_its_band() -> None:
     made = Figure()
-    gapfigures.draw_curves(made, result()["where"])
+    discrepancy_figures.draw_curves(made, result()["where"])
     [plot] = made.axes
     curve = plot.get_lines()[0]
     assert np.asarray(curve.get_xdata()) == pytest.approx(np.degrees([one["value"] for one in CURVE]))
@@ -105,7 +105,7 @@ def test_ticks_of_small_rates_do_not_run_into_each_other(largest: float) -> None
     places = [{**place, "variable": "phat", "curve": curve}] * 3
     made = Figure(figsize=(7.5, 2.4), layout="constrained")
     with mpl.rc_context({"font.size": 8.0}):
-        gapfigures.draw_curves(made, places)
+        discrepancy_figures.draw_curves(made, places)
         made.draw_without_rendering()
         labels = [label for label in made.axes[2].get_xticklabels() if label.get_text()]
         low, high = made.axes[2].get_xlim()
@@ -116,7 +116,7 @@ def test_ticks_of_small_rates_do_not_run_into_each_other(largest: float) -> None
 
 def test_bars_are_gaps_in_times_of_the_floor() -> None:
     plot = Figure().subplots()
-    gapfigures.draw_bars(plot, gap())
+    discrepancy_figures.draw_bars(plot, gap())
     heights = {group.get_label(): [bar.get_height() for bar in group] for group in plot.containers}
     assert list(heights) == ["as given", "fitted again", "effect added"]
     assert heights["fitted again"] == pytest.approx([5.0, 4.0, 6.0, 3.0, 1.0])
@@ -125,14 +125,14 @@ def test_bars_are_gaps_in_times_of_the_floor() -> None:
     wide = gap()
     wide["given"]["alpha"] = 3.0
     plot = Figure().subplots()
-    gapfigures.draw_bars(plot, wide)
+    discrepancy_figures.draw_bars(plot, wide)
     assert plot.get_yscale() == "log"
 
 
 def test_without_an_effect_no_bar_says_that_one_was_added() -> None:
     found = {**result(), "verdict": "none"}
-    assert set(gapfigures.shown_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
-    for told in ("".join(gaps(found)), "".join(element(one) for one in gapfigures.gap_bars(found))):
+    assert set(discrepancy_figures.shown_gaps(found)["validation"]) == {"given", "before", "noise_floor"}
+    for told in ("".join(gaps(found)), "".join(element(one) for one in discrepancy_figures.gap_bars(found))):
         assert "fitted again" in told
         assert "effect added" not in told
     assert "effect added" in gaps(result())[0]
@@ -166,12 +166,12 @@ def test_the_page_has_the_sentence_and_a_figure_of_each(tmp_path: Path) -> None:
      ("parameter_error", "the model as given")],
 )  # fmt: skip
 def test_the_residual_says_against_which_model_it_is(verdict: str, model: str) -> None:
-    [figure] = gapfigures.residual_curves({**result(), "verdict": verdict})
+    [figure] = discrepancy_figures.residual_curves({**result(), "verdict": verdict})
     assert f"measured minus {model}, over" in figure.caption
 
 
 def test_a_figure_is_saved_as_a_picture_on_white(tmp_path: Path) -> None:
-    save(tmp_path / "bars.png", (4.0, 2.0), lambda made: gapfigures.draw_bars(made.subplots(), gap()))
+    save(tmp_path / "bars.png", (4.0, 2.0), lambda made: discrepancy_figures.draw_bars(made.subplots(), gap()))
     picture = imread(tmp_path / "bars.png")
     height, width, _ = picture.shape
     assert width == 2 * height > 200
