@@ -81,6 +81,7 @@ class Aircraft:
         positions: Mapping[str, Sequence[float]] | None = None,
         max_thrust: float | None = None,
         thrust_line: Sequence[float] | None = None,
+        moving_mass: float | None = None,
     ) -> Aircraft:
         """An aircraft from what a ruler and a scale say; the rest is what is usual for small aircraft.
 
@@ -117,6 +118,9 @@ class Aircraft:
         thrust_line : Sequence[float] | None
             A point that the thrust passes through, m, as for positions; None leaves it open to 0.15 chords above or
             below the centre of gravity, and the bars say so.
+        moving_mass : float | None
+            kg, what hangs on the sensor that measures thrust: motor and propeller, 0 where the thrust is the
+            propeller's own; None leaves it open to 7 % of the mass, and the bars of the drag say so.
 
         Returns
         -------
@@ -139,8 +143,9 @@ class Aircraft:
         lacking = [key for key in ("Ixx", "Iyy", "Izz") if key not in given]
         if given and lacking:
             raise FlightModelError(f"{', '.join(lacking)} is missing: give all moments of inertia, or none")
-        if thrust_line is not None and max_thrust is None:
-            raise FlightModelError("thrust_line: give max_thrust, N, as well")
+        for name_of, value in (("thrust_line", thrust_line), ("moving_mass", moving_mass)):
+            if value is not None and max_thrust is None:
+                raise FlightModelError(f"{name_of}: give max_thrust, N, as well")
         if unknown := [control for control in controls if control not in CONTROL_NAMES]:
             raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
         wing = float(f"{span**2 / _USUAL_ASPECT_RATIO:.4g}") if area is None else area
@@ -160,6 +165,8 @@ class Aircraft:
             table["propulsion"] = {"max_thrust": float(max_thrust)}
         if thrust_line is not None:
             table["propulsion"]["line"] = [float(one) for one in thrust_line]
+        if moving_mass is not None:
+            table["propulsion"]["moving_mass"] = float(moving_mass)
         if air_density is not None:
             table["environment"] = {"air_density": float(air_density)}
         made = cls.from_text(tomlkit.dumps(table), name)

@@ -27,7 +27,7 @@ from sim_vehicle.errors import SimVehicleError, VehicleFileError
 
 _OBJECTS_BETWEEN_LOOKS = 50_000
 # Warnings that are shown in the line of an error.
-_NOTICED = 2
+_NOTICED = 4
 _WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
 
 

@@ -159,7 +159,7 @@ def identification_text(result: dict[str, Any]) -> str:
         lines += ["", f"data compatible {corrected}: {'yes' if compatibility.get('compatible') else 'no'}"]
         lines += [f"  {entry['verdict']}" for entry in compatibility.get("verdicts", [])]
     for refusal in result.get("refused", []):
-        manoeuvre = f"; fly {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""
+        manoeuvre = f"; fly the manoeuvre {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""
         lines.append(f"refused: {refusal['name']}: {refusal['reason']}{manoeuvre}")
     validation = result.get("validation") or {}
     if validation.get("outputs"):

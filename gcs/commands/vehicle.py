@@ -47,6 +47,16 @@ def _new(args: argparse.Namespace) -> int:
     vehicle = read_text(text)
     args.output.write_text(text, encoding="utf-8")
     warnings = list(vehicle.warnings)
+    if not vehicle.controls:
+        warnings.append(
+            "no control surface is known: no model can be estimated without; give each as --control"
+            " elevator=2:1100,1500,1900:-20,0,22, or --log FILE of an autopilot that has their parameters"
+        )
+    if vehicle.propulsion is not None and not vehicle.propulsion.moving_mass_known:
+        warnings.append(
+            "where a sensor measures thrust, drag needs the mass that hangs on it: weigh motor and propeller, and give"
+            " --moving-mass (0 where nothing does)"
+        )
     if vehicle.propulsion is None:
         warnings.append("no thrust is known: drag will be refused; give --thrust, the largest static one in N")
     print("\n".join([*vehicle_lines(vehicle), *(f"warning: {one}" for one in warnings)]))

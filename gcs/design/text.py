@@ -26,7 +26,7 @@ def design_text(result: dict[str, Any]) -> str:
     lines += [f"  {entry['name']:<25} {entry['std']:>10.2g} {entry['unit']}" for entry in result["sensor_errors"]]
     lines.append("")
     for refusal in result["refused"]:
-        lines.append(f"refused: {refusal['name']}: {refusal['reason']}; fly {refusal['manoeuvre']}")
+        lines.append(f"refused: {refusal['name']}: {refusal['reason']}; fly the manoeuvre {refusal['manoeuvre']}")
     lines += [f"warning: {warning}" for warning in result["warnings"]]
     return "\n".join(lines).rstrip()
 

@@ -304,7 +304,7 @@ def _slow_words(message: str, rate_hz: float, wanted_hz: float) -> str:
             f"{message} has gaps, though it comes at {rate_hz:.1f} Hz on average: {wanted_hz:g} Hz are wanted all"
             " through; check the link"
         )
-    pace = f"{message} comes at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are wanted"
+    pace = f"{message} brings new values at {rate_hz:.1f} Hz, and {wanted_hz:g} Hz are wanted"
     return f"{pace}: have the vehicle send or log it more often"
 
 

@@ -35,6 +35,7 @@ def add_new_arguments(parser: argparse.ArgumentParser) -> None:
         help="as elevator=2:1100,1500,1900:-20,0,22 (throttle: %%)")  # fmt: skip
     add("--thrust", metavar="N", type=float, help="largest static thrust")
     add("--propeller", metavar="M", type=float, help="its diameter")
+    add("--moving-mass", metavar="KG", type=float, help="motor and propeller, where they hang on a thrust sensor")
     add("--log", metavar="FILE", type=Path, help="take the controls from the autopilot's parameters in this log")
 
 
@@ -75,7 +76,8 @@ def answers_from(args: argparse.Namespace) -> Answers:
     area = round(span * chord, 6) if area is None else area
     chord = round(area / span, 6) if chord is None else chord
     numbers = {"mass_kg": mass, "mass_std_kg": mass_std, "span_m": span, "area_m2": area, "chord_m": chord,
-               "speed_mps": args.speed, "max_thrust_n": args.thrust, "propeller_m": args.propeller}  # fmt: skip
+               "speed_mps": args.speed, "max_thrust_n": args.thrust, "propeller_m": args.propeller,
+               "moving_mass_kg": args.moving_mass}  # fmt: skip
     if args.inertia:
         values = _numbers("--inertia", args.inertia)
         if len(values) not in (3, 4):
@@ -174,4 +176,4 @@ def _controls_of(log: Path) -> dict[str, ControlAnswer]:
     from gcs.vehicles.from_log import controls_in
 
     with as_recordings([log], "ardupilotmega") as paths:
-        return controls_in(paths[0])
+        return controls_in(paths[0], log.name)

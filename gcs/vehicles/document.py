@@ -28,6 +28,7 @@ _NUMBERS: Mapping[str, tuple[str, str]] = {
     "speed_mps": ("flight", "airspeed"),
     "max_thrust_n": ("propulsion", "max_thrust"),
     "propeller_m": ("propulsion", "diameter"),
+    "moving_mass_kg": ("propulsion", "moving_mass"),
 }
 _SENSORS = ("accelerometer", "alpha_vane", "beta_vane")
 _DIGITS = 6

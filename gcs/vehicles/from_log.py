@@ -8,14 +8,16 @@ from pathlib import Path
 from gcs.catalogue.intake import vehicle_of
 from gcs.errors import VehicleError
 from gcs.flights.autopilot_settings import filled, parameters_of
+from gcs.flights.streams import sender_of
 from gcs.recording.reader import Recording
 from gcs.vehicles.document import ControlAnswer, ServoAnswer
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
-def controls_in(path: Path) -> dict[str, ControlAnswer]:
+def controls_in(path: Path, log: str) -> dict[str, ControlAnswer]:
     """By name, each with the travel that is usual: no parameter says how far a surface moves.
 
+    log: the name by which the user knows the recording.
     Raises RecordingError, and VehicleError where the recording holds no such parameters.
     """
     recording = Recording(path)
@@ -24,8 +26,8 @@ def controls_in(path: Path) -> dict[str, ControlAnswer]:
     found = filled(Vehicle.unknown(), parameters).controls
     if not found:
         raise VehicleError(
-            f"{path.name} holds no parameter that says which servo moves what (SERVOn_FUNCTION, PWM_MAIN_FUNCn): give"
-            " the controls yourself"
+            f"{log} ({sender_of(recording, system)}): no parameter in it says which servo moves what (SERVOn_FUNCTION,"
+            " PWM_MAIN_FUNCn): give each control as --control elevator=2:1100,1500,1900:-20,0,22"
         )
     answers = {}
     for name, control in found.items():

@@ -20,7 +20,9 @@ def vehicle_lines(vehicle: Vehicle) -> list[str]:
         low, high = control.limits
         unit, factor = ("%", 100.0) if name == "throttle" else ("deg", math.degrees(1.0))
         servos = ", ".join(map(str, control.servos))
-        lines.append(f"  {name}: servo {servos}, {factor * low:.1f} to {factor * high:.1f} {unit} ({control.signal})")
+        pulses = " and ".join(f"{min(us):g} to {max(us):g}" for us in control.pwm)
+        travel = f"{factor * low:.1f} to {factor * high:.1f} {unit}"
+        lines.append(f"  {name}: servo {servos}, {pulses} us, {travel} ({control.signal})")
     if not vehicle.controls:
         lines.append("  no controls: they are taken from the autopilot's parameters where a log holds them")
     for one in figures(vehicle):

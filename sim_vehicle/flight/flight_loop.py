@@ -49,19 +49,21 @@ def fly(
     on_tick: Callable[[Tick], None] | None = None,
     arming: Arming | None = None,
     failures: Failures | None = None,
+    schedule: Schedule | None = None,
 ) -> FlownFlight:
     """Fly `plan` and return truth and measurements.
 
     suite: the sensors. generator: source of gusts. wind: the moving air; without it what the model's
     environment effects say. duration: s, repeats or cuts the plan. taxi: begin and end standing on the
     ground. on_tick: called once in each tick. arming: when a vehicle that stands is to arm. failures: what breaks,
-    which the suite must have been given too; the plant stays broken. The flight in the air starts in trim and has
+    which the suite must have been given too; the plant stays broken. schedule: the plan laid out on ticks of `dt`, for
+    who lays more of it while it is flown. The flight in the air starts in trim and has
     round(duration / dt) + 1 ticks. Raises TrimError, PlanError, FlightError.
     """
     if duration is not None:
         plan = plan.fitted(duration)
     flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick, arming or Arming(),
-                     failures or Failures())  # fmt: skip
+                     failures or Failures(), schedule or Schedule(plan, dt))  # fmt: skip
     if taxi:
         flight.taxi_out()
         flight.climb()
@@ -94,6 +96,7 @@ class _Flight:
         on_tick: Callable[[Tick], None] | None,
         arming: Arming,
         failures: Failures,
+        schedule: Schedule,
     ) -> None:
         self.plant, self.plan, self.suite, self.wind, self.dt = plant, plan, suite, wind, dt
         self._on_tick = on_tick
@@ -102,7 +105,7 @@ class _Flight:
         self._trim = plant.trim()
         self._reference = dict(zip(CHANNELS, plant.read(self._trim.state).tolist(), strict=True))
         self._autopilot = Autopilot(plant, self._trim, self._reference, self._servos.limits, dt)
-        self._schedule = Schedule(plan, dt)
+        self._schedule = schedule
         longest = self._schedule.ticks + round(3.0 * _LONGEST_LEG_S / dt)
         speed = float(plant.outputs(self._trim.state)[0])
         self._gusts = wind.gusts(longest, dt, speed, generator)

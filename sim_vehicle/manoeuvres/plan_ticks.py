@@ -6,6 +6,7 @@ import numpy as np
 
 from sim_vehicle.errors import PlanError
 from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.shapes import Segment
 
 RELEASE_S = 0.5  # s before the excitation at which the autopilot begins to let go
 
@@ -21,19 +22,23 @@ class Schedule:
         self.ticks = round(plan.duration / dt) + 1
         if self.ticks < 2:
             raise PlanError(f"the plan lasts {plan.duration:g} s; it must last longer than one tick of {dt:g} s")
-        time = np.asarray(np.arange(self.ticks) * dt, dtype=np.float64)
+        self._time = np.asarray(np.arange(self.ticks) * dt, dtype=np.float64)
         self.increments = np.zeros((self.ticks, 4))
         self.freed = np.zeros((self.ticks, 2), dtype=np.bool_)
         self.speed_change = np.zeros(self.ticks)
         self.segments: list[tuple[str, float, float]] = []
         begin = 0.0
         for segment in plan.segments:
-            end = begin + segment.duration
-            inside = (time > begin - 1e-9) & (time < end - 1e-9)
-            local = time[inside] - begin
-            self.increments[inside] = segment.increments(local)
-            let_go = local > segment.start - RELEASE_S - 1e-9
-            self.freed[inside] = let_go[:, None] & np.array(segment.freed())[None, :]
-            self.speed_change[inside] = [segment.speed_change(float(t)) for t in local]
-            self.segments.append((segment.manoeuvre, begin, end))
-            begin = end
+            self.lay(segment, begin)
+            begin += segment.duration
+
+    def lay(self, segment: Segment, begin: float) -> None:
+        """Fly a segment from `begin`, s, on, in place of what was to be flown there; while a flight goes on, too."""
+        end = begin + segment.duration
+        inside = (self._time > begin - 1e-9) & (self._time < end - 1e-9)
+        local = self._time[inside] - begin
+        self.increments[inside] = segment.increments(local)
+        let_go = local > segment.start - RELEASE_S - 1e-9
+        self.freed[inside] = let_go[:, None] & np.array(segment.freed())[None, :]
+        self.speed_change[inside] = [segment.speed_change(float(t)) for t in local]
+        self.segments.append((segment.manoeuvre, begin, end))

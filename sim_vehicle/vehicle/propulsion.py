@@ -43,7 +43,8 @@ class Propulsion:
     from behind.
     max_thrust: N at full throttle. CT, CQ: (advance ratio, coefficient) points, or a polynomial, or empty.
     tau: first-order lag from throttle to thrust, or to propeller speed where CT is known, s.
-    moving_mass: kg hanging on the thrust sensor. max_rpm: 1/min at full throttle.
+    moving_mass: kg hanging on the thrust sensor; moving_mass_known: whether it was given. max_rpm: 1/min at full
+    throttle.
     """
 
     line: Vector = (0.0, 0.0, 0.0)
@@ -57,6 +58,7 @@ class Propulsion:
     moving_mass: float = 0.0
     max_rpm: float | None = None
     line_known: bool = True
+    moving_mass_known: bool = True
 
     @property
     def by_throttle(self) -> str:
@@ -148,6 +150,7 @@ def read_propulsion(table: Table) -> Propulsion:
         CQ=curves["CQ"],
         tau=table.number("tau", 0.0, low=0.0),
         moving_mass=table.number("moving_mass", 0.0, low=0.0),
+        moving_mass_known=table.optional("moving_mass"),
         max_rpm=table.optional_number("max_rpm", above=0.0),
     )
     table.close()

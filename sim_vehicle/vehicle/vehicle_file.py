@@ -30,6 +30,8 @@ from sim_vehicle.vehicle.strict_toml import Known, Table
 
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
+# kg; nothing of that mass is described here.
+_HEAVY = 200.0
 VEHICLES = Path(__file__).resolve().parent.parent / "vehicles"
 
 
@@ -240,7 +242,7 @@ def _doubted_mass(vehicle: Vehicle) -> list[str]:
     filling = mass / geometry.b**3  # 1 for a MAV, 2 for an airliner, 12 for a fighter, 0.005 for a solar glider
     if 1e-3 < filling < 100.0:
         return []
-    unit = "grams" if filling >= 100.0 else "the span in cm"
+    unit = "grams" if filling >= 100.0 else "the span in cm" if mass < _HEAVY else "grams, and lengths in cm"
     return [f"mass.mass: {mass:g} kg on a span of {geometry.b:g} m is hardly possible: {unit}?"]
 
 

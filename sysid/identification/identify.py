@@ -160,8 +160,12 @@ def _as_of_textbooks(
     asked: Request, read: FlightsRead, compatible: CompatibilityResult | None
 ) -> Identification | None:
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
-    # Only the other method's bars hold what the vehicle file says of its own errors.
+    from sysid.posterior.stated_priors import moving_mass_known  # slow to import
+
+    # Only the other method's bars hold what the vehicle file says of its own errors, and what it leaves open.
     if asked.vehicle.mass.doubted:
+        return None
+    if not moving_mass_known(asked.vehicle) and any("thrust" in one.signals.signals for one in read.fitted):
         return None
     if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.fitted):
         return None
@@ -197,7 +201,7 @@ def _by_the_books(
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
-    progress(0.88, "validation")
+    progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
     judges = [one.as_measured(vehicle) for one in read.judges]
     compared = comparison(judges or prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
@@ -236,7 +240,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
     warnings = [*sentences, *found.warnings, *unmeasured_thrust(found.prepared, THRUST_BY_SPEED_STD)]
-    progress(0.88, "validation")
+    progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
     judges = [one.prepared for one in read.judges]
     # What the kinematics say of sensors is not what this estimate takes them for.
     flown = as_moved(found.prepared, found.signals, vehicle, found.estimate)

@@ -22,7 +22,7 @@ from sysid.identification.result_model import with_extra
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
-from sysid.posterior.nuisance_priors import PRODUCT_INERTIA, THRUST_ARM
+from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, THRUST_ARM
 from sysid.posterior.stated_priors import unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.formulation import corrected_parts, known_before
@@ -100,7 +100,7 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
     refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated, tuple(given))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     model = with_thrust_line(model, found)
-    words = [*_product_words(vehicle, found), *_prior_words(found, given)]
+    words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(found, given)]
     every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *words)))
     return PosteriorIdentification(
         tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
@@ -123,6 +123,23 @@ def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
     return [
         f"the flight gives a product of inertia Ixz of {vehicle.mass.Ixz + one.value:.3g} ± {one.std:.2g} kg m^2: put"
         " it into the vehicle file, with Ixz_std"
+    ]
+
+
+def _moving_words(found: PosteriorEstimate) -> list[str]:
+    """What the flight knows of the mass on the thrust sensor, which belongs into the vehicle file."""
+    one = next((one for one in found.nuisances if one.name == MOVING_MASS), None)
+    if one is None:
+        return []
+    grams, std = 1e3 * one.value, 1e3 * one.std
+    if one.std > PRIOR_SHARE * one.prior_std:
+        return [
+            f"what hangs on the thrust sensor is not given (0 ± {std:.0f} g is taken), and drag is known no better:"
+            " weigh motor and propeller, and put them into the vehicle file as [propulsion] moving_mass"
+        ]
+    return [
+        f"the flight says that {grams:.0f} ± {std:.0f} g hang on the thrust sensor: weigh motor and propeller, and put"
+        " them into the vehicle file as [propulsion] moving_mass"
     ]
 
 

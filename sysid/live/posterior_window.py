@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from math import sqrt
+from math import hypot, sqrt
 from types import MappingProxyType
 from typing import Protocol
 
@@ -28,8 +28,14 @@ from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import estimate, excited
 from sysid.posterior.estimates import NuisanceEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
-from sysid.posterior.nuisance_priors import SURFACES_OF
-from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, usual_size
+from sysid.posterior.nuisance_priors import GROUPS, SURFACES_OF
+from sysid.problem.model_structure import (
+    REFUSED_SHARE,
+    default_structure,
+    helpful_manoeuvre,
+    is_longitudinal,
+    usual_size,
+)
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.record import SURFACES
 
@@ -49,6 +55,8 @@ _FEWEST = 10  # samples of a signal
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
 _SERVO = ("servo_delay", "servo_lag")
+# Standard errors of a window and of what was known, beyond which the two are not of one aircraft.
+_AGREES = 4.0
 _SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}
 
 Columns = Mapping[str, tuple[Array, Array]]
@@ -153,6 +161,7 @@ class SlidingWindow:
         self._begin = self._end = self._asked = self._newest = -np.inf
         self._running: Future[WindowEstimate] | None = None
         self._known: dict[str, tuple[float, CoefficientStatus]] = {}
+        self._of_servos: dict[str, tuple[NuisanceEstimate, ...]] = {}
         self.found: WindowEstimate | None = None
         # CPU that was spent elsewhere, s.
         self.cost_s = 0.0
@@ -238,13 +247,13 @@ class SlidingWindow:
     def command_delays(self) -> dict[str, float]:
         """By surface, how long after its command it moves, s: delay and lag of the servo, and what stamps are late by.
         Nothing before the first estimate.
+
+        A window that lies across a change of the aircraft is neither's: it says nothing of servos.
         """
-        every = () if self.found is None else self.found.nuisances
         return {
-            surface: sum(one.value for one in every if one.group == group and one.name in _SERVO)
-            for group, surfaces in SURFACES_OF.items()
-            if any(one.group == group for one in every)
-            for surface in surfaces
+            surface: sum(one.value for one in every if one.name in _SERVO)
+            for group, every in self._of_servos.items()
+            for surface in SURFACES_OF[group]
         }
 
     def _accept(self, done: Future[WindowEstimate]) -> None:
@@ -260,7 +269,20 @@ class SlidingWindow:
             statuses = _unknown(self.found.coefficients, found.problem)
             found = replace(self.found, problem=found.problem, cost_s=found.cost_s, coefficients=statuses)
         self.found = found
+        for group in SURFACES_OF:
+            own = [one for one in found.nuisances if one.group == group]
+            if own and self._is_as_before(group, found.coefficients):
+                self._of_servos[group] = tuple(own)
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
+
+    def _is_as_before(self, group: str, now: Mapping[str, CoefficientStatus]) -> bool:
+        """Whether all that was known of a group of axes is known again, and the same."""
+        before = {name: one for name, (_, one) in self._known.items() if is_longitudinal(name) is (group == GROUPS[0])}
+        return all(
+            name in now and now[name].known
+            and abs(now[name].value - one.value) <= _AGREES * hypot(now[name].std, one.std)
+            for name, one in before.items()
+        )  # fmt: skip
 
     def _status(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
         if one.known or name not in self._known:
@@ -269,7 +291,8 @@ class SlidingWindow:
         # What is not looked at may change: by as much as it was known to, once in a window.
         std = before.std * sqrt(1.0 + max(self._end - at, 0.0) / WINDOW_S)
         why = f"last known at {at:.0f} s as {before.value:.3g} ± {before.std:.2g}: since then {one.why}"
-        return CoefficientStatus(name, before.value, std, False, why, one.fly)
+        # It has been flown: to ask for it again would keep who flies from what was never seen.
+        return CoefficientStatus(name, before.value, std, False, why)
 
     def _cut(self, begin: float, end: float) -> dict[str, tuple[Array, Array]]:
         cut = {}

@@ -169,7 +169,7 @@ def estimate(
             left_out[group] = str(error)
             problem = DivergedError if isinstance(error, DivergedError) else problem
     if fine and len(found) > 1:
-        progress(0.9, "longitudinal axes, with the sideslip as its vane's dynamics leave it")
+        progress(0.9, "longitudinal axes, sideslip corrected for its vane's dynamics")
         others = {group: one for group, one in found.items() if group == "lateral"}
         with suppress(EstimationError):
             found["longitudinal"] = _again(found["longitudinal"], _seen(parts, others, vehicle))
@@ -256,8 +256,8 @@ def _begun(
 ) -> _Begun:
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
-    more = (lag, *of_aircraft(vehicle, any(part.thrust_from for part in parts), structure))
-    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, more, flow_imposed, flights)
+    more = (lag, *of_aircraft(vehicle, {part.thrust_from for part in parts}, structure))
+    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, more, flights)
     if flow_imposed:
         outputs = [name for name in outputs if name != FLOW_OF[group]]
         scale = f"{FLOW_OF[group]}_scale"

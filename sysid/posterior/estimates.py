@@ -13,7 +13,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import SERVO
-from sysid.posterior.nuisance_priors import PRODUCT_INERTIA
+from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
@@ -31,7 +31,7 @@ _BELIEVED = 4.0
 # Of what is estimated from the flight itself, for its prior is narrower than what a pitot's hoses may do, s.
 _REALISTIC = {"airspeed_lag": 0.03}
 # Beginnings of the names of what such a one spoils, where it is not the whole group.
-_SPOILED = {"thrust_error": ("CD",)}
+_SPOILED = {"thrust_error": ("CD",), MOVING_MASS: ("CD",)}
 # What a law moves can be distinguished from damping by its delay alone: at the 1 Hz of a Dutch roll 20 deg of phase, s.
 _DISTINGUISHED_S = 0.05
 

@@ -28,7 +28,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
 from sysid.posterior.inputs import surface_means, swing
-from sysid.posterior.nuisance_priors import FLOW_OF, PRODUCT_INERTIA, SURFACES_OF, THRUST_ARM, Unknowns
+from sysid.posterior.nuisance_priors import FLOW_OF, MOVING_MASS, PRODUCT_INERTIA, SURFACES_OF, THRUST_ARM, Unknowns
 from sysid.posterior.observations import joined_at, read_at
 from sysid.problem.free_parameters import coefficient, effect_parameter
 from sysid.problem.predictor import Predictor
@@ -356,6 +356,10 @@ class GroupModel:
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
         """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""
+        if (moving := values.get(MOVING_MASS, 0.0)) != 0.0 and "ax" in self.outputs:
+            # A force sensor reads the thrust less moving * ax: m ax = force + moving ax, ax the simulated one.
+            y = y.copy()
+            y[:, self.outputs.index("ax"), :] *= self.vehicle.mass.mass / (self.vehicle.mass.mass - moving)
         for nuisance, read, by in (("accelerometer_tilt", "ax", "az"), ("gyro_tilt", "r", "p")):
             tilt = values.get(nuisance, 0.0)
             if tilt != 0.0 and {read, by} <= set(self.outputs):

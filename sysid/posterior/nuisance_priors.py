@@ -20,7 +20,7 @@ GROUPS = ("longitudinal", "lateral")
 # Surfaces that move a group of axes, and the flow angle that its vane reads.
 SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 # Of the aircraft itself, where its vehicle file does not give them.
-PRODUCT_INERTIA, THRUST_ARM = "product_inertia", "thrust_arm"
+PRODUCT_INERTIA, THRUST_ARM, MOVING_MASS = "product_inertia", "thrust_arm", "moving_mass"
 FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
 
 
@@ -86,7 +86,7 @@ PRIORS: tuple[Nuisance, ...] = (
     Nuisance("theta_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "longitudinal", "mounting of the IMU"),
     Nuisance("phi_offset", 0.0, 1.0 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "lateral", "mounting of the IMU"),
     Nuisance("alpha_offset", 0.0, 1.5 * DEGREE, 0.0, -0.2, 0.2, 1e-4, "rad", "both",
-             "zero of the alpha vane, by which a roll makes sideslip and lift pulls ahead"),
+             "zero of the angle of attack as it was measured: lift pulls ahead by it, and a roll makes sideslip"),
 )  # fmt: skip
 
 # A log that says where the surfaces were leaves only its own stamp open.
@@ -151,15 +151,13 @@ def unknowns_of(
     position: bool,
     stated: Mapping[str, tuple[float | None, float | None]],
     more: Sequence[Nuisance] = (),
-    flow_imposed: bool = False,
     flights: Sequence[str] = (),
 ) -> Unknowns:
     """Unknowns of a group of axes.
 
     vane: whether its vane was read. position: whether the log holds positions of surfaces instead of commands.
     stated: name -> (mean, std) instead of the table's, None leaves it; a std of 0 fixes the value. more: further ones
-    of this flight. flow_imposed: whether the group's flow angle drives the simulation, as its vane measured it.
-    flights: their names, where there are several.
+    of this flight. flights: their names, where there are several.
     """
     free, fixed = [], {}
     for one in (*PRIORS, *more):
@@ -169,8 +167,6 @@ def unknowns_of(
         ):
             one = replace(one, mean=one.mean if mean is None else mean, std=one.std if std is None else std)
         idle = not one.serves(group) or (position and one.name in POSITION_FIXED)
-        # The angle of attack that is simulated is the aircraft's own, whatever the vane's zero.
-        idle = idle or (one.name == "alpha_offset" and group == "longitudinal" and not flow_imposed)
         if idle or (not vane and (one.name.startswith("vane") or one.name in ("alpha_scale", "beta_scale"))):
             fixed[one.name] = one.null
         elif one.std == 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.nuisance_priors import (
     FLOW_OF,
+    MOVING_MASS,
     PRIORS,
     PRODUCT_INERTIA,
     SURFACES_OF,
@@ -65,12 +66,15 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
 # Standard deviation of the thrust line's height over the centre of gravity, mean chords, where it is not given: 0.18 of
 # an Ultra Stick 25e, none of aircraft whose motor sits on the wing's chord line.
 _THRUST_ARM_CHORDS = 0.15
+# Standard deviation of what hangs on a thrust sensor, of the aircraft's mass, where it is not given: motors with their
+# propellers are 4 to 10 % of small electric aircraft.
+_MOVING_SHARE = 0.07
 
 
-def of_aircraft(vehicle: Vehicle, thrust: bool, structure: Model) -> tuple[Nuisance, ...]:
+def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model) -> tuple[Nuisance, ...]:
     """Unknowns of the aircraft itself that its vehicle file does not give: they change the motion's own equations.
 
-    thrust: whether it is known, and so what its line does. structure: the model, which may have the line itself.
+    thrust: the signals that give it, "" for none. structure: the model, which may have the line itself.
     """
     mass, chord = vehicle.mass, vehicle.geometry.c
     found = []
@@ -84,12 +88,23 @@ def of_aircraft(vehicle: Vehicle, thrust: bool, structure: Model) -> tuple[Nuisa
     if vehicle.propulsion is not None and vehicle.propulsion.line_known:
         # A moment of inertia that is taken too small makes the thrust's moment look too small as well.
         std = abs(vehicle.propulsion.line[2]) * (mass.Iyy_std or 0.0) / mass.Iyy
-    if thrust and std > 0.0 and structure.effect(THRUST_LINE_OFFSET.name) is None:
+    if any(thrust) and std > 0.0 and structure.effect(THRUST_LINE_OFFSET.name) is None:
         found.append(Nuisance(
             THRUST_ARM, 0.0, std, 0.0, -2.0 * chord, 2.0 * chord, 0.02 * std, "m", "longitudinal",
             "thrust lines of small aircraft",
         ))  # fmt: skip
+    if "thrust" in thrust and not moving_mass_known(vehicle):
+        std = _MOVING_SHARE * mass.mass
+        found.append(Nuisance(
+            MOVING_MASS, 0.0, std, 0.0, -0.1 * mass.mass, 0.4 * mass.mass, 0.02 * std, "kg", "longitudinal",
+            "motors and propellers of small electric aircraft",
+        ))  # fmt: skip
     return tuple(found)
+
+
+def moving_mass_known(vehicle: Vehicle) -> bool:
+    """Whether the vehicle file says what hangs on the thrust sensor and pulls at it when the aircraft accelerates."""
+    return vehicle.propulsion is not None and vehicle.propulsion.moving_mass_known
 
 
 def as_estimated(vehicle: Vehicle, values: Mapping[str, float]) -> Vehicle:

@@ -68,7 +68,7 @@ def _refused(seen: SeenEstimate) -> Iterator[Reason]:
         text = f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} refused"
         if first is not None:
             text += f" ({first.reason})"
-        advice = f"fly {first.manoeuvre}" if first is not None and first.manoeuvre else ""
+        advice = f"fly the manoeuvre {first.manoeuvre}" if first is not None and first.manoeuvre else ""
         yield Reason(POOR if len(lost) == len(main) else CARE, text, advice, (axis,))
 
 
@@ -80,9 +80,9 @@ def _loose(seen: SeenEstimate) -> Iterator[Reason]:
             if entry.value and entry.std and entry.std > LIMITS.loose * max(abs(entry.value), 0.5 * usual_size(name)):
                 (guessed if _inertia_share(entry) > 0.5 else wide).append(f"{name} to ±{entry.std:.2g}")
         if wide:
-            yield Reason(CARE, f"known no better than {', '.join(wide)}", "longer or larger test inputs", (axis,))
+            yield Reason(CARE, f"poorly known: {', '.join(wide)}", "longer or larger test inputs", (axis,))
         if guessed:
-            text = f"known no better than {', '.join(guessed)}, for the moments of inertia are known too poorly"
+            text = f"poorly known: {', '.join(guessed)}, since the moments of inertia are"
             yield Reason(CARE, text, "swing the aircraft as a pendulum", (axis,))
 
 

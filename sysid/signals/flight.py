@@ -36,6 +36,10 @@ def repeats(values: Array) -> bool:
     return known.size > 1 and float(np.ptp(known)) == 0.0
 
 
+# Nobody flies test inputs in so many seconds.
+_NO_FLIGHT_S = 10.0
+
+
 @dataclass(frozen=True)
 class Signal:
     """One measured quantity on the stamps of the messages that carried it.
@@ -78,9 +82,11 @@ class FlightSignals:
         missing = [name for name in names if name not in self.signals]
         if missing:
             there = ", ".join(self.signals)
+            span = [signal.time_s[[0, -1]] for signal in self.signals.values() if signal.time_s.size]
+            lasts = max(one[1] for one in span) - min(one[0] for one in span) if span else 0.0
+            short = f"the recording lasts {lasts:.1f} s only, and has" if lasts < _NO_FLIGHT_S else "the recording has"
             raise SignalError(
-                f"{self.name}: no signal {', '.join(missing)}: have the vehicle send or log it; the recording has"
-                f" {there}"
+                f"{self.name}: no signal {', '.join(missing)}: have the vehicle send or log it; {short} {there}"
             )
 
 

@@ -317,7 +317,7 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
     """Records of several spans start, stop of one flight, as `make_record` makes them."""
     if "de" not in data and "da" not in data and "dr" not in data:
         raise SignalError(
-            f"{data.name}: no control surface is known: give [controls] of the vehicle file the right servos"
+            f"{data.name}: no control surface is known: name its servo under [controls] of the vehicle file"
         )
     n = data.time_s.size
     given = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}

@@ -1,4 +1,4 @@
-"""Flights to judge a model by, with their surfaces moved as the estimate found that servos move them."""
+"""Flights to judge a model by, with surfaces and thrust as the estimate found that servos and a sensor give them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.flight_part import inputs_of
 from sysid.posterior.inputs import InputSignal, surface_means
-from sysid.posterior.nuisance_priors import GROUPS, SURFACES_OF
+from sysid.posterior.nuisance_priors import GROUPS, MOVING_MASS, SURFACES_OF
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
-from sysid.signals.record import PRE_ROLL_S, SURFACES, Record
+from sysid.signals.record import OUTPUTS, PRE_ROLL_S, SURFACES, Record
 
 _MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 
@@ -22,7 +22,7 @@ _MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 def as_moved(
     prepared: Sequence[Prepared], signals: Sequence[FlightSignals], vehicle: Vehicle, found: PosteriorEstimate
 ) -> list[Prepared]:
-    """The flights with what their surfaces did from sample to sample in place of their commands.
+    """The flights with what their surfaces did from sample to sample in place of their commands, and their thrust.
 
     signals: of each flight, on their own stamps. A group that was not estimated stays as it was recorded.
     """
@@ -36,7 +36,9 @@ def as_moved(
             if (values := found.servos(group, flight.data.name)) is not None
             for surface in SURFACES_OF[group]
         }
-        stretches = [replace(one, record=_moved(one.record, inputs, servos)) for one in flight.stretches]
+        stretches = [
+            replace(one, record=_thrusting(_moved(one.record, inputs, servos), found)) for one in flight.stretches
+        ]
         moved.append(replace(flight, stretches=tuple(stretches)))
     return moved
 
@@ -48,3 +50,18 @@ def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tup
         if name in inputs and name in servos:
             commands[:, j] = surface_means(inputs[name], begin, record.interval_s, commands.shape[0], servos[name])
     return replace(record, commands=np.ascontiguousarray(commands), joined=True)
+
+
+def _thrusting(record: Record, found: PosteriorEstimate) -> Record:
+    """The record with its thrust less the error that its sensor has, and with the pull of what hangs on it."""
+    known = {one.name: one.value for one in found.nuisances}
+    error, mass = known.get("thrust_error", 0.0), known.get(MOVING_MASS, 0.0)
+    thrust = record.thrust * (1.0 - error)
+    ahead = record.z[:, OUTPUTS.index("ax")]
+    good = np.isfinite(ahead)
+    if mass == 0.0 or not good.any():
+        return replace(record, thrust=thrust)
+    begin = float(record.time_s[0]) - record.start * record.interval_s
+    every = begin + record.interval_s * np.arange(thrust.size)
+    pull = mass * np.interp(every, record.time_s[good], ahead[good])
+    return replace(record, thrust=thrust + pull, moving_mass=record.moving_mass + mass)

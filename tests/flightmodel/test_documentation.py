@@ -45,6 +45,7 @@ def test_examples_of_docstrings_hold(module: str) -> None:
         "aircraft": Aircraft.estimate(
             span=1.27, mass=1.959, area=0.3097, chord=0.25, Ixx=0.0715, Iyy=0.0864, Izz=0.1536, Ixz=0.014,
             surfaces="command", airspeed="true", max_thrust=7.86, thrust_line=(0.297, 0.0, -0.046),
+            moving_mass=0.0,
         ),
     }  # fmt: skip
     found = doctest.testmod(importlib.import_module(f"flightmodel.{module}"), extraglobs=known)

@@ -22,7 +22,7 @@ COLUMNS = {
 }
 WING = {"span": 1.27, "mass": 1.959, "area": 0.3097, "chord": 0.25}
 SWUNG = {"Ixx": 0.07151, "Iyy": 0.08636, "Izz": 0.15364, "Ixz": 0.014}
-LINE = {"max_thrust": 7.86, "thrust_line": (0.297, 0.0, -0.046)}
+LINE = {"max_thrust": 7.86, "thrust_line": (0.297, 0.0, -0.046), "moving_mass": 0.0}
 
 
 def off(result: Identification) -> dict[str, float]:

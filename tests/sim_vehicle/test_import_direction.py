@@ -43,8 +43,10 @@ PARTS = (
         "station",
         "live",
         "page",
+        "access",
+        "fleet",
     ),
-    *("api", "serve", "demo", "options", "commands", "cli", "__main__"),
+    *("api", "serve", "client", "demo", "options", "commands", "cli", "__main__"),
 )
 
 

@@ -49,7 +49,7 @@ def test_a_plan_file_is_predicted_as_text(tmp_path: Path, capsys: pytest.Capture
     assert main(["design", *AIRCRAFT, "--plan", str(plan), "--set", "manoeuvre.amplitude=0.02"]) == 0
     text = capsys.readouterr().out
     assert "elevator-doublet: 10 s, 1.15 deg" in text
-    assert "refused: Cl_da: the surfaces that would excite it do not move; fly aileron-multisine" in text
+    assert "refused: Cl_da: the surfaces that would excite it do not move; fly the manoeuvre aileron-multisine" in text
     assert "CL_alpha" in text
 
 

@@ -222,14 +222,14 @@ def test_a_field_that_nobody_fills_gives_way_to_one_that_moves(tmp_path: Path) -
     found = Flight(tmp_path).stream(50, attitude).stream(10, slow_imu).signals()
     assert found.signals["q"].source == "SCALED_IMU.ygyro"
     assert found.signals["p"].source == "ATTITUDE.rollspeed"  # neither moves: the first that is fast enough
-    assert any("q: SCALED_IMU comes at" in line for line in found.warnings)
+    assert any("q: SCALED_IMU brings new values at" in line for line in found.warnings)
 
 
 def test_where_none_is_fast_enough_the_fastest_counts_with_a_warning(tmp_path: Path) -> None:
     found = Flight(tmp_path).stream(5, highres).stream(10, scaled_imu).signals()
     assert found.signals["ax"].source == "SCALED_IMU.xacc"
     assert any(
-        line.startswith("ax, ay, az, p, q, r: SCALED_IMU comes at 10.") and "and 20 Hz are wanted" in line
+        line.startswith("ax, ay, az, p, q, r: SCALED_IMU brings new values at 10.") and "and 20 Hz are wanted" in line
         for line in found.warnings
     )
 

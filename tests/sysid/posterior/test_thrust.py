@@ -51,3 +51,23 @@ def test_a_flight_with_a_counter_instead_of_a_cell_tells_drag_within_what_a_prop
     assert drag.std is not None
     assert abs(drag.value - truth["CD_0"]) < 2.5 * drag.std
     assert drag.std < 0.2 * truth["CD_0"]
+
+
+@pytest.mark.whole_flight
+def test_what_hangs_on_a_thrust_sensor_and_was_not_weighed_is_estimated_beside_the_drag() -> None:
+    """A motor of 80 g on the cell: without it in the model CD_0 is 8 % off at six of its standard errors."""
+    signals, _ = fly_mav("multisine,roller-coaster", 5)
+    plane = load_vehicle("iitb-mav")
+    assert plane.propulsion is not None
+    weighed = plane.propulsion.moving_mass
+    unweighed = replace(plane.propulsion, moving_mass=0.0, moving_mass_known=False)
+    found = identify([signals], replace(plane, propulsion=unweighed), method="map", systematic=False)
+    assert found.posterior is not None
+    mass = next(one for one in found.posterior.nuisances if one.name == "moving_mass")
+    assert mass.std < 0.6 * mass.prior_std
+    assert abs(mass.value - weighed) < 3.0 * mass.std
+    drag = found.model.coefficients["CD_0"]
+    assert drag.value is not None
+    assert drag.std is not None
+    assert abs(drag.value - read_model("iitb-mav").values()["CD_0"]) < 3.0 * drag.std < 0.02
+    assert "hang on the thrust sensor: weigh motor and propeller" in " ".join(found.warnings)

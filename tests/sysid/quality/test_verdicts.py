@@ -154,7 +154,7 @@ def test_a_lift_slope_of_no_wing_and_a_damping_that_drives_are_too_poor() -> Non
 def test_refused_and_loose_derivatives_ask_for_care_and_none_at_all_is_too_poor() -> None:
     part = with_model(model(Cm_alpha=(-0.8, 0.02), Cm_q=None, Cm_de=(-1.0, 0.4)))
     assert part.verdict == CARE
-    assert {"Cm_q is refused", "known no better than Cm_de to ±0.4"} == {one.text for one in part.reasons}
+    assert {"Cm_q is refused", "poorly known: Cm_de to ±0.4"} == {one.text for one in part.reasons}
     assert with_model(model(Cm_alpha=None, Cm_q=None, Cm_de=None)).verdict == POOR
 
 
