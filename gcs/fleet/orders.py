@@ -1,0 +1,110 @@
+"""Which flights a batch works on: recordings and logs in folders, by patterns or addresses, and their aircraft."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from gcs.errors import SettingsError
+from gcs.recording.container import LOG_ENDINGS
+from gcs.version import VERSION
+
+# The vehicle file of all flights in its folder.
+OF_FOLDER = "vehicle.toml"
+# Tables are flights where a pattern names them: in a folder they are bench points, and what a batch has written.
+_TABLES = (".csv", ".tsv", ".txt", ".parquet", ".mat")
+_FLIGHTS = (".mcap", *(one for one in LOG_ENDINGS if one not in _TABLES))
+
+
+@dataclass(frozen=True)
+class Order:
+    """One flight's job. source: its file or address; vehicle: the vehicle file's, or a built-in name; aircraft: what
+    the flight is counted under. stamp: of the file as it was, so that another file under the same name is another job.
+    """
+
+    source: str
+    vehicle: str
+    aircraft: str
+    options: Mapping[str, Any]
+    stamp: str
+
+    @property
+    def key(self) -> str:
+        """Names the job's result: the flight's name and a digest of all that the result depends on."""
+        digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode()).hexdigest()[:12]
+        return f"{PurePosixPath(self.source).stem}-{digest}"
+
+
+def orders(sources: Sequence[str], vehicle: str | None, options: Mapping[str, Any]) -> list[Order]:
+    """A job for each flight that folders, patterns and addresses name, each flight once.
+
+    vehicle: of flights in whose folder there is no vehicle.toml. A folder's flights, and those of folders in it, are
+    counted under the name of the folder that they lie in where it has a vehicle.toml, else under the vehicle's.
+    Raises SettingsError where nothing is found, or a flight has no vehicle.
+    """
+    found: dict[str, Order] = {}
+    for source in sources:
+        for place, stamp in _expanded(source):
+            own = _own_vehicle(place)
+            if own is None and vehicle is None:
+                raise SettingsError(f"{place}: no vehicle; give --vehicle, or put {OF_FOLDER} into its folder")
+            name = PurePosixPath(place).parent.name if own else PurePosixPath(str(vehicle)).stem
+            found[place] = Order(
+                place, str(own or vehicle), name, dict(options), f"{stamp} {_stamp_of(str(own or vehicle))}"
+            )
+    if not found:
+        raise SettingsError(f"{', '.join(sources)}: no recording or log there ({', '.join(_FLIGHTS)})")
+    return list(found.values())
+
+
+def _expanded(source: str) -> list[tuple[str, str]]:
+    """Places and stamps of the flights that a source names."""
+    if "://" in source:
+        return _at_address(source)
+    path = Path(source)
+    if path.is_dir():
+        every = [one for one in path.rglob("*") if _is_flight(one.name)]
+    elif path.is_file():
+        every = [path]
+    else:
+        every = list(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
+    return [(str(one.resolve()), _stamp_of(one)) for one in sorted(every) if one.is_file()]
+
+
+def _at_address(source: str) -> list[tuple[str, str]]:
+    try:
+        import fsspec  # type: ignore[import-untyped]
+    except ImportError:
+        raise SettingsError(f"{source}: addresses need fsspec: install the extra 'fleet'") from None
+    try:
+        files, root = fsspec.core.url_to_fs(source)
+        pattern = any(mark in root for mark in "*?[")
+        names = files.glob(root) if pattern else files.find(root)
+        return [
+            (files.unstrip_protocol(name), str(files.ukey(name))) for name in sorted(names)
+            if pattern or _is_flight(name) or name == root
+        ]  # fmt: skip
+    except (OSError, ValueError, ImportError) as error:
+        raise SettingsError(f"{source}: {error}") from None
+
+
+def _is_flight(name: str) -> bool:
+    return name.lower().endswith(_FLIGHTS)
+
+
+def _own_vehicle(place: str) -> str | None:
+    beside = Path(place).parent / OF_FOLDER
+    return str(beside) if "://" not in place and beside.is_file() else None
+
+
+def _stamp_of(path: Path | str) -> str:
+    """Size and time of a file; the text itself of what is none, as the name of a built-in vehicle."""
+    try:
+        status = Path(path).stat()
+    except OSError:
+        return str(path)
+    return f"{status.st_size} {status.st_mtime_ns}"

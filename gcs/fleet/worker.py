@@ -1,0 +1,46 @@
+"""One flight's job where it is carried out: on this machine or another; nothing of it raises."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+
+def identified(source: str, vehicle: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The result of schema identification/1 with `start_ns` of the flight and `cost_s`; `error` where there is none."""
+    from gcs.analysis.postflight import identify
+    from gcs.errors import GcsError
+    from gcs.inspection.info import as_recordings
+    from gcs.recording.reader import Recording
+    from sim_vehicle.errors import SimVehicleError
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
+    from sysid.errors import SysidError
+
+    begun, start_ns = time.monotonic(), 0
+    try:
+        with TemporaryDirectory(prefix="gcs-batch-") as folder:
+            flight, craft = _here(source, Path(folder)), _here(vehicle, Path(folder))
+            with as_recordings([Path(flight)]) as paths:
+                start_ns = Recording(paths[0]).start_ns
+                result = identify(paths, load_vehicle(craft).path, **options)
+        found = {key: value for key, value in result.items() if key != "series"}
+        return {**found, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
+    except (GcsError, SysidError, SimVehicleError, OSError, MemoryError) as error:
+        words = " ".join(str(error).split()) or type(error).__name__
+        return {"error": words, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
+
+
+def _here(place: str, folder: Path) -> str:
+    """A file of this machine: that of an address is fetched."""
+    if "://" not in place:
+        return place
+    import fsspec  # type: ignore[import-untyped]
+
+    target = folder / PurePosixPath(place).name
+    with fsspec.open(place, "rb") as source, target.open("wb") as copy:
+        shutil.copyfileobj(source, copy)
+    return str(target)

@@ -1,0 +1,165 @@
+"""A batch of flights: on processes and on a Dask cluster, ended and gone on with, and odd files among them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+import pytest
+from processes import free_port
+from traffic import wait_until
+
+from gcs.cli import main
+from gcs.errors import SettingsError
+from gcs.fleet.orders import orders
+from sim_vehicle.cli.main import main as sim_vehicle
+
+pytestmark = pytest.mark.whole_flight
+
+# What differs from run to run of the same job.
+BESIDE = ("cost_s", "made")
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flights")
+    for seed in (1, 2, 3, 4):
+        sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "12", "--seed", str(seed), "--record",
+                     str(folder / f"flight{seed}.tlog")])  # fmt: skip
+    return folder
+
+
+@pytest.fixture(scope="module")
+def local(flights: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The batch on a process of this machine."""
+    folder = tmp_path_factory.mktemp("local")
+    assert batch(flights, folder, "--workers", "1") == 0
+    return folder
+
+
+def batch(flights: Path, folder: Path, *options: str) -> int:
+    return main(["batch", str(flights), "--vehicle", "iitb-mav", "-o", str(folder), *options])
+
+
+def results(folder: Path) -> dict[str, dict[str, Any]]:
+    found = {path.name: json.loads(path.read_text()) for path in sorted((folder / "results").glob("*.json"))}
+    return {name: {key: value for key, value in one.items() if key not in BESIDE} for name, one in found.items()}
+
+
+@contextmanager
+def cluster(count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A Dask scheduler and so many workers, as processes of their own."""
+    address = f"tcp://127.0.0.1:{free_port()}"
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = subprocess.Popen([*dask, "scheduler", "--host", address, "--no-dashboard"], **quiet)
+    worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    workers = [subprocess.Popen(worker, **quiet) for _ in range(count)]
+    try:
+        from distributed import Client
+
+        wait_until(lambda: _answers(Client, address, count), 60.0)
+        yield address, workers
+    finally:
+        for one in (*workers, scheduler):
+            one.kill()
+            one.wait()
+
+
+def _answers(client: Any, address: str, count: int) -> bool:
+    try:
+        with client(address, timeout="2s") as found:
+            found.wait_for_workers(count, timeout=20)
+    except (OSError, TimeoutError):
+        return False
+    return True
+
+
+def test_a_table_of_flights_and_what_was_done_is_not_done_again(local: Path, flights: Path) -> None:
+    table = pyarrow.parquet.read_table(local / "flights.parquet").to_pydict()
+    assert table["flight"] == ["flight1", "flight2", "flight3", "flight4"]
+    assert table["aircraft"] == ["iitb-mav"] * 4
+    assert set(table["error"]) == {""}
+    assert all(abs(value - 1.59) < 0.05 for value in table["Cm_de"])
+    assert "<h2" in (local / "fleet.html").read_text()
+    stamps = {path: path.stat().st_mtime_ns for path in (local / "results").iterdir()}
+    one = sorted(stamps)[0]
+    one.unlink()
+    assert batch(flights, local, "--workers", "1") == 0
+    again = {path: path.stat().st_mtime_ns for path in (local / "results").iterdir()}
+    assert [path for path in again if again[path] != stamps[path]] == [one]
+
+
+def test_workers_of_a_cluster_give_the_same_and_one_that_is_killed_loses_nothing(
+    local: Path, flights: Path, tmp_path: Path
+) -> None:
+    with cluster(2) as (address, workers):
+        command = [sys.executable, "-m", "gcs", "batch", str(flights), "--vehicle", "iitb-mav", "-o", str(tmp_path),
+                   "--scheduler", address, "--quiet"]  # fmt: skip
+        running = subprocess.Popen(command)
+        try:
+            wait_until(lambda: any((tmp_path / "results").glob("*.json")), 120.0)
+            workers[0].kill()
+            assert running.wait(timeout=240.0) == 0
+        finally:
+            running.kill()
+    assert results(tmp_path) == results(local)
+
+
+def test_odd_files_are_rows_that_say_why(flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cut.tlog").write_bytes((flights / "flight1.tlog").read_bytes()[:3000])
+    (tmp_path / "notes.txt").write_text("no flight")
+    assert batch(tmp_path, tmp_path / "out", "--workers", "1") == 1
+    said = capsys.readouterr().out
+    assert "no result: cut: " in said
+    assert "notes" not in said
+    assert "0 of 1 flights identified" in said
+
+
+def test_folders_of_aircraft_have_their_own_vehicle_and_name(tmp_path: Path) -> None:
+    for name in ("anna", "bert"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "vehicle.toml").write_text("name = 'x'\n")
+        (tmp_path / name / "one.tlog").write_bytes(b"")
+    (tmp_path / "two.tlog").write_bytes(b"")
+    with pytest.raises(SettingsError, match=r"two\.tlog: no vehicle"):
+        orders([str(tmp_path)], None, {})
+    found = orders([str(tmp_path)], "ultrastick25e", {})
+    assert [one.aircraft for one in found] == ["anna", "bert", "ultrastick25e"]
+    of_folders = orders([str(tmp_path / "anna"), str(tmp_path / "bert")], None, {})
+    assert orders([str(tmp_path / "*" / "*.tlog")], None, {}) == of_folders
+    before = found[0].key
+    time.sleep(0.01)
+    (tmp_path / "anna" / "one.tlog").write_bytes(b"longer")
+    assert orders([str(tmp_path)], "ultrastick25e", {})[0].key != before
+    with pytest.raises(SettingsError, match="no recording or log there"):
+        orders([str(tmp_path / "nothing")], "iitb-mav", {})
+
+
+def test_recordings_come_from_an_address(flights: Path, tmp_path: Path, local: Path) -> None:
+    """A store that is no folder of this machine's: fsspec's memory would be another one in a worker's process."""
+    address = f"file://{flights}/flight1.tlog"
+    assert main(["batch", address, "--vehicle", "iitb-mav", "-o", str(tmp_path), "--workers", "1"]) == 0
+    (found,) = results(tmp_path).values()
+    same = next(one for name, one in results(local).items() if name.startswith("flight1-"))
+    assert found["model"]["coefficients"] == same["model"]["coefficients"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [(("--workers", "0"), "1 or more"), (("--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers there")],
+)
+def test_what_cannot_work_is_said_in_one_line(
+    options: tuple[str, ...], words: str, flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert batch(flights, tmp_path, *options) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
