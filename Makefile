@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-field clean
+.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-page campaign-fleet campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -175,6 +175,14 @@ campaign-live: setup
 campaign-live-failures: setup
 	$(BIN)/python tests/campaign/live_failures.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) \
 		$(if $(BOARD),--board) $(if $(LIGHT),--light) $(if $(JSBSIM),--jsbsim)
+
+# Batches of flights on a Dask cluster; make campaign-fleet FLIGHTS=40
+campaign-fleet: setup
+	$(BIN)/python tests/campaign/fleet.py --flights $(or $(FLIGHTS),200)
+
+# An hour of the live page in a browser; make campaign-page MINUTES=6
+campaign-page: $(VENV)/.interop
+	$(BIN)/python tests/campaign/page_hour.py --minutes $(or $(MINUTES),60)
 
 # Live estimates behind the sensors of the field: half a minute a flight. make campaign-live-field FAMILIES=mild SEEDS=2
 campaign-live-field: setup

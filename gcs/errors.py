@@ -16,6 +16,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── SignalMapError             a signal whose message or field does not exist
 ├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
+├── StationError               a station asked over REST that does not answer, or refuses
 └── SettingsError              a setting, of the command line or the environment, that is missing or impossible
 """
 
@@ -86,6 +87,14 @@ class ReportError(GcsError):
 
 class ExportError(GcsError):
     """A model cannot be written in the form asked for."""
+
+
+class StationError(GcsError):
+    """A station that was asked over REST does not answer, or refuses. status: of HTTP, None where none came."""
+
+    def __init__(self, text: str, status: int | None = None) -> None:
+        super().__init__(text)
+        self.status = status
 
 
 class SettingsError(GcsError):

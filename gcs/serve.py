@@ -11,10 +11,14 @@ from contextlib import closing, contextmanager
 from types import FrameType
 
 import uvicorn
+from fastapi import FastAPI
+from uvicorn.config import LOGGING_CONFIG
 
 from gcs.allocator import give_memory_back
 from gcs.api import create_app
 from gcs.api.connections import MOST, BoundedProtocol, limited
+from gcs.api.server import Server
+from gcs.api.tls import tls_context
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import Recovery, leftovers
@@ -35,6 +39,7 @@ from gcs.station.own_sender import StationVoice
 from gcs.station.provenance import FreshProvenance, provenance
 from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
+from gcs.station.supervisor import Supervisor
 from gcs.station.warmup import warm_up
 from gcs.text.oserrors import reason
 from gcs.text.sparing_log import log_sparingly
@@ -115,25 +120,23 @@ def _vehicle_of(jobs: JobRunner, recorder: FlightRecorder) -> Callable[[str, int
     return file
 
 
-class _Server(uvicorn.Server):
-    """Ends the streams of events when it is asked to stop: it waits for every answer to be complete."""
-
-    def __init__(self, config: uvicorn.Config, live: LiveFeed) -> None:
-        super().__init__(config)
-        self._live = live
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        self._live.ending.set()
-        super().handle_exit(sig, frame)
+def _configuration(app: FastAPI, settings: Settings, protocol: type[BoundedProtocol]) -> uvicorn.Config:
+    """Of uvicorn, whose log goes with ours where ours is JSON. Requests are logged by gcs.api.request_ids alone."""
+    own_log = None if settings.json_log else LOGGING_CONFIG
+    return uvicorn.Config(
+        app, log_level="warning", log_config=own_log, access_log=False, timeout_graceful_shutdown=3, http=protocol
+    )
 
 
 def serve(settings: Settings, announce: Callable[[str], None]) -> None:
-    """Run the service until SIGINT or SIGTERM. Raises ServiceError, LinkError, VehicleFileError, CatalogueError.
+    """Run the service until SIGINT or SIGTERM.
 
+    Raises SettingsError, ServiceError, LinkError, VehicleFileError, CatalogueError.
     announce: called once with the URL at which the service answers.
     """
     give_memory_back()
     protocol = _connections()
+    tls = tls_context(settings.tls_cert, settings.tls_key) if settings.tls_cert and settings.tls_key else None
     if settings.vehicle is not None:
         for warning in load_vehicle(settings.vehicle).warnings:
             _log.warning("%s", warning)
@@ -191,15 +194,16 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             rule = RetentionRule(settings.keep_days, settings.keep_bytes)
             retention = Retention(settings.flights, catalogue, rule, backups=settings.backups)
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live, views)
-            config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, http=protocol)
+            config = _configuration(app, settings, protocol)
             log_sparingly()  # behind the configuration, which makes handlers of its own
-            server = _Server(config, live)
+            server = Server(config, live, Supervisor(), lambda: station.alive, tls)
+            scheme = "http" if tls is None else "https"
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):
                 retention.start()
                 recovery.start()
                 _stop_on_signals(server, recovery)
-                announce(f"http://{host}:{listener.getsockname()[1]}")
+                announce(f"{scheme}://{host}:{listener.getsockname()[1]}")
                 server.run(sockets=[listener])
 
 

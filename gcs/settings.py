@@ -29,7 +29,9 @@ class Settings:
     storage: how recordings are kept on disk. keep_days, keep_bytes: recordings that are older, or for which there is
     no room in that size, are deleted once they have been worked on; None keeps them.
     map: MBTiles file whose pictures lie beneath the track; None for none.
-    token: demanded from every client as `Authorization: Bearer`, None where only this machine can connect.
+    tls_cert, tls_key: PEM files of the certificate and its key; None for plain HTTP. json_log: the log as JSON.
+    token: of an administrator, as `Authorization: Bearer`; None where only this machine can connect, or tokens of
+    the file `tokens` alone count.
     """
 
     data: Path
@@ -48,6 +50,9 @@ class Settings:
     keep_days: float | None = None
     keep_bytes: int | None = None
     map: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    json_log: bool = False
 
     @property
     def flights(self) -> Path:
@@ -75,6 +80,21 @@ class Settings:
         return self.data / "backups"
 
     @property
+    def tokens(self) -> Path:
+        """The file of tokens with roles (`gcs token`)."""
+        return self.data / "tokens.json"
+
+    @property
+    def share_key(self) -> Path:
+        """The key that shared links are signed with."""
+        return self.data / "share.key"
+
+    @property
+    def audit(self) -> Path:
+        """The log of who did what."""
+        return self.data / "audit.jsonl"
+
+    @property
     def database(self) -> Path:
         """The catalogue's file."""
         return self.data / "catalogue.sqlite"
@@ -90,8 +110,13 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def read_token(host: str, token_file: Path | None, environment: Mapping[str, str] = os.environ) -> str | None:
-    """The token from GCS_TOKEN or a file; SettingsError if `host` demands one and there is none."""
+def read_token(
+    host: str, token_file: Path | None, environment: Mapping[str, str] = os.environ, *, others: bool = False
+) -> str | None:
+    """The token from GCS_TOKEN or a file; SettingsError if `host` demands one and there is none.
+
+    others: whether the station has tokens of its own (`gcs token`).
+    """
     token = environment.get(TOKEN_VARIABLE, "").strip()
     if token_file is not None:
         try:
@@ -102,11 +127,17 @@ def read_token(host: str, token_file: Path | None, environment: Mapping[str, str
         if not token:
             raise SettingsError(f"{token_file}: the token file is empty; write the token into it")
     if not token:
-        if is_loopback(host):
+        if others or is_loopback(host):
             return None
         raise SettingsError(
-            f"--host {host} can be reached by others, so a token is needed: set {TOKEN_VARIABLE} or --token-file"
+            f"--host {host} can be reached by others, so a token is needed: set {TOKEN_VARIABLE} or --token-file,"
+            " or make one with gcs token add"
         )
+    return usable_token(token)
+
+
+def usable_token(token: str) -> str:
+    """The token, if a header of HTTP can carry it and it is not too short; SettingsError, without it, if not."""
     if len(token) < _MIN_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         raise SettingsError(f"the token needs at least {_MIN_TOKEN} printable ASCII characters without spaces")
     return token

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from gcs.api import problems
+from gcs.api.access import router as access_router
 from gcs.api.bodies import BodyLimit
 from gcs.api.description import describe
 from gcs.api.flights import router as flights_router
@@ -18,7 +19,9 @@ from gcs.api.jobs import router as jobs_router
 from gcs.api.live import router as live_router
 from gcs.api.metrics import router as metrics_router
 from gcs.api.page import router as page_router
-from gcs.api.security import DESCRIPTION_FILES, Guard
+from gcs.api.readiness import router as readiness_router
+from gcs.api.request_ids import RequestIds
+from gcs.api.security import DESCRIPTION_FILES, Access, Guard
 from gcs.api.service import Service, Watched
 from gcs.api.status import router as status_router
 from gcs.api.vehicles import router as vehicles_router
@@ -80,11 +83,15 @@ def create_app(
     )
     app.state.service = service
     app.add_middleware(BodyLimit)
-    app.add_middleware(Guard, token=settings.token)  # the last one added is asked first
+    app.state.access = Access(settings)
+    app.add_middleware(Guard, access=app.state.access)
+    app.add_middleware(RequestIds)  # the last one added is asked first
     problems.install(app)
     describe(app)
     for router in (
         status_router,
+        access_router,
+        readiness_router,
         metrics_router,
         live_router,
         flights_router,

@@ -33,7 +33,14 @@ def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
                 responses.setdefault("400", {"description": _NO_JSON})
             for status, response in responses.items():
                 if status.startswith(("4", "5")):
-                    response["content"] = _PROBLEM
+                    response["content"] = _problem(response)
     for unused in ("HTTPValidationError", "ValidationError"):
         schema["components"]["schemas"].pop(unused, None)
     return schema
+
+
+def _problem(response: dict[str, Any]) -> dict[str, Any]:
+    """Its content: that of any problem, or the problem of its own that it names."""
+    named = response.get("content", {}).get("application/json", {}).get("schema", {}).get("$ref", "")
+    own = named.startswith("#/components/schemas/") and not named.endswith("/HTTPValidationError")
+    return {"application/problem+json": {"schema": {"$ref": named}}} if own else _PROBLEM

@@ -30,7 +30,10 @@ _MOST_FOLLOWING = 64
 _FRESH_NS = 2_000_000_000
 _NO_VEHICLE = "no aircraft is known: describe it under Aircraft, or start the service with --vehicle FILE"
 _DESCRIBED = "it begins with a flight, whose aircraft the station then knows or you choose on the flight's page"
-_STARTING = "the first estimates come a few seconds after the first messages"
+_STARTING = (
+    "the first estimates come a few seconds after the first messages; the very first time on a computer, loops are"
+    " compiled for about a minute before"
+)
 
 
 @router.get("/api/live")

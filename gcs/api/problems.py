@@ -27,6 +27,7 @@ from gcs.errors import (
     SignalMapError,
     VehicleError,
 )
+from gcs.text.json_log import REQUEST_ID
 from sim_vehicle.errors import SimVehicleError
 from sysid.errors import SysidError
 
@@ -49,9 +50,13 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
 _AN_OBJECT = "send a JSON object{example}, with the header Content-Type: application/json"
 
 
-def problem_response(status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
-    """An error as JSON with the sentence `detail`."""
+def problem_response(
+    status: int, detail: str, headers: Mapping[str, str] | None = None, more: Mapping[str, object] | None = None
+) -> Response:
+    """An error as JSON with the sentence `detail`, the id of the request, and what `more` there is to say."""
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail}
+    body |= {"request_id": request} if (request := REQUEST_ID.get()) else {}
+    body |= more or {}
     return JSONResponse(body, status, headers, media_type="application/problem+json")
 
 
@@ -104,8 +109,13 @@ def _in_words(request: Request, errors: Sequence[Mapping[str, Any]]) -> str:
     return f"{where} is missing" if first["type"] == "missing" else f"{where}: {first['msg']}"
 
 
-def _unexpected(request: Request, error: Exception) -> Response:
+def unexpected_problem() -> Response:
+    """An error that nobody thought of."""
     return problem_response(500, "an error of the service itself; its log has the details")
+
+
+def _unexpected(request: Request, error: Exception) -> Response:
+    return unexpected_problem()
 
 
 def install(app: FastAPI) -> None:

@@ -16,6 +16,30 @@ class Problem(BaseModel):
     title: str
     status: int
     detail: str
+    request_id: str = Field("", description="The id of the request, as in X-Request-ID and the log")
+
+
+class ReadyLink(BaseModel):
+    """Whether a link is up: bytes can flow, or it listens for peers."""
+
+    url: str
+    role: Literal["vehicle", "forward"] = Field(description="Who is behind it: vehicles, or another ground station")
+    up: bool
+    problem: str = Field(description="Why bytes cannot flow, empty where they can or nobody has come yet")
+
+
+class Ready(BaseModel):
+    """The service can do its work."""
+
+    ready: Literal[True]
+    links: list[ReadyLink]
+
+
+class NotReady(Problem):
+    """The service cannot do all of its work: `not_ready` has a sentence for each part that is not up."""
+
+    not_ready: list[str]
+    links: list[ReadyLink]
 
 
 class Forwarding(BaseModel):

@@ -1,23 +1,60 @@
-"""Who may ask: a bearer token, and no requests smuggled in by a web page of another site."""
+"""Who may ask: tokens with roles, links to one flight, and no requests smuggled in by a web page of another site."""
 
 from __future__ import annotations
 
 import hmac
+from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from gcs.access.audit import Audit
+from gcs.access.failures import Failures
+from gcs.access.roles import Identity, Role, least_role
+from gcs.access.shares import Shares
+from gcs.access.token_file import TokenFile
 from gcs.api.problems import problem_response
+from gcs.errors import SettingsError
 from gcs.page.assets import PREFIX
-from gcs.settings import is_loopback
+from gcs.settings import Settings, is_loopback
 
 # The page and the description of the interface hold no data; all else is closed unless it is named here.
 _OPEN_PATHS = frozenset(
-    {"/", "/docs", "/openapi.json", "/api/health", "/manifest.webmanifest", "/icon.svg", "/shell.js"}
+    {
+        *("/", "/docs", "/openapi.json", "/manifest.webmanifest", "/icon.svg", "/shell.js"),
+        *("/api/health", "/api/ready", "/api/login"),
+    }
 )
 # The scripts and styles of /docs lie behind this.
 DESCRIPTION_FILES = "/docs-files"
+# In which the page keeps its token, where no script can read it.
+COOKIE = "gcs_token"
+_READING = ("GET", "HEAD", "OPTIONS")
+_LOCAL = Identity("this computer", Role.ADMIN)
+_STATION = "GCS_TOKEN"
+
+
+class Access:
+    """Who is who: the token of the service's start, those of the file, links to flights, and how often one may err."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._token = settings.token
+        self.tokens = TokenFile(settings.tokens)
+        self.shares = Shares(settings.share_key)
+        self.failures = Failures()
+        self.audit = Audit(settings.audit)
+
+    @property
+    def demanded(self) -> bool:
+        """Whether a token is needed: on a station that has any."""
+        return self._token is not None or bool(self.tokens.tokens())
+
+    def identify(self, text: str) -> Identity | None:
+        """Whose token a text is."""
+        if self._token is not None and hmac.compare_digest(text.encode(), self._token.encode()):
+            return Identity(_STATION, Role.ADMIN)
+        return self.tokens.identify(text) or self.shares.identify(text)
 
 
 class Guard:
@@ -26,37 +63,103 @@ class Guard:
     a page that has its own name resolve to 127.0.0.1 would otherwise reach the service through the user's browser.
     """
 
-    def __init__(self, app: ASGIApp, token: str | None) -> None:
+    def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
-        self._token = token
+        self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        refusal = self._refusal(scope) if scope["type"] in ("http", "websocket") else None
-        if refusal is None:
+        if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        status, detail = refusal
-        headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
-        await problem_response(status, detail, headers)(scope, receive, send)
+        status, detail, more = 0, "", dict[str, str]()
+        try:
+            identity = self._identity(scope)
+            if identity is not None:
+                scope.setdefault("state", {})["identity"] = identity
+        except _RefusedError as error:
+            identity, status, detail, more = error.identity, error.status, str(error), error.headers
+        method = scope.get("method", "GET")
 
-    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        async def noted(message: Message) -> None:
+            if message["type"] == "http.response.start" and (method not in _READING or status in (401, 429)):
+                self._note(scope, identity, method, message["status"])
+            await send(message)
+
+        if status == 0:
+            await self._app(scope, receive, noted)
+        else:
+            await problem_response(status, detail, more)(scope, receive, noted)
+
+    def _note(self, scope: Scope, identity: Identity | None, method: str, status: int) -> None:
+        # Who logs in is known only once that is done.
+        found = scope.get("state", {}).get("identity", identity)
+        who, role = ("", "") if found is None else (found.name, found.role.word)
+        self._access.audit.note(who, role, address_of(scope), method, scope["path"], status)
+
+    def _identity(self, scope: Scope) -> Identity | None:
+        """Who asks, None where that does not matter. Raises _RefusedError where it may not be answered."""
         headers = Headers(scope=scope)
         origin = headers.get("origin")
         try:
             host = urlsplit("//" + headers.get("host", ""))
             site = None if origin is None else urlsplit(origin).netloc
         except ValueError:
-            return 400, "the header Host or Origin names no host"
+            raise _RefusedError(400, "the header Host or Origin names no host") from None
         if site is not None and site != host.netloc:
-            return 403, "requests from the page of another site are refused"
-        if self._token is None:
+            raise _RefusedError(403, "requests from the page of another site are refused")
+        path, method = scope["path"], scope.get("method", "GET")
+        try:
+            demanded = self._access.demanded
+        except SettingsError as error:
+            raise _RefusedError(503, str(error)) from None
+        if not demanded:
             if is_loopback(host.hostname or ""):
-                return None
-            return 403, "without a token the service answers only to localhost; set GCS_TOKEN to serve others"
-        if scope["path"] in _OPEN_PATHS or scope["path"].startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
+                return _LOCAL
+            raise _RefusedError(403, "without a token the service answers only to localhost; set GCS_TOKEN, or make"
+                                " tokens with gcs token, to serve others")  # fmt: skip
+        if path in _OPEN_PATHS or path.startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
             return None
-        scheme, _, given = headers.get("authorization", "").partition(" ")
-        right = hmac.compare_digest(given.strip().encode(), self._token.encode())
-        if scheme.lower() == "bearer" and right:
-            return None
-        return 401, "send the token of the service as 'Authorization: Bearer TOKEN'"
+        identity = self._whose(headers, address_of(scope))
+        if not identity.may(method, path):
+            wanted = f"this is for role {least_role(method, path).word}"
+            reason = "a shared link shows its flight alone" if identity.flight else wanted
+            raise _RefusedError(403, f"{reason}; {identity.name} has role {identity.role.word}", identity)
+        return identity
+
+    def _whose(self, headers: Headers, address: str) -> Identity:
+        if (wait := self._access.failures.wait_s(address)) > 0.0:
+            raise _RefusedError(
+                429, f"too many wrong tokens; wait {wait:.0f} s", headers={"Retry-After": f"{wait:.0f}"}
+            )
+        scheme, _, text = headers.get("authorization", "").partition(" ")
+        given = text.strip() if scheme.lower() == "bearer" else "" if scheme else _cookie(headers)
+        identity = self._access.identify(given) if given else None
+        if identity is not None:
+            return identity
+        if given:
+            self._access.failures.count(address)
+        raise _RefusedError(
+            401, "send a token of the station as 'Authorization: Bearer TOKEN'", headers={"WWW-Authenticate": "Bearer"}
+        )
+
+
+class _RefusedError(Exception):
+    def __init__(
+        self, status: int, detail: str, identity: Identity | None = None, headers: dict[str, str] | None = None
+    ) -> None:
+        super().__init__(detail)
+        self.status, self.identity, self.headers = status, identity, headers or {}
+
+
+def address_of(scope: Scope) -> str:
+    """Who connected, as the socket has it."""
+    client = scope.get("client")
+    return client[0] if client else ""
+
+
+def _cookie(headers: Headers) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value

@@ -47,6 +47,10 @@ class Database:
         (pages,), (page,) = self._rows("PRAGMA page_count")[0], self._rows("PRAGMA page_size")[0]
         return int(pages * page)
 
+    def check(self) -> None:
+        """Read a page of the file. Raises CatalogueFileError."""
+        self._rows("PRAGMA schema_version")
+
     def back_up(self, target: Path) -> None:
         """Write a copy as it stands now; whoever uses the catalogue does not wait. Raises CatalogueFileError."""
         unfinished = target.with_name(f"{target.name}.unfinished")

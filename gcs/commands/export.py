@@ -1,15 +1,15 @@
-"""`gcs export`: recordings in other formats."""
+"""`gcs export`: recordings, and logs that `gcs import` reads, in other formats."""
 
 import argparse
 from pathlib import Path
 
 NAME = "export"
-HELP = "write a recording as .tlog, .csv or .parquet, or the .bin or .ulg it was imported from"
+HELP = "write a recording or a log as .tlog, .csv or .parquet, or the .bin or .ulg it was imported from"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("file", metavar="FILE.mcap", type=Path)
+    parser.add_argument("file", metavar="FILE", type=Path, help="a recording, or a log that import reads")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, required=True, help="its ending names the format; must not exist"
     )
@@ -20,13 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Export and say where to."""
-    if args.messages:
-        from gcs.formats.tables import export_messages
+    from gcs.formats.conversion import export_file
+    from gcs.formats.tables import export_messages
+    from gcs.inspection.info import as_recordings
 
-        export_messages(args.file, args.output, args.messages)
-    else:
-        from gcs.formats.conversion import export_file
-
-        export_file(args.file, args.output)
+    with as_recordings([args.file]) as (recording,):
+        if args.messages:
+            export_messages(recording, args.output, args.messages)
+        else:
+            export_file(recording, args.output)
     print(args.output)
     return 0

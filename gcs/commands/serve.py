@@ -36,6 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; other than loopback demands a token")
     parser.add_argument("--port", type=int, default=8000, help="port of the page and REST (default 8000)")
     parser.add_argument("--token-file", metavar="FILE", type=Path, help="file with the token, else GCS_TOKEN")
+    parser.add_argument("--tls-cert", metavar="FILE", type=Path, help="certificate (PEM, with its chain) for HTTPS")
+    parser.add_argument("--tls-key", metavar="FILE", type=Path, help="key of that certificate (PEM, no password)")
+    parser.add_argument(
+        "--log-format",
+        choices=("text", "json"),
+        default="text",
+        help="log on standard error: lines to read, or an object a line, requests too (default text)",
+    )
     parser.add_argument(
         "--map", metavar="FILE", type=Path, help="map beneath the track on the page: an MBTiles file of pictures"
     )
@@ -51,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until asked to stop."""
+    from gcs.access.token_file import TokenFile
     from gcs.errors import SettingsError
     from gcs.formats.map_tiles import MapTiles
     from gcs.links.url import parse_url
@@ -60,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.serve import serve
     from gcs.settings import Settings, read_token
     from gcs.station.forwardrules import parse_forward
+    from gcs.text.json_log import log_as_json
     from gcs.text.sizes import parse_size
 
     if not 0 <= args.port <= 65535:
@@ -70,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(f"--keep-days {args.keep_days}: give a number of days above 0")
     if args.vehicle is None and (args.keep_days is not None or args.keep_size is not None):
         raise SettingsError("--keep-days and --keep-size delete what was identified, so they need --vehicle FILE")
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise SettingsError("--tls-cert and --tls-key go together: a certificate and its key")
     for url in args.connect:
         parse_url(url)
     if args.map is not None:
@@ -79,7 +91,10 @@ def run(args: argparse.Namespace) -> int:
         dialect = Dialect.load(link.dialect)
         for url in args.forward:
             parse_forward(url, dialect)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    if args.log_format == "json":
+        log_as_json()
+    else:
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = Settings(
         data=args.data,
         connect=tuple(args.connect),
@@ -89,15 +104,23 @@ def run(args: argparse.Namespace) -> int:
         identify=not args.no_identify,
         host=args.host,
         port=args.port,
-        token=read_token(args.host, args.token_file),
+        token=read_token(args.host, args.token_file, others=bool(TokenFile(Settings(data=args.data).tokens).tokens())),
         silence_s=args.silence,
         storage=storage_options(args),
         keep_days=args.keep_days,
         map=args.map,
+        tls_cert=args.tls_cert,
+        tls_key=args.tls_key,
+        json_log=args.log_format == "json",
         keep_bytes=None if args.keep_size is None else parse_size(args.keep_size, "--keep-size"),
     )
-    serve(settings, _announce)
+    serve(settings, _log_address if settings.json_log else _announce)
     return 0
+
+
+def _log_address(url: str) -> None:
+    """Say where the service answers in a line of the log, for where nothing but JSON is to be read."""
+    logging.getLogger(__name__).info("serving on %s", url)
 
 
 def _announce(url: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from gcs.errors import ExportError
 from gcs.text.meanings import meaning
+from gcs.text.one_line import one_line
 from gcs.version import VERSION
 from sim_vehicle.effects import EFFECTS, Stage
 from sim_vehicle.model.model_file import Coefficient, Model, model_from_json, read_model
@@ -92,11 +93,6 @@ def model_of(name_or_path: str) -> Model:
         if isinstance(found, dict) and isinstance(found.get("model"), dict):
             return model_from_json(found["model"], str(path))
     return read_model(name_or_path)
-
-
-def one_line(text: str) -> str:
-    """A text of any origin as one printable line, for remarks in files that programs read."""
-    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
 
 
 def described(name: str) -> str:

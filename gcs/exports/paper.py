@@ -8,10 +8,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gcs.errors import ExportError, ReportError
-from gcs.exports.exported import estimates_of, one_line, require_new
+from gcs.exports.exported import estimates_of, require_new
 from gcs.exports.tables import csv_side_by_side, latex_number, latex_side_by_side, latex_table
 from gcs.report.side_by_side import headings
 from gcs.text.files import write_whole
+from gcs.text.one_line import one_line
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.model.model_file import model_from_json
 

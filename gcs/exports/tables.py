@@ -8,9 +8,10 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, one_line, require_new
+from gcs.exports.exported import AXES_AND_SIGNS, Z95, Exported, described, require_new
 from gcs.report.markup import decimals
 from gcs.text.files import write_whole
+from gcs.text.one_line import one_line
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.errors import ModelFileError
 from sim_vehicle.model.aerodynamic_terms import parse_term

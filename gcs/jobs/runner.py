@@ -100,6 +100,11 @@ class JobRunner:
         if self._thread.ident is not None:
             self._thread.join(_STOP_TIMEOUT_S)
 
+    @property
+    def alive(self) -> bool:
+        """Whether the thread that runs jobs is there."""
+        return self._thread.is_alive()
+
     def submit(self, flight_id: str, request: dict[str, Any], owner: str = "") -> Job:
         """Queue a job after checking all that can be checked at once.
 

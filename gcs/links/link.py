@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 
 from gcs.links.datagrams import Batch
 from gcs.links.sources import Source, Sources
-from gcs.links.url import LinkUrl
+from gcs.links.url import LinkKind, LinkUrl
 from gcs.text.oserrors import is_own, reason
 
 _BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -117,6 +117,11 @@ class Link(ABC):
     def ready(self) -> bool:
         """Whether there is a peer to send to."""
         return self.connected
+
+    @property
+    def up(self) -> bool:
+        """Whether the link stands as far as this computer can do anything for it: one that listens waits for peers."""
+        return self.connected or (self.url.kind is LinkKind.TCP_SERVER and not self.broken)
 
     def status(self) -> dict[str, object]:
         """Counters and state as JSON-ready values."""

@@ -51,7 +51,7 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
     model, series = result["model"], result.get("series") or {}
     name = model.get("name", "")
     flights = ", ".join(map(str, result["flights"]))
-    return _document(
+    return document(
         f"Flight model of {name} from {flights}",
         _facts(result),
         _quality(result),
@@ -92,7 +92,7 @@ def _discrepancy(result: Result) -> str:
         facts["Method"] = _METHODS.get(result["method"], result["method"])
     if result.get("ruled_out"):
         facts["Ruled out beforehand"] = ", ".join(result["ruled_out"])
-    return _document(
+    return document(
         f"What the flight model lacks: {verdict}",
         _definitions(facts),
         f'<p class="verdict">{text(result["sentence"])}</p>' if result.get("sentence") else "",
@@ -125,7 +125,8 @@ def _warnings(result: Result) -> str:
     return section("Warnings", listing([text(one) for one in result.get("warnings", [])]))
 
 
-def _document(title: str, *parts: str) -> str:
+def document(title: str, *parts: str) -> str:
+    """A page with its style in it. parts: HTML."""
     style = files("gcs.report").joinpath("style.css").read_text(encoding="utf-8")
     body = "\n".join(part for part in parts if part)
     return (

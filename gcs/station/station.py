@@ -6,7 +6,8 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from typing import Literal
 
 from pymavlink.dialects.v20 import common
 
@@ -35,9 +36,21 @@ _DRAIN_S = 1.0
 _LAST_LOOK_S = 0.01
 _AFTER_ERROR_S = 0.01
 _MOST_ERRORS = 100
+# A thread that has not looked at the clock for so long does so no more; a slow disk may hold it up for a while.
+_LATE_S = 30.0
 _TEXT_BYTES = 50  # of STATUSTEXT
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LinkState:
+    """Whether a link is up, why bytes cannot flow, and who is behind it."""
+
+    name: str
+    role: Literal["vehicle", "forward"]
+    up: bool
+    problem: str
 
 
 def _say_once() -> Callable[[Exception], None]:
@@ -94,6 +107,7 @@ class Station:
         self._tick = tick
         self._clock = clock
         self._stopping = threading.Event()
+        self._looked_s = time.monotonic()
         self._threads = [
             *(threading.Thread(target=self._receive, args=(link,), daemon=True) for link in self.links),
             *(threading.Thread(target=self._answer, args=(link,), daemon=True) for link in self.forward),
@@ -104,8 +118,22 @@ class Station:
         """Begin to receive."""
         if self._forwarder is not None:
             self._forwarder.start()
+        self._looked_s = time.monotonic()
         for thread in self._threads:
             thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether all of its threads are there, and the one that keeps time does."""
+        there = all(thread.is_alive() for thread in self._threads)
+        return there and time.monotonic() - self._looked_s < _LATE_S
+
+    def link_states(self) -> list[LinkState]:
+        """Whether each link is up, those to other ground stations behind the others."""
+        return [
+            *(LinkState(link.name, "vehicle", link.up, link.problem) for link in self.links),
+            *(LinkState(link.name, "forward", link.up, link.problem) for link in self.forward),
+        ]
 
     def stop(self) -> None:
         """End the threads, then give the links back."""
@@ -152,6 +180,7 @@ class Station:
     def _keep_time(self) -> None:
         next_heartbeat = time.monotonic()
         while not self._stopping.wait(_TICK_S):
+            self._looked_s = time.monotonic()
             try:
                 self._tick(self._clock())
                 if time.monotonic() >= next_heartbeat:

@@ -46,8 +46,8 @@ def test_the_image_runs_as_an_ordinary_user_and_flights_survive_in_a_volume(comp
     assert users
     assert users[-1] not in ("root", "0")
     station = compose["services"]["gcs"]
-    assert station["volumes"] == ["flights:/data"]
-    assert "flights" in compose["volumes"]
+    assert station["volumes"] == ["flights:/data", "loops:/cache"]
+    assert {"flights", "loops"} <= set(compose["volumes"])
     command = station["command"]
     assert command[command.index("--data") + 1] == "/data"
 
@@ -68,6 +68,33 @@ def test_the_vehicle_sends_to_the_port_on_which_the_station_listens(compose: dic
     assert vehicle[vehicle.index("--out") + 1] == f"udpout:gcs:{port}"
     assert f"{port}:{port}/udp" in services["gcs"]["ports"]
     assert services["sim_vehicle"]["depends_on"]["gcs"]["condition"] == "service_healthy"
+
+
+def test_containers_may_do_little_and_take_a_bounded_share(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        assert service["read_only"] is True, name
+        assert service["tmpfs"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["mem_limit"], name
+        assert service["pids_limit"] > 0, name
+        mounted = {volume.split(":")[0] for volume in service["volumes"]}
+        assert {one for one in mounted if not one.startswith("./")} <= set(compose["volumes"]), name
+    assert "/api/ready" in compose["services"]["gcs"]["healthcheck"]["test"][-1]
+    kept = [line for line in (ROOT / "Dockerfile").read_text().splitlines() if "chown station" in line]
+    assert kept == ["    && chown station /data /cache"]  # what a volume begins with
+
+
+def test_https_is_there_for_who_asks_for_it(compose: dict[str, Any]) -> None:
+    proxy = compose["services"]["caddy"]
+    assert proxy["profiles"] == ["tls"]
+    assert proxy["cap_add"] == ["NET_BIND_SERVICE"]
+    assert proxy["environment"]["GCS_UPSTREAM"] == "gcs:8000"
+    (file,) = (volume.split(":")[0] for volume in proxy["volumes"] if volume.startswith("./"))
+    text = (ROOT / file).read_text()
+    assert "reverse_proxy {$GCS_UPSTREAM:127.0.0.1:8000}" in text
+    assert text.count("{") == text.count("}")
+    assert not any("profiles" in service for name, service in compose["services"].items() if name != "caddy")
 
 
 @pytest.mark.whole_flight

@@ -23,6 +23,7 @@ changes with major versions alone. Where to begin:
 | read a recording | [`gcs.recording.reader`](gcs.recording.reader.md) |
 | get the signals of a flight | [`gcs.flights.signals`](gcs.flights.signals.md) |
 | run a job as the commands do | [`gcs.analysis.postflight`](gcs.analysis.postflight.md) |
+| ask a running station | [`gcs.client`](gcs.client.md) |
 | simulate | [`sim_vehicle.physics.simulation`](sim_vehicle.physics.simulation.md) |
 | fly a plan | [`sim_vehicle.flight.flight_loop`](sim_vehicle.flight.flight_loop.md) |
 | read models | [`sim_vehicle.model.model_file`](sim_vehicle.model.model_file.md) |

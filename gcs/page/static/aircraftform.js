@@ -190,7 +190,8 @@ class Description {
 
   motor() {
     return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'Motor'), this.figure('max_thrust_n', 'Largest static thrust', 'N', 'By a spring balance; may stay empty'),
-      this.figure('propeller_m', 'Propeller’s diameter', 'm', 'Only together with the thrust'))
+      this.figure('propeller_m', 'Propeller’s diameter', 'm', 'Only together with the thrust'),
+      this.figure('moving_mass_kg', 'Mass on the thrust sensor', 'kg', 'Motor and propeller, where a sensor measures thrust; only together with the thrust'))
   }
 
   places() {

@@ -1,6 +1,4 @@
-// The REST interface: the token, requests, errors in words, downloads.
-
-const TOKEN = 'token'
+// The REST interface: requests, errors in words, downloads.
 
 /** What the service or the network said, as a sentence. */
 export class Problem extends Error {
@@ -9,12 +7,6 @@ export class Problem extends Error {
     this.status = status
   }
 }
-
-export const token = () => sessionStorage.getItem(TOKEN)
-export const keepToken = text => sessionStorage.setItem(TOKEN, text)
-
-/** Headers of a request that carries the token, if there is one. */
-export const authorised = headers => token() ? { ...headers, Authorization: `Bearer ${token()}` } : { ...headers }
 
 /** The detail of an answer that is an error. */
 export async function problemOf(answer) {
@@ -35,7 +27,7 @@ export function detailOf(text) {
 export async function request(path, options = {}) {
   let answer
   try {
-    answer = await fetch(path, { ...options, headers: authorised(options.headers) })
+    answer = await fetch(path, options)
   } catch (error) {
     if (error.name === 'AbortError') throw error
     throw new Problem(0, 'the ground station does not answer; is it running, and is this device on its network?')
@@ -75,8 +67,7 @@ export async function getIfThere(path, signal) {
 export const upload = (file, columns, progress, signal) => new Promise((resolve, reject) => {
   const sending = new XMLHttpRequest()
   sending.open('POST', `/api/flights?${new URLSearchParams({ name: file.name, ...(columns.trim() && { columns }) })}`)
-  const headers = authorised({ 'Content-Type': 'application/octet-stream' })
-  for (const [name, value] of Object.entries(headers)) sending.setRequestHeader(name, value)
+  sending.setRequestHeader('Content-Type', 'application/octet-stream')
   sending.upload.onprogress = event => progress(event.total ? event.loaded / event.total : 0)
   sending.onload = () => sending.status < 300 ? resolve(JSON.parse(sending.responseText)) : reject(
     new Problem(sending.status, detailOf(sending.responseText) ?? `the ground station answered ${sending.status}`))
@@ -85,10 +76,9 @@ export const upload = (file, columns, progress, signal) => new Promise((resolve,
   sending.send(file)
 })
 
-/** Hand a blob to the user: as a file of that name, or opened in a window. */
-export function hand(blob, name, window_) {
+/** Hand a blob to the user as a file of that name. */
+export function hand(blob, name) {
   const address = URL.createObjectURL(blob)
-  if (window_) window_.location = address
-  else Object.assign(document.createElement('a'), { href: address, download: name }).click()
+  Object.assign(document.createElement('a'), { href: address, download: name }).click()
   setTimeout(() => URL.revokeObjectURL(address), 60_000)
 }

@@ -10,6 +10,7 @@ import { listen } from './keys.js'
 import { languageChooser, translate } from './language.js'
 import { live } from './live.js'
 import { start } from './router.js'
+import { shared } from './shared.js'
 import { chooser, dress } from './theme.js'
 
 const HEALTH_EVERY_MS = 5000
@@ -40,6 +41,7 @@ start({
   flights: (page, parts, query, signal) => (parts.length ? flight : flights)(page, parts, query, signal),
   aircraft,
   compare,
+  shared,
 }, 'live')
 health()
 setInterval(health, HEALTH_EVERY_MS)

@@ -10,6 +10,7 @@ import { jobs } from './jobs.js'
 import { flightTitle } from './flightchoice.js'
 import { download } from './links.js'
 import { plan } from './plan.js'
+import { sharing } from './shared.js'
 import { signals } from './signals.js'
 import { say } from './language.js'
 
@@ -46,7 +47,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
     await signals(page, summary, query, signal, async job => (await list)(job))
     page.append(work)
     await list
-    if (summary.state !== 'recording') page.append(deletion(path, name))
+    if (summary.state !== 'recording') page.append(sharing(path), deletion(path, name))
   }
 }
 

@@ -81,7 +81,7 @@ export class MapTiles {
     for (const [name, value] of Object.entries({ x, y, width: width + 0.3, height: height + 0.3 })) image.setAttribute(name, value.toFixed(2))
   }
 
-  /** The address of a tile's picture; it is asked for with the token, which an image cannot carry. */
+  /** The address of a tile's picture. */
   picture(key) {
     if (!this.pictures.has(key)) {
       const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob)).catch(error => {

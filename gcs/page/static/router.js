@@ -1,6 +1,6 @@
 // Which view the address names. Every view has an address of its own, a title, and the focus when it comes.
 
-import { keepToken, token } from './api.js'
+import { post } from './api.js'
 import { field, h, remark } from './dom.js'
 import { say } from './language.js'
 
@@ -71,16 +71,21 @@ function trouble(error, again) {
 
 function tokenForm(again) {
   const input = h('input', { type: 'password', autocomplete: 'current-password', required: true })
-  const refused = token() !== null
+  const refused = h('div', {})
   return h('form', {
-    submit: event => {
+    submit: async event => {
       event.preventDefault()
-      keepToken(input.value.trim())
-      again()
+      try {
+        await post('/api/login', { token: input.value.trim() })
+        again()
+      } catch (error) {
+        const words = error.status === 401 ? 'The ground station did not accept this token.' : error.message
+        refused.replaceChildren(remark('bad', h('p', { role: 'alert' }, words)))
+      }
     },
   },
-  refused && remark('bad', h('p', { role: 'alert' }, 'The ground station did not accept this token.')),
+  refused,
   field('Token of the ground station', input,
-    'It was set as GCS_TOKEN, or by --token-file, when the service was started. It stays in this tab only.'),
+    'Whoever runs the station makes one with gcs token add, or set it as GCS_TOKEN. This browser keeps it for 30 days.'),
   h('button', { class: 'main' }, 'Open'))
 }

@@ -25,24 +25,27 @@ def test_what_is_not_there_is_a_problem_with_a_sentence(client: httpx.Client, pa
 
 
 @pytest.mark.whole_flight
-def test_a_token_is_demanded_everywhere_but_for_health(make_bench: Callable[..., Bench]) -> None:
+def test_a_token_is_demanded_everywhere_but_for_health_and_readiness(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(token=TOKEN, host="0.0.0.0")
     with serving(bench.app) as client:
         assert client.get("/api/health").status_code == 200
+        assert client.get("/api/ready").status_code == 200
         schema = client.get("/openapi.json").json()
         right = {"Authorization": f"Bearer {TOKEN}"}
         for path, methods in schema["paths"].items():
             for method in methods:
-                if path == "/api/health":
+                if path in ("/api/health", "/api/ready", "/api/login"):
                     continue
                 url = path.replace("{flight_id}", "x").replace("{job_id}", "x").replace("{model_id}", "x")
-                for headers in ({}, {"Authorization": "Bearer wrong"}, {"Authorization": f"Basic {TOKEN}"}):
+                for headers in ({}, {"Authorization": f"Basic {TOKEN}"}):
                     answer = client.request(method, url, headers=headers)
                     assert answer.headers["www-authenticate"] == "Bearer"
                     assert "Authorization" in problem(answer, 401)
                 # Events never end: what matters comes before the body.
                 with client.stream(method, url, headers=right) as allowed:
                     assert allowed.status_code != 401
+        wrong = client.get("/api/flights", headers={"Authorization": "Bearer wrong"})
+        assert "Authorization" in problem(wrong, 401)
         assert "<title>Ground station</title>" in client.get("/").text
         assert not bench.catalogue.flights()
 
@@ -58,6 +61,13 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
     routes = {f"{method.upper()} {path}" for path, methods in schema["paths"].items() for method in methods}
     assert routes == {
         "GET /api/health",
+        "GET /api/ready",
+        "POST /api/login",
+        "POST /api/logout",
+        "GET /api/me",
+        "GET /api/tokens",
+        "GET /api/audit",
+        "POST /api/flights/{flight_id}/share",
         "GET /api/links",
         "GET /api/flights",
         "POST /api/flights",

@@ -17,7 +17,8 @@ from fastapi import FastAPI
 from serving import serving
 
 from gcs.api.page import router
-from gcs.api.security import Guard
+from gcs.api.security import Access, Guard
+from gcs.settings import Settings
 
 MOST_BYTES = 1_000_000
 
@@ -46,10 +47,11 @@ class Document(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """A browser without the token that the service demands."""
     app = FastAPI()
-    app.add_middleware(Guard, token="token-of-the-page-test")
+    settings = Settings(data=tmp_path_factory.mktemp("page"), token="token-of-the-page-test")
+    app.add_middleware(Guard, access=Access(settings))
     app.include_router(router)
     with serving(app) as made:
         yield made

@@ -1,0 +1,83 @@
+"""Logging in, links to one flight, and what administrators see of users."""
+
+from __future__ import annotations
+
+from typing import Annotated, cast
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import JSONResponse, Response
+
+from gcs.access.roles import Identity, Role
+from gcs.access.token_file import without_hash
+from gcs.api.access_schemas import AuditLine, Login, Me, Share, ShareRequest, TokenEntry
+from gcs.api.schemas import Problem
+from gcs.api.security import COOKIE, Access, address_of
+from gcs.api.service import Serving
+from gcs.errors import SettingsError
+
+router = APIRouter(tags=["access"])
+_MONTH_S = 30 * 86400
+
+
+def _access(request: Request) -> Access:
+    return cast(Access, request.app.state.access)
+
+
+@router.post("/api/login", responses={401: {"model": Problem}, 429: {"model": Problem}})
+async def login(request: Request, body: Login) -> Me:
+    """Keep a token, or that of a shared link, in a cookie that no script can read. Needs no token."""
+    access, address = _access(request), address_of(request.scope)
+    if (wait := access.failures.wait_s(address)) > 0.0:
+        raise HTTPException(429, f"too many wrong tokens; wait {wait:.0f} s", {"Retry-After": f"{wait:.0f}"})
+    identity = access.identify(body.token) if access.demanded else Identity("this computer", Role.ADMIN)
+    if identity is None:
+        access.failures.count(address)
+        raise HTTPException(401, "the station does not know this token", {"WWW-Authenticate": "Bearer"})
+    request.scope["state"]["identity"] = identity
+    answer = JSONResponse(_me(identity).model_dump())
+    answer.set_cookie(
+        COOKIE, body.token, max_age=_MONTH_S, httponly=True, samesite="strict", secure=request.url.scheme == "https"
+    )
+    return cast(Me, answer)
+
+
+@router.post("/api/logout", status_code=204)
+async def logout() -> Response:
+    """Forget the cookie."""
+    answer = Response(status_code=204)
+    answer.delete_cookie(COOKIE)
+    return answer
+
+
+@router.get("/api/me")
+async def me(request: Request) -> Me:
+    """Who asks, and what that role may do."""
+    return _me(request.state.identity)
+
+
+@router.post("/api/flights/{flight_id}/share", responses={404: {"model": Problem}})
+def share(request: Request, service: Serving, flight_id: str, body: ShareRequest) -> Share:
+    """A link that shows this flight and its results to whoever has it, for some days, and nothing else."""
+    service.catalogue.flight(flight_id)
+    token, expires = _access(request).shares.make(flight_id, body.days)
+    return Share(path=f"/#/shared/{token}", expires=expires)
+
+
+@router.get("/api/tokens")
+def tokens(request: Request) -> list[TokenEntry]:
+    """Names and roles of all tokens; the tokens themselves are kept nowhere. `gcs token` makes and revokes them."""
+    try:
+        found = _access(request).tokens.tokens()
+    except SettingsError as error:
+        raise HTTPException(503, str(error)) from None
+    return [TokenEntry.model_validate(without_hash(one)) for one in found]
+
+
+@router.get("/api/audit")
+def audit(request: Request, limit: Annotated[int, Query(ge=1, le=10_000)] = 200) -> list[AuditLine]:
+    """Who did what, the newest first: requests that changed something, and those that were refused for their token."""
+    return [AuditLine.model_validate(line) for line in _access(request).audit.last(limit)]
+
+
+def _me(identity: Identity) -> Me:
+    return Me.model_validate({"name": identity.name, "role": identity.role.word, "flight": identity.flight})

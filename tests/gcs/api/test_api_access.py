@@ -1,0 +1,225 @@
+"""Every operation of the interface times every role, tokens, links to one flight, wrong tokens, and the log of it."""
+
+from __future__ import annotations
+
+import json
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from api_bench import TOKEN, Bench, problem
+from serving import serving
+
+from gcs.access.failures import MOST, Failures
+from gcs.access.roles import Role, least_role
+from gcs.access.shares import Shares
+from gcs.access.token_file import TokenFile
+from gcs.cli import main
+from gcs.errors import SettingsError
+
+ROLES = ("viewer", "operator", "admin")
+# What is not: reading for viewers, anything else for operators. Written out once more on purpose.
+OPEN = {"GET /api/health", "GET /api/ready", "POST /api/login"}
+VIEWERS_TOO = {"POST /api/logout", "POST /api/vehicles/check", "POST /api/vehicles/inertia"}
+ADMINS_ONLY = {
+    "GET /api/tokens",
+    "GET /api/audit",
+    "POST /api/vehicles",
+    "PUT /api/vehicles/{vehicle_id}",
+    "DELETE /api/vehicles/{vehicle_id}",
+    "POST /api/vehicles/{vehicle_id}/restore",
+}
+
+
+@pytest.fixture
+def bench(make_bench: Callable[..., Bench]) -> Bench:
+    return make_bench(token=TOKEN, host="0.0.0.0")
+
+
+@pytest.fixture
+def guarded(bench: Bench) -> Iterator[httpx.Client]:
+    with serving(bench.app) as client:
+        yield client
+
+
+def by(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"}
+
+
+def status_of(client: httpx.Client, method: str, url: str, headers: dict[str, str]) -> int:
+    with client.stream(method, url, headers=headers) as answer:  # events never end
+        return answer.status_code
+
+
+def test_every_operation_answers_the_roles_that_it_is_for(bench: Bench, guarded: httpx.Client) -> None:
+    file = TokenFile(bench.settings.tokens)
+    tokens = {role: file.add(f"the {role}".replace(" ", "-"), role) for role in ROLES}
+    schema = guarded.get("/openapi.json").json()
+    seen = set()
+    for path, methods in schema["paths"].items():
+        for method in map(str.upper, methods):
+            name = f"{method} {path}"
+            seen.add(name)
+            url = path
+            for part in ("flight_id", "job_id", "model_id", "vehicle_id", "zoom", "column", "row"):
+                url = url.replace(f"{{{part}}}", "1")
+            least = 0 if name in VIEWERS_TOO or method == "GET" else 1
+            least = 2 if name in ADMINS_ONLY else least
+            found = [status_of(guarded, method, url, by(tokens[role])) for role in ROLES]
+            nobody = status_of(guarded, method, url, {})
+            assert all(one < 500 or one == 503 for one in found), (name, found)
+            if name in OPEN:
+                assert not {nobody, *found} & {401, 403} or name == "POST /api/login", name
+                continue
+            assert nobody == 401, name
+            assert [one == 403 for one in found] == [place < least for place in range(3)], (name, found)
+    assert seen >= OPEN | VIEWERS_TOO | ADMINS_ONLY
+
+
+def test_a_token_is_kept_as_a_hash_revoked_at_once_and_ends_by_itself(tmp_path: Path) -> None:
+    now = [1000.0]
+    file = TokenFile(tmp_path / "tokens.json", lambda: now[0])
+    text = file.add("anna", "operator", 2.0)
+    assert text not in (tmp_path / "tokens.json").read_text()
+    assert stat.S_IMODE((tmp_path / "tokens.json").stat().st_mode) == 0o600
+    # Another process, as a service that runs, sees it and its end.
+    service = TokenFile(tmp_path / "tokens.json", lambda: now[0])
+    found = service.identify(text)
+    assert found is not None
+    assert (found.name, found.role) == ("anna", Role.OPERATOR)
+    assert service.identify(text + "x") is None
+    now[0] += 2.0 * 86400.0
+    assert service.identify(text) is None
+    other = file.add("bert", "viewer")
+    assert service.identify(other) is not None
+    file.revoke("bert")
+    assert service.identify(other) is None
+    for wrong in (lambda: file.add("anna", "viewer"), lambda: file.add("", "viewer"), lambda: file.add("c", "king"),
+                  lambda: file.revoke("nobody"), lambda: file.add("c", "viewer", 0.0)):  # fmt: skip
+        with pytest.raises(SettingsError):
+            wrong()
+    (tmp_path / "tokens.json").write_text("{}")
+    with pytest.raises(SettingsError, match="it is no file of gcs token"):
+        service.tokens()
+
+
+def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = ["--data", str(tmp_path)]
+    assert main(["token", "add", "anna", "--role", "operator", "--days", "7", *data]) == 0
+    text = capsys.readouterr().out.strip()
+    assert TokenFile(tmp_path / "tokens.json").identify(text) is not None
+    assert main(["token", "list", "--json", *data]) == 0
+    (listed,) = json.loads(capsys.readouterr().out)
+    assert (listed["name"], listed["role"]) == ("anna", "operator")
+    assert set(listed) == {"name", "role", "created", "expires"}
+    assert main(["token", "list", *data]) == 0
+    assert capsys.readouterr().out.startswith("anna  operator  until ")
+    assert main(["token", "revoke", "anna", *data]) == 0
+    assert main(["token", "revoke", "anna", *data]) == 2
+    assert "there is no token anna" in capsys.readouterr().err
+
+
+@pytest.mark.whole_flight
+def test_a_link_shows_its_flight_and_nothing_else(bench: Bench, guarded: httpx.Client) -> None:
+    flights = [bench.record(1, 3, 10**18), bench.record(2, 3, 10**18 + 10**11)]
+    made = guarded.post(f"/api/flights/{flights[0]}/share", json={"days": 1}, headers=by(TOKEN)).json()
+    token = made["path"].removeprefix("/#/shared/")
+    with httpx.Client(base_url=guarded.base_url) as visitor:
+        me = visitor.post("/api/login", json={"token": token}).json()
+        assert (me["role"], me["flight"]) == ("viewer", flights[0])
+        assert visitor.get(f"/api/flights/{flights[0]}").status_code == 200
+        assert visitor.get(f"/api/flights/{flights[0]}/recording").status_code == 200
+        problem(visitor.get(f"/api/flights/{flights[1]}"), 403)
+        problem(visitor.get("/api/flights"), 403)
+        problem(visitor.get("/api/live"), 403)
+        assert "alone" in problem(visitor.delete(f"/api/flights/{flights[0]}"), 403)
+        problem(visitor.post(f"/api/flights/{flights[0]}/share", json={}), 403)
+        assert visitor.get("/api/me").json()["flight"] == flights[0]
+
+
+def test_a_link_ends_and_a_forged_one_is_none(tmp_path: Path) -> None:
+    now = [1000.0]
+    shares = Shares(tmp_path / "share.key", lambda: now[0])
+    token, until = shares.make("20260101T000000Z-1", 3.0)
+    assert until == 1000.0 + 3.0 * 86400.0
+    found = shares.identify(token)
+    assert found is not None
+    assert found.flight == "20260101T000000Z-1"
+    claim, _, signature = token.removeprefix("share.").rpartition(".")
+    flight, _, expires = claim.partition(".")
+    for forged in (f"share.{flight}.{int(expires) + 9}.{signature}", token[:-1], "share.", "share.a.b", "x"):
+        assert shares.identify(forged) is None, forged
+    # The key of another station, and the same station once its key was deleted.
+    assert Shares(tmp_path / "other.key", lambda: now[0]).identify(token) is None
+    now[0] = until
+    assert shares.identify(token) is None
+    with pytest.raises(SettingsError):
+        shares.make("x", 1e6)
+
+
+def test_logging_in_keeps_the_token_where_no_script_reads_it(guarded: httpx.Client) -> None:
+    assert problem(guarded.post("/api/login", json={"token": "wrong"}), 401)
+    answer = guarded.post("/api/login", json={"token": TOKEN})
+    assert answer.json() == {"name": "GCS_TOKEN", "role": "admin", "flight": ""}
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert guarded.get("/api/flights").status_code == 200
+    # The cookie of this station sent along by a page of another site is none.
+    problem(guarded.get("/api/flights", headers={"Origin": "http://evil.example"}), 403)
+    assert guarded.post("/api/logout").status_code == 204
+    problem(guarded.get("/api/flights"), 401)
+
+
+def test_wrong_tokens_have_to_wait(guarded: httpx.Client) -> None:
+    answers = [guarded.get("/api/flights", headers=by("wrong")).status_code for _ in range(MOST + 2)]
+    assert answers == [401] * MOST + [429] * 2
+    late = guarded.get("/api/flights", headers=by(TOKEN))
+    assert "too many wrong tokens" in problem(late, 429)
+    assert 0 < int(late.headers["retry-after"]) <= 60
+    assert guarded.get("/api/health").status_code == 200
+
+
+def test_who_waited_is_heard_again_and_others_are_not_held_up() -> None:
+    now = [0.0]
+    failures = Failures(lambda: now[0])
+    for _ in range(MOST):
+        failures.count("10.0.0.1")
+    assert failures.wait_s("10.0.0.1") == pytest.approx(60.0)
+    assert failures.wait_s("10.0.0.2") == 0.0
+    now[0] = 61.0
+    assert failures.wait_s("10.0.0.1") == 0.0
+
+
+def test_the_log_says_who_did_what_and_holds_no_token(bench: Bench, guarded: httpx.Client) -> None:
+    operator = TokenFile(bench.settings.tokens).add("olga", "operator")
+    guarded.get("/api/flights", headers=by(operator))
+    guarded.delete("/api/flights/nope", headers=by(operator))
+    guarded.delete("/api/vehicles/nope", headers=by(operator))
+    guarded.get("/api/flights", headers=by("wrong-token"))
+    guarded.post("/api/login", json={"token": operator})
+    guarded.cookies.clear()
+    lines: list[dict[str, Any]] = guarded.get("/api/audit", headers=by(TOKEN)).json()
+    shown = [(one["who"], one["role"], one["method"], one["path"], one["status"]) for one in reversed(lines)]
+    assert shown == [
+        ("olga", "operator", "DELETE", "/api/flights/nope", 404),
+        ("olga", "operator", "DELETE", "/api/vehicles/nope", 403),
+        ("", "", "GET", "/api/flights", 401),
+        ("olga", "operator", "POST", "/api/login", 200),
+    ]
+    for path in bench.settings.data.rglob("*"):
+        if path.is_file():
+            body = path.read_bytes()
+            assert operator.encode() not in body, path
+            assert b"wrong-token" not in body, path
+
+
+def test_the_least_role_goes_by_what_an_operation_touches() -> None:
+    assert least_role("GET", "/api/flights") is Role.VIEWER
+    assert least_role("POST", "/api/flights") is Role.OPERATOR
+    assert least_role("GET", "/api/vehicles/x/toml") is Role.VIEWER
+    assert least_role("PUT", "/api/vehicles/x") is Role.ADMIN
+    assert least_role("GET", "/api/auditorium") is Role.VIEWER  # a name that begins alike is another
