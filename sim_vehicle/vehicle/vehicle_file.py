@@ -252,6 +252,9 @@ def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
     for key, sensor in vehicle.sensors.named().items():
         if max(map(abs, sensor.position)) > 3.0 * geometry.b:
             lines.append(f"sensors.{key}.position: farther out than three spans: cm or mm?")
+    moving = vehicle.propulsion.moving_mass if vehicle.propulsion else 0.0
+    if moving > 0.3 * mass.mass:
+        lines.append(f"propulsion.moving_mass: {moving:g} kg on the thrust sensor of {mass.mass:g} kg in all: grams?")
     lift = mass.mass * vehicle.environment.gravity
     thrust = vehicle.propulsion.max_thrust if vehicle.propulsion else None
     if rest_on_mass and thrust is not None and not 0.02 < thrust / lift < 10.0:

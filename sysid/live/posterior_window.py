@@ -192,6 +192,7 @@ class SlidingWindow:
         """The aircraft has changed: what was before counts no more."""
         self.leave_out_before(time_s)
         self._known.clear()
+        self._of_servos.clear()
         self.found = None
 
     def work(self) -> None:
@@ -276,13 +277,12 @@ class SlidingWindow:
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
 
     def _is_as_before(self, group: str, now: Mapping[str, CoefficientStatus]) -> bool:
-        """Whether all that was known of a group of axes is known again, and the same."""
+        """Whether what was known of a group of axes and is known again is the same; something must be."""
         before = {name: one for name, (_, one) in self._known.items() if is_longitudinal(name) is (group == GROUPS[0])}
-        return all(
-            name in now and now[name].known
-            and abs(now[name].value - one.value) <= _AGREES * hypot(now[name].std, one.std)
-            for name, one in before.items()
-        )  # fmt: skip
+        both = {name: one for name, one in before.items() if name in now and now[name].known}
+        return bool(both) == bool(before) and all(
+            abs(now[name].value - one.value) <= _AGREES * hypot(now[name].std, one.std) for name, one in both.items()
+        )
 
     def _status(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
         if one.known or name not in self._known:

@@ -356,7 +356,8 @@ class GroupModel:
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
         """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""
-        if (moving := values.get(MOVING_MASS, 0.0)) != 0.0 and "ax" in self.outputs:
+        moving = values.get(MOVING_MASS, 0.0) if one.part.thrust_from == "thrust" else 0.0
+        if moving != 0.0 and "ax" in self.outputs:
             # A force sensor reads the thrust less moving * ax: m ax = force + moving ax, ax the simulated one.
             y = y.copy()
             y[:, self.outputs.index("ax"), :] *= self.vehicle.mass.mass / (self.vehicle.mass.mass - moving)

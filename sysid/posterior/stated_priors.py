@@ -53,7 +53,8 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
     )
     found |= _swinging(vane.lag)
     found[f"{name}_scale"] = (None, vane.scale_std)
-    found["alpha_offset"] = (None, sensors.alpha_vane.bias_std)
+    if "alpha" in messages:  # a vane's zero is none of kinematics
+        found["alpha_offset"] = (None, sensors.alpha_vane.bias_std)
     found["theta_offset"] = found["phi_offset"] = (None, sensors.attitude.bias_std)
     found["airspeed_error"] = (None, _airspeed_std(vehicle))
     late = airspeed_lag(vehicle, messages)
@@ -96,7 +97,7 @@ def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model) -> 
     if "thrust" in thrust and not moving_mass_known(vehicle):
         std = _MOVING_SHARE * mass.mass
         found.append(Nuisance(
-            MOVING_MASS, 0.0, std, 0.0, -0.1 * mass.mass, 0.4 * mass.mass, 0.02 * std, "kg", "longitudinal",
+            MOVING_MASS, 0.0, std, 0.0, 0.0, 0.4 * mass.mass, 0.02 * std, "kg", "longitudinal",
             "motors and propellers of small electric aircraft",
         ))  # fmt: skip
     return tuple(found)

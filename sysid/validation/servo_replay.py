@@ -1,4 +1,4 @@
-"""Flights to judge a model by, with surfaces and thrust as the estimate found that servos and a sensor give them."""
+"""Flights to judge a model by, with surfaces and thrust as servos and a motor's mass were found to make them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import PosteriorEstimate
@@ -16,13 +17,16 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, PRE_ROLL_S, SURFACES, Record
 
+_SMOOTH_S = 0.05  # half of what the acceleration of a motor is averaged over
 _MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 
 
 def as_moved(
     prepared: Sequence[Prepared], signals: Sequence[FlightSignals], vehicle: Vehicle, found: PosteriorEstimate
 ) -> list[Prepared]:
-    """The flights with what their surfaces did from sample to sample in place of their commands, and their thrust.
+    """The flights with what their surfaces did from sample to sample in place of their commands.
+
+    What accelerates the motor on its thrust sensor is added to the thrust.
 
     signals: of each flight, on their own stamps. A group that was not estimated stays as it was recorded.
     """
@@ -53,15 +57,15 @@ def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tup
 
 
 def _thrusting(record: Record, found: PosteriorEstimate) -> Record:
-    """The record with its thrust less the error that its sensor has, and with the pull of what hangs on it."""
-    known = {one.name: one.value for one in found.nuisances}
-    error, mass = known.get("thrust_error", 0.0), known.get(MOVING_MASS, 0.0)
-    thrust = record.thrust * (1.0 - error)
+    """The record with what accelerates the mass that was found to hang on the sensor of its thrust."""
+    mass = next((one.value for one in found.nuisances if one.name == MOVING_MASS), 0.0)
     ahead = record.z[:, OUTPUTS.index("ax")]
     good = np.isfinite(ahead)
-    if mass == 0.0 or not good.any():
-        return replace(record, thrust=thrust)
+    if mass == 0.0 or record.thrust_source.signal != "thrust" or not good.any():
+        return record
     begin = float(record.time_s[0]) - record.start * record.interval_s
-    every = begin + record.interval_s * np.arange(thrust.size)
-    pull = mass * np.interp(every, record.time_s[good], ahead[good])
-    return replace(record, thrust=thrust + pull, moving_mass=record.moving_mass + mass)
+    every = begin + record.interval_s * np.arange(record.thrust.size)
+    # Noise of an input acts as rough air would.
+    half = max(1, round(_SMOOTH_S / record.interval_s))
+    felt = uniform_filter1d(np.interp(every, record.time_s[good], ahead[good]), 2 * half + 1, mode="nearest")
+    return replace(record, thrust=record.thrust + mass * felt, moving_mass=record.moving_mass + mass)
