@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do what is left, write the table and the report, print changes; 1 where no flight has a result."""
     from gcs.errors import SettingsError
-    from gcs.fleet.batch import executor
+    from gcs.fleet.batch import places
     from gcs.fleet.batch import run as work
     from gcs.fleet.orders import orders
     from gcs.fleet.page import change_line, fleet_page
@@ -38,11 +38,14 @@ def run(args: argparse.Namespace) -> int:
 
     if args.workers is not None and args.workers < 1:
         raise SettingsError(f"--workers {args.workers}: give how many processes work, 1 or more")
-    if args.vehicle is not None:
-        load_vehicle(args.vehicle)
-    found = orders(args.sources, args.vehicle, {"method": args.method})
-    with executor(args.workers, args.scheduler) as pool, Progress() as progress:
-        results = work(found, args.output / "results", pool, progress)
+    # By its whole name: workers stand in other folders.
+    vehicle = args.vehicle
+    if vehicle is not None and "://" not in vehicle:
+        load_vehicle(vehicle)
+        vehicle = str(Path(vehicle).resolve()) if Path(vehicle).is_file() else vehicle
+    found = orders(args.sources, vehicle, {"method": args.method})
+    with places(args.workers, args.scheduler) as where, Progress() as progress:
+        results = work(found, args.output / "results", where, progress)
     rows = rows_of(found, results)
     write_table(rows, args.output / "flights.parquet")
     write_table(rows, args.output / "flights.csv")

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,19 +29,31 @@ from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
 
 Progress = Callable[[float, str], None]
-# Times that a job is begun again whose worker was lost.
-_TRIES = 3
+Result = dict[str, Any]
+_LOST = "its worker ended without a word, as one does that takes more memory than there is"
+# Orders under way on a cluster: enough for its workers never to wait for one.
+_ON_CLUSTER = 1000
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where jobs are done. made: an executor of so many workers, None for all; width: jobs under way at once."""
+
+    made: Callable[[int | None], Executor]
+    width: int
 
 
 @contextmanager
-def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
-    """Where jobs run: processes of this machine, or the workers of a Dask scheduler.
+def places(workers: int | None, scheduler: str | None) -> Iterator[Places]:
+    """Processes of this machine, or the workers of a Dask scheduler.
 
     Raises SettingsError where the scheduler is not there, or Dask is not installed.
     """
     if scheduler is None:
-        with ProcessPoolExecutor(workers or os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
-            yield pool
+        count = workers or os.cpu_count() or 1
+        # Spawned, so that no thread of this process is half copied; Ctrl-C is this process's to answer.
+        context = get_context("spawn")
+        yield Places(lambda most: ProcessPoolExecutor(most or count, context, _undisturbed), count)
         return
     try:
         from distributed import Client
@@ -42,52 +64,103 @@ def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
     except (OSError, ValueError, TimeoutError) as error:
         raise SettingsError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from None
     with client:
-        yield client.get_executor(pure=False, retries=_TRIES)  # type: ignore[no-untyped-call]
+        yield Places(lambda most: client.get_executor(pure=False), _ON_CLUSTER)  # type: ignore[no-untyped-call]
 
 
-def run(orders: Sequence[Order], folder: Path, pool: Executor, progress: Progress) -> list[dict[str, Any]]:
-    """The result of each order, in their order. folder: keeps them, and what is there already is not done again."""
-    results: dict[str, dict[str, Any]] = {}
-    folder.mkdir(parents=True, exist_ok=True)
-    left = []
-    for order in orders:
-        kept = _kept(folder / f"{order.key}.json")
-        if kept is None:
-            left.append(order)
-        else:
-            results[order.key] = kept
-    done = len(results)
-    progress(done / len(orders), f"{done} of {len(orders)} flights were done before" if done else "starting")
-    for tries in range(_TRIES):
-        lost = []
-        waiting: dict[Future[dict[str, Any]], Order] = {}
+def _undisturbed() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run(orders: Sequence[Order], folder: Path, where: Places, progress: Progress) -> list[Result]:
+    """The result of each order, in their order. folder: keeps them, and what is there already is not done again.
+
+    Where a worker is lost those that were under way are done once more, one by one: one that loses its worker again is
+    without a result, and the others go on.
+    """
+    batch = _Batch(orders, folder, progress)
+    queue = deque(order for order in orders if order.key not in batch.results)
+    while queue:
+        for suspect in batch.work(where.made(None), queue, where.width):
+            if batch.work(where.made(1), deque([suspect]), 1):
+                batch.keep(suspect, _without(_LOST), final=False)
+    return [batch.results[order.key] for order in orders]
+
+
+class _Batch:
+    """What is done."""
+
+    def __init__(self, orders: Sequence[Order], folder: Path, progress: Progress) -> None:
+        self._count, self._folder, self._progress = len(orders), folder, progress
+        self.results: dict[str, Result] = {}
+        folder.mkdir(parents=True, exist_ok=True)
+        for order in orders:
+            if (kept := _kept(self._place(order))) is not None:
+                self.results[order.key] = kept
+        done = len(self.results)
+        progress(done / self._count, f"{done} of {self._count} flights were done before" if done else "starting")
+
+    def work(self, pool: Executor, queue: deque[Order], width: int) -> list[Order]:
+        """Do what is queued, as far as the workers last; those that were under way when one was lost."""
+        waiting: dict[Future[Result], Order] = {}
         try:
-            waiting = {pool.submit(identified, one.source, one.vehicle, one.options): one for one in left}
-            for future in as_completed(waiting):
-                order = waiting.pop(future)
-                try:
-                    result = future.result()
-                except (BrokenProcessPool, CancelledError):
-                    lost.append(order)
-                    continue
-                except Exception as error:  # whatever a flight makes of a worker, the others go on
-                    result = {"error": f"{type(error).__name__}: {error}", "start_ns": 0, "cost_s": 0.0}
-                write_whole(folder / f"{order.key}.json", dumps(result))
-                results[order.key] = result
-                progress(
-                    len(results) / len(orders), f"{len(results)} of {len(orders)} flights; {_words(order, result)}"
-                )
-        except BrokenProcessPool:
-            lost += list(waiting.values())
-        left = lost
-        if not left or tries == _TRIES - 1 or isinstance(pool, ProcessPoolExecutor):
-            break
-    for order in left:
-        results[order.key] = {"error": "its worker was lost; run the batch again", "start_ns": 0, "cost_s": 0.0}
-    return [results[order.key] for order in orders]
+            while queue or waiting:
+                while queue and len(waiting) < width:
+                    order = queue.popleft()
+                    waiting[_submitted(pool, order)] = order
+                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                    order = waiting.pop(future)
+                    try:
+                        self.keep(order, future.result(), final=True)
+                    except BrokenExecutor:
+                        return [order, *waiting.values()]
+                    except Exception as error:  # whatever a flight makes of a worker, the others go on
+                        # Dask has lost several workers over it.
+                        is_lost = isinstance(error, CancelledError) or type(error).__name__ == "KilledWorker"
+                        self.keep(
+                            order, _without(_LOST if is_lost else f"{type(error).__name__}: {error}"), final=False
+                        )
+        except BaseException:
+            for future in waiting:
+                future.cancel()
+            _end(pool)
+            raise
+        finally:
+            pool.shutdown(wait=False)
+        return []
+
+    def keep(self, order: Order, result: Result, *, final: bool) -> None:
+        """Take a result. final: whether another run would find the same, so that it stays."""
+        if final and not result.get("transient"):
+            write_whole(self._place(order), dumps(result))
+        self.results[order.key] = result
+        done = len(self.results)
+        self._progress(done / self._count, f"{done} of {self._count} flights; {_words(order, result)}")
+
+    def _place(self, order: Order) -> Path:
+        return self._folder / f"{order.key}.json"
 
 
-def _kept(path: Path) -> dict[str, Any] | None:
+def _submitted(pool: Executor, order: Order) -> Future[Result]:
+    """The promise of a result; of a pool that has just lost a worker, one that says so."""
+    try:
+        return pool.submit(identified, order.source, order.vehicle, order.options)
+    except BrokenExecutor as error:
+        lost: Future[Result] = Future()
+        lost.set_exception(error)
+        return lost
+
+
+def _without(why: str) -> Result:
+    return {"error": why, "start_ns": 0, "cost_s": 0.0}
+
+
+def _end(pool: Executor) -> None:
+    """End the processes that work, if they are of this machine."""
+    for process in list((getattr(pool, "_processes", None) or {}).values()):
+        process.terminate()
+
+
+def _kept(path: Path) -> Result | None:
     """A result of an earlier run; None for what is none."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -96,6 +169,6 @@ def _kept(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def _words(order: Order, result: dict[str, Any]) -> str:
+def _words(order: Order, result: Result) -> str:
     name = Path(order.source).name
     return f"{name}: {result['error']}" if "error" in result else f"{name}: {result['quality']['verdict']}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -36,7 +36,7 @@ class Order:
     def key(self) -> str:
         """Names the job's result: the flight's name and a digest of all that the result depends on."""
         digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode()).hexdigest()[:12]
-        return f"{PurePosixPath(self.source).stem}-{digest}"
+        return f"{PurePosixPath(self.source).stem[:100]}-{digest}"
 
 
 def orders(sources: Sequence[str], vehicle: str | None, options: Mapping[str, Any]) -> list[Order]:
@@ -46,19 +46,35 @@ def orders(sources: Sequence[str], vehicle: str | None, options: Mapping[str, An
     counted under the name of the folder that they lie in where it has a vehicle.toml, else under the vehicle's.
     Raises SettingsError where nothing is found, or a flight has no vehicle.
     """
-    found: dict[str, Order] = {}
+    found: dict[str, tuple[str, str, str | None]] = {}
     for source in sources:
-        for place, stamp in _expanded(source):
-            own = _own_vehicle(place)
+        every = _expanded(source)
+        if not every:
+            raise SettingsError(f"{source}: no recording or log there ({', '.join(_FLIGHTS)})")
+        for place, stamp in every:
+            own = _own_vehicle(place, source)
             if own is None and vehicle is None:
                 raise SettingsError(f"{place}: no vehicle; give --vehicle, or put {OF_FOLDER} into its folder")
-            name = PurePosixPath(place).parent.name if own else PurePosixPath(str(vehicle)).stem
-            found[place] = Order(
-                place, str(own or vehicle), name, dict(options), f"{stamp} {_stamp_of(str(own or vehicle))}"
-            )
-    if not found:
-        raise SettingsError(f"{', '.join(sources)}: no recording or log there ({', '.join(_FLIGHTS)})")
-    return list(found.values())
+            found[place] = (str(own or vehicle), stamp, own)
+    names = _names({craft for craft, _, _ in found.values()})
+    return [
+        Order(place, craft, names[craft], dict(options), f"{stamp} {_stamp_of(craft)}")
+        for place, (craft, stamp, _) in found.items()
+    ]
+
+
+def _names(vehicles: Collection[str]) -> dict[str, str]:
+    """What aircraft are called: their folder, or their file; with as much of the path as two of them differ by."""
+    parts = {}
+    for one in vehicles:
+        path = PurePosixPath(one)
+        parts[one] = list(path.parts[:-1]) if path.name == OF_FOLDER else [path.stem]
+    depth = 1
+    while True:
+        names = {one: "/".join(own[-depth:]) for one, own in parts.items()}
+        if len(set(names.values())) == len(names) or depth > max(map(len, parts.values())):
+            return names
+        depth += 1
 
 
 def _expanded(source: str) -> list[tuple[str, str]]:
@@ -72,7 +88,7 @@ def _expanded(source: str) -> list[tuple[str, str]]:
         every = [path]
     else:
         every = list(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
-    return [(str(one.resolve()), _stamp_of(one)) for one in sorted(every) if one.is_file()]
+    return [(str(one.absolute()), _stamp_of(one)) for one in sorted(every) if one.is_file()]
 
 
 def _at_address(source: str) -> list[tuple[str, str]]:
@@ -96,9 +112,13 @@ def _is_flight(name: str) -> bool:
     return name.lower().endswith(_FLIGHTS)
 
 
-def _own_vehicle(place: str) -> str | None:
-    beside = Path(place).parent / OF_FOLDER
-    return str(beside) if "://" not in place and beside.is_file() else None
+def _own_vehicle(place: str, source: str) -> str | None:
+    """The vehicle file of the nearest folder above a flight that has one, up to the source."""
+    if "://" in place:
+        return None
+    top, above = Path(source).absolute(), Path(place).parents
+    folders = [one for one in above if one.is_relative_to(top)] if top.is_dir() else above[:1]
+    return next((str(one / OF_FOLDER) for one in folders if (one / OF_FOLDER).is_file()), None)
 
 
 def _stamp_of(path: Path | str) -> str:

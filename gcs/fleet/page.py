@@ -40,9 +40,10 @@ def fleet_page(fleet: Fleet, rows: Sequence[Mapping[str, Any]]) -> str:
 
 def change_line(aircraft: str, name: str, change: Change, start_ns: int) -> str:
     """One change in words: what, from when on, by how much, and how surely."""
-    share = 100.0 * (change.after / change.before - 1.0)
+    apart = change.after - change.before
+    by = f"{100.0 * apart / change.before:+.1f} %" if abs(change.before) > abs(apart) else f"{apart:+.3g}"
     return (
-        f"{aircraft}: {name} changed by {share:+.1f} % between the flights before {utc_text(start_ns)[:16]}Z and those"
+        f"{aircraft}: {name} changed by {by} between the flights before {utc_text(start_ns)[:16]}Z and those"
         f" from then on ({change.before:.4g} ± {change.before_std:.2g} to {change.after:.4g} ± {change.after_std:.2g};"
         f" p {change.p:.1g} over all coefficients of all aircraft)"
     )

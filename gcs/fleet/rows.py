@@ -18,13 +18,18 @@ def rows_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> li
 
 def _row(order: Order, result: Mapping[str, Any]) -> Row:
     row: Row = {
-        "flight": Path(order.source).stem, "source": order.source, "aircraft": order.aircraft,
+        "flight": _clean(Path(order.source).stem), "source": _clean(order.source), "aircraft": order.aircraft,
         "start_ns": int(result["start_ns"]), "cost_s": float(result["cost_s"]), "error": result.get("error", ""),
         "verdict": result.get("quality", {}).get("verdict", ""), "method": result.get("method", ""),
     }  # fmt: skip
     for name, entry in result.get("model", {}).get("coefficients", {}).items():
         row[name], row[f"{name}_std"] = entry.get("value"), entry.get("std")
     return row
+
+
+def _clean(name: str) -> str:
+    """A name whose bytes are no text, as letters that a table can hold."""
+    return name.encode(errors="replace").decode()
 
 
 def coefficients_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:

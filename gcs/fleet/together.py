@@ -48,7 +48,7 @@ def together(rows: Sequence[Row]) -> Fleet:
     """
     trends: dict[str, dict[str, Trend]] = {}
     for aircraft in dict.fromkeys(str(row["aircraft"]) for row in rows):
-        own = [row for row in rows if row["aircraft"] == aircraft]
+        own = [row for row in rows if row["aircraft"] == aircraft and row["verdict"] != "poor"]
         found = {name: _estimates(own, name) for name in coefficients_of(own)}
         trends[aircraft] = {name: trend(name, each) for name, each in found.items() if each}
     tests = sum(len(each) for each in trends.values())

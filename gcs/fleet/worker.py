@@ -29,9 +29,15 @@ def identified(source: str, vehicle: str, options: Mapping[str, Any]) -> dict[st
                 result = identify(paths, load_vehicle(craft).path, **options)
         found = {key: value for key, value in result.items() if key != "series"}
         return {**found, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
-    except (GcsError, SysidError, SimVehicleError, OSError, MemoryError) as error:
-        words = " ".join(str(error).split()) or type(error).__name__
-        return {"error": words, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
+    except (GcsError, SysidError, SimVehicleError) as error:
+        return _without(error, start_ns, begun)
+    except (OSError, ImportError, MemoryError) as error:  # of this machine, or a store that is not there just now
+        return {**_without(error, start_ns, begun), "transient": True}
+
+
+def _without(error: BaseException, start_ns: int, begun: float) -> dict[str, Any]:
+    words = " ".join(str(error).split()) or type(error).__name__
+    return {"error": words, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
 
 
 def _here(place: str, folder: Path) -> str:

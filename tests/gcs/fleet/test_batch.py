@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -18,7 +20,8 @@ from traffic import wait_until
 
 from gcs.cli import main
 from gcs.errors import SettingsError
-from gcs.fleet.orders import orders
+from gcs.fleet import batch as batches
+from gcs.fleet.orders import Order, orders
 from sim_vehicle.cli.main import main as sim_vehicle
 
 pytestmark = pytest.mark.whole_flight
@@ -163,3 +166,44 @@ def test_what_cannot_work_is_said_in_one_line(
     said = capsys.readouterr().err
     assert words in said
     assert "Traceback" not in said
+
+
+def deadly(source: str, vehicle: str, options: dict[str, Any]) -> dict[str, Any]:
+    """A job that one flight ends its worker with, and another cannot do just now."""
+    if source == "deadly":
+        os._exit(9)
+    if source == "away":
+        return {"error": "the store does not answer", "transient": True, "start_ns": 0, "cost_s": 0.0}
+    return {"quality": {"verdict": "good"}, "start_ns": 1, "cost_s": 0.0}
+
+
+def test_a_flight_that_ends_its_worker_is_without_a_result_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batches, "identified", deadly)
+    sources = ["one", "deadly", "two", "away", *(f"more{k}" for k in range(8))]
+    wanted = [Order(source, "iitb-mav", "x", {}, "") for source in sources]
+    for _ in range(2):
+        with batches.places(2, None) as where:
+            found = batches.run(wanted, tmp_path, where, lambda share, text: None)
+        assert [one.get("error", "")[:20] for one in found] == [
+            "", "its worker ended wit", "", "the store does not a", *[""] * 8
+        ]  # fmt: skip
+    # What another run may find otherwise is not kept.
+    assert len(list(tmp_path.iterdir())) == len(sources) - 2
+
+
+def test_an_interrupted_batch_ends_at_once(flights: Path, tmp_path: Path) -> None:
+    running = subprocess.Popen(
+        [sys.executable, "-m", "gcs", "batch", str(flights), "--vehicle", "iitb-mav", "-o", str(tmp_path), "--workers",
+         "1", "--quiet"],
+    )  # fmt: skip
+    try:
+        wait_until(lambda: any((tmp_path / "results").glob("*.json")), 60.0)
+        begun = time.monotonic()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30.0) == 130
+        assert time.monotonic() - begun < 20.0
+    finally:
+        running.kill()
+    assert len(list((tmp_path / "results").glob("*.json"))) < 4
