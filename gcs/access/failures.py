@@ -17,16 +17,16 @@ class Failures:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._seen: OrderedDict[str, list[float]] = OrderedDict()
+        self._seen: OrderedDict[str, dict[bytes, float]] = OrderedDict()
 
     def wait_s(self, address: str) -> float:
         """How long an address has to wait before a token of it is looked at; 0 where it may ask."""
-        times = [one for one in self._seen.get(address, ()) if self._clock() - one < _PERIOD_S]
+        times = sorted(one for one in self._seen.get(address, {}).values() if self._clock() - one < _PERIOD_S)
         return times[-MOST] + _PERIOD_S - self._clock() if len(times) >= MOST else 0.0
 
-    def count(self, address: str) -> None:
-        """Note a wrong token."""
-        times = [one for one in self._seen.pop(address, ()) if self._clock() - one < _PERIOD_S]
-        self._seen[address] = [*times, self._clock()]
+    def count(self, address: str, digest: bytes) -> None:
+        """Note a wrong token; the same one again, as of a page whose token has ended, is none more."""
+        seen = {one: at for one, at in self._seen.pop(address, {}).items() if self._clock() - at < _PERIOD_S}
+        self._seen[address] = {**seen, digest: seen.get(digest, self._clock())}
         if len(self._seen) > _ADDRESSES:
             self._seen.popitem(last=False)

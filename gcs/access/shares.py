@@ -9,6 +9,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from gcs.access.roles import Identity, Role
@@ -17,6 +18,7 @@ from gcs.errors import SettingsError
 PREFIX = "share."
 _DAY_S = 86400.0
 LONGEST_DAYS = 366.0
+_KEY_BYTES = 32
 
 
 class Shares:
@@ -40,7 +42,9 @@ class Shares:
         """Who comes with a link; None where it is forged, has expired or is none."""
         claim, _, signature = text.removeprefix(PREFIX).rpartition(".")
         key = self._key(make=False) if text.startswith(PREFIX) else b""
-        if not key or not hmac.compare_digest(_coded(self._signed(claim, key)), signature):
+        if not key or not hmac.compare_digest(
+            _coded(self._signed(claim, key)).encode(), signature.encode(errors="replace")
+        ):
             return None
         flight, _, expires = claim.partition(".")
         if self._clock() >= int(expires):
@@ -53,21 +57,30 @@ class Shares:
 
     def _key(self, *, make: bool) -> bytes:
         try:
-            return self._file.read_bytes()
+            key = self._file.read_bytes()
         except FileNotFoundError:
             if not make:
                 return b""
+            key = self._made()
         except OSError as error:
             raise SettingsError(f"{self._file}: the key of shared links cannot be read: {error.strerror}") from error
-        key = secrets.token_bytes(32)
+        if len(key) != _KEY_BYTES:
+            raise SettingsError(f"{self._file}: is no key of shared links; delete it, which ends those that there are")
+        return key
+
+    def _made(self) -> bytes:
+        """A new key, or that of another process which was first; it is there as a whole or not at all."""
+        beside = self._file.with_name(f"{self._file.name}.{secrets.token_hex(4)}")
         try:
-            with os.fdopen(os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-                file.write(key)
-        except FileExistsError:
+            with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+                file.write(secrets.token_bytes(_KEY_BYTES))
+            with suppress(FileExistsError):
+                os.link(beside, self._file)
             return self._file.read_bytes()
         except OSError as error:
             raise SettingsError(f"{self._file}: no key for shared links can be made: {error.strerror}") from error
-        return key
+        finally:
+            beside.unlink(missing_ok=True)
 
 
 def _coded(data: bytes) -> str:

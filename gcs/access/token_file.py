@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import math
 import os
 import re
 import secrets
@@ -43,7 +44,7 @@ class TokenFile:
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:
         self._path, self._clock = path, clock
-        self._stamp: tuple[int, int] | None = None
+        self._stamp: tuple[int, int, int] | None = None
         self._tokens: tuple[KnownToken, ...] = ()
 
     def tokens(self) -> tuple[KnownToken, ...]:
@@ -53,7 +54,7 @@ class TokenFile:
         except FileNotFoundError:
             self._stamp, self._tokens = None, ()
             return ()
-        stamp = (status.st_mtime_ns, status.st_size)
+        stamp = (status.st_ino, status.st_mtime_ns, status.st_size)
         if stamp != self._stamp:
             self._tokens = self._read()
             self._stamp = stamp
@@ -74,7 +75,7 @@ class TokenFile:
             raise SettingsError(f"token name {name!r}: 1 to 64 letters, digits or _ . @ -, a letter or digit first")
         if role not in ROLES:
             raise SettingsError(f"role {role!r}: one of {', '.join(ROLES)}")
-        if days is not None and not days > 0.0:
+        if days is not None and not (math.isfinite(days) and days > 0.0):
             raise SettingsError(f"--days {days:g}: give how long the token holds, above 0")
         if any(one.name == name for one in self.tokens()):
             raise SettingsError(f"there is a token {name} already; revoke it first, or choose another name")
@@ -110,6 +111,10 @@ class TokenFile:
                 os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8"
             ) as file:
                 file.write(body)
+                if hasattr(os, "fchown") and os.geteuid() == 0:
+                    # Made by root for a service that runs as somebody else: whoever has the folder reads it.
+                    folder = self._path.parent.stat()
+                    os.fchown(file.fileno(), folder.st_uid, folder.st_gid)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(self._path)

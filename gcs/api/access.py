@@ -7,11 +7,11 @@ from typing import Annotated, cast
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import JSONResponse, Response
 
-from gcs.access.roles import Identity, Role
+from gcs.access.roles import Identity
 from gcs.access.token_file import without_hash
 from gcs.api.access_schemas import AuditLine, Login, Me, Share, ShareRequest, TokenEntry
 from gcs.api.schemas import Problem
-from gcs.api.security import COOKIE, Access, address_of
+from gcs.api.security import COOKIE, LOCAL, SHARE_COOKIE, Access, RefusedError, address_of
 from gcs.api.service import Serving
 from gcs.errors import SettingsError
 
@@ -26,26 +26,27 @@ def _access(request: Request) -> Access:
 @router.post("/api/login", responses={401: {"model": Problem}, 429: {"model": Problem}})
 async def login(request: Request, body: Login) -> Me:
     """Keep a token, or that of a shared link, in a cookie that no script can read. Needs no token."""
-    access, address = _access(request), address_of(request.scope)
-    if (wait := access.failures.wait_s(address)) > 0.0:
-        raise HTTPException(429, f"too many wrong tokens; wait {wait:.0f} s", {"Retry-After": f"{wait:.0f}"})
-    identity = access.identify(body.token) if access.demanded else Identity("this computer", Role.ADMIN)
-    if identity is None:
-        access.failures.count(address)
-        raise HTTPException(401, "the station does not know this token", {"WWW-Authenticate": "Bearer"})
+    access = _access(request)
+    try:
+        identity = access.admit(body.token, address_of(request.scope)) if access.demanded else LOCAL
+    except RefusedError as error:
+        raise HTTPException(error.status, str(error), error.headers) from None
     request.scope["state"]["identity"] = identity
     answer = JSONResponse(_me(identity).model_dump())
+    # A link that somebody looks at ends nobody's own session.
+    name = SHARE_COOKIE if identity.flight else COOKIE
     answer.set_cookie(
-        COOKIE, body.token, max_age=_MONTH_S, httponly=True, samesite="strict", secure=request.url.scheme == "https"
+        name, body.token, max_age=_MONTH_S, httponly=True, samesite="strict", secure=request.url.scheme == "https"
     )
     return cast(Me, answer)
 
 
 @router.post("/api/logout", status_code=204)
 async def logout() -> Response:
-    """Forget the cookie."""
+    """Forget the cookies."""
     answer = Response(status_code=204)
-    answer.delete_cookie(COOKIE)
+    for name in (COOKIE, SHARE_COOKIE):
+        answer.delete_cookie(name)
     return answer
 
 

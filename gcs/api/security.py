@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.access.audit import Audit
@@ -28,10 +29,12 @@ _OPEN_PATHS = frozenset(
 )
 # The scripts and styles of /docs lie behind this.
 DESCRIPTION_FILES = "/docs-files"
-# In which the page keeps its token, where no script can read it.
-COOKIE = "gcs_token"
+# In which the page keeps its token, and that of a shared link beside it, where no script can read them.
+COOKIE, SHARE_COOKIE = "gcs_token", "gcs_share"
 _READING = ("GET", "HEAD", "OPTIONS")
-_LOCAL = Identity("this computer", Role.ADMIN)
+_REFUSED = (401, 403, 429)
+_BEARER = {"WWW-Authenticate": "Bearer"}
+LOCAL = Identity("this computer", Role.ADMIN)
 _STATION = "GCS_TOKEN"
 
 
@@ -39,22 +42,44 @@ class Access:
     """Who is who: the token of the service's start, those of the file, links to flights, and how often one may err."""
 
     def __init__(self, settings: Settings) -> None:
-        self._token = settings.token
+        self._token, self._closed = settings.token, not is_loopback(settings.host)
         self.tokens = TokenFile(settings.tokens)
         self.shares = Shares(settings.share_key)
         self.failures = Failures()
         self.audit = Audit(settings.audit)
+        self._good: set[bytes] = set()
 
     @property
     def demanded(self) -> bool:
-        """Whether a token is needed: on a station that has any."""
-        return self._token is not None or bool(self.tokens.tokens())
+        """Whether a token is needed: on a station that has any, or that others reach even if all are revoked."""
+        return self._token is not None or self._closed or bool(self.tokens.tokens())
 
     def identify(self, text: str) -> Identity | None:
-        """Whose token a text is."""
+        """Whose token a text is. SettingsError where the station's files cannot be read."""
         if self._token is not None and hmac.compare_digest(text.encode(), self._token.encode()):
             return Identity(_STATION, Role.ADMIN)
         return self.tokens.identify(text) or self.shares.identify(text)
+
+    def admit(self, text: str, address: str) -> Identity:
+        """Whose token a text is. Raises RefusedError for nobody's, and for an address that has come with too many.
+
+        A token that was good before is so whatever others at the address try.
+        """
+        try:
+            identity = self.identify(text)
+        except SettingsError as error:
+            raise RefusedError(503, str(error)) from None
+        digest = hashlib.sha256(text.encode()).digest()
+        if identity is not None and digest in self._good:
+            return identity
+        if (wait := self.failures.wait_s(address)) > 0.0:
+            after = {"Retry-After": f"{wait:.0f}"}
+            raise RefusedError(429, f"too many wrong tokens; wait {wait:.0f} s", headers=after)
+        if identity is None:
+            self.failures.count(address, digest)
+            raise RefusedError(401, "the station does not know this token", headers=_BEARER)
+        self._good.add(digest)
+        return identity
 
 
 class Guard:
@@ -76,19 +101,25 @@ class Guard:
             identity = self._identity(scope)
             if identity is not None:
                 scope.setdefault("state", {})["identity"] = identity
-        except _RefusedError as error:
+        except RefusedError as error:
             identity, status, detail, more = error.identity, error.status, str(error), error.headers
         method = scope.get("method", "GET")
+        sent = 500  # what a failure on the way becomes further out
 
-        async def noted(message: Message) -> None:
-            if message["type"] == "http.response.start" and (method not in _READING or status in (401, 429)):
-                self._note(scope, identity, method, message["status"])
+        async def watched(message: Message) -> None:
+            nonlocal sent
+            if message["type"] == "http.response.start":
+                sent = int(message["status"])
             await send(message)
 
-        if status == 0:
-            await self._app(scope, receive, noted)
-        else:
-            await problem_response(status, detail, more)(scope, receive, noted)
+        try:
+            if status == 0:
+                await self._app(scope, receive, watched)
+            else:
+                await problem_response(status, detail, more)(scope, receive, watched)
+        finally:
+            if method not in _READING or status in _REFUSED:
+                self._note(scope, identity, method, sent)
 
     def _note(self, scope: Scope, identity: Identity | None, method: str, status: int) -> None:
         # Who logs in is known only once that is done.
@@ -97,53 +128,57 @@ class Guard:
         self._access.audit.note(who, role, address_of(scope), method, scope["path"], status)
 
     def _identity(self, scope: Scope) -> Identity | None:
-        """Who asks, None where that does not matter. Raises _RefusedError where it may not be answered."""
+        """Who asks, None where that does not matter. Raises RefusedError where it may not be answered."""
         headers = Headers(scope=scope)
         origin = headers.get("origin")
         try:
             host = urlsplit("//" + headers.get("host", ""))
             site = None if origin is None else urlsplit(origin).netloc
         except ValueError:
-            raise _RefusedError(400, "the header Host or Origin names no host") from None
+            raise RefusedError(400, "the header Host or Origin names no host") from None
         if site is not None and site != host.netloc:
-            raise _RefusedError(403, "requests from the page of another site are refused")
+            raise RefusedError(403, "requests from the page of another site are refused")
         path, method = scope["path"], scope.get("method", "GET")
         try:
             demanded = self._access.demanded
         except SettingsError as error:
-            raise _RefusedError(503, str(error)) from None
+            raise RefusedError(503, str(error)) from None
         if not demanded:
-            if is_loopback(host.hostname or ""):
-                return _LOCAL
-            raise _RefusedError(403, "without a token the service answers only to localhost; set GCS_TOKEN, or make"
+            if is_loopback(host.hostname or "") and is_loopback(address_of(scope) or "localhost"):
+                return LOCAL
+            raise RefusedError(403, "without a token the service answers only to localhost; set GCS_TOKEN, or make"
                                 " tokens with gcs token, to serve others")  # fmt: skip
         if path in _OPEN_PATHS or path.startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
             return None
-        identity = self._whose(headers, address_of(scope))
+        identity = self._whose(headers, address_of(scope), method, path)
         if not identity.may(method, path):
             wanted = f"this is for role {least_role(method, path).word}"
             reason = "a shared link shows its flight alone" if identity.flight else wanted
-            raise _RefusedError(403, f"{reason}; {identity.name} has role {identity.role.word}", identity)
+            raise RefusedError(403, f"{reason}; {identity.name} has role {identity.role.word}", identity)
         return identity
 
-    def _whose(self, headers: Headers, address: str) -> Identity:
-        if (wait := self._access.failures.wait_s(address)) > 0.0:
-            raise _RefusedError(
-                429, f"too many wrong tokens; wait {wait:.0f} s", headers={"Retry-After": f"{wait:.0f}"}
-            )
+    def _whose(self, headers: Headers, address: str, method: str, path: str) -> Identity:
+        """By the header; else by the page's token, else by that of a link where it may do what is asked."""
         scheme, _, text = headers.get("authorization", "").partition(" ")
-        given = text.strip() if scheme.lower() == "bearer" else "" if scheme else _cookie(headers)
-        identity = self._access.identify(given) if given else None
-        if identity is not None:
-            return identity
-        if given:
-            self._access.failures.count(address)
-        raise _RefusedError(
-            401, "send a token of the station as 'Authorization: Bearer TOKEN'", headers={"WWW-Authenticate": "Bearer"}
-        )
+        if scheme.lower() == "bearer" and text.strip():
+            return self._access.admit(text.strip(), address)
+        kept = cookie_parser(headers.get("cookie", ""))
+        refused = RefusedError(401, "send a token of the station as 'Authorization: Bearer TOKEN'", headers=_BEARER)
+        for name in (COOKIE, SHARE_COOKIE):
+            if given := kept.get(name):
+                try:
+                    identity = self._access.admit(given, address)
+                except RefusedError as error:
+                    refused = error
+                    continue
+                if name == COOKIE or identity.may(method, path):
+                    return identity
+                if kept.get(COOKIE) is None:
+                    refused = RefusedError(403, f"a shared link shows its flight alone; {identity.name}", identity)
+        raise refused
 
 
-class _RefusedError(Exception):
+class RefusedError(Exception):
     def __init__(
         self, status: int, detail: str, identity: Identity | None = None, headers: dict[str, str] | None = None
     ) -> None:
@@ -155,11 +190,3 @@ def address_of(scope: Scope) -> str:
     """Who connected, as the socket has it."""
     client = scope.get("client")
     return client[0] if client else ""
-
-
-def _cookie(headers: Headers) -> str:
-    try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return ""
-    return "" if found is None else found.value

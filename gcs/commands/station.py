@@ -166,9 +166,9 @@ def _job(station: Station, args: argparse.Namespace) -> int:
 
 
 def _print_job(job: JobView, args: argparse.Namespace) -> int:
-    """1 for a job that failed."""
+    """1 for a job that gave no result: it failed, was cancelled, or there was nothing to do."""
     from gcs.client.listing import job_lines
     from gcs.text.jsontext import dumps
 
     print(dumps(job.model_dump(), indent=2) if args.json else "\n".join(job_lines(job)))
-    return 1 if job.state == "failed" else 0
+    return 1 if job.state in ("failed", "cancelled", "skipped") else 0

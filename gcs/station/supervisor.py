@@ -25,8 +25,10 @@ class Supervisor:
 
     @property
     def every_s(self) -> float | None:
-        """How often it wants a sign of life: half of what it waits for one; None where it wants none."""
-        return 0.5 * self._period_s or None
+        """How often to look for signs of life, a tenth of what it waits for one: a moment's pause is not the end. None
+        where it wants none.
+        """
+        return 0.1 * self._period_s or None
 
     def ready(self) -> None:
         """The service answers."""

@@ -20,6 +20,8 @@ from traffic import wait_until
 
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
+from gcs.client import Station
+from sim_vehicle.cli.main import main as sim_vehicle
 
 FLY = ("fly", "--vehicle", "iitb-mav", "--manoeuvre", "multisine", "--seed", 5)
 
@@ -240,6 +242,37 @@ def test_the_keyboard_reaches_the_views_and_the_focus_follows(visitor: Visitor) 
     wait_until(lambda: visitor.page.evaluate("document.activeElement.textContent") == "Flights")
     assert visitor.page.title() == "Flights – Ground station"
     assert visitor.text("nav [aria-current]") == "Flights"
+
+
+def test_a_shared_link_shows_its_flight_to_somebody_without_a_token(
+    browser: Browser, node: NodeReader, tmp_path: Path
+) -> None:
+    guarded = Ground(tmp_path, free_port(), free_port(), token="token-of-the-browser-test")
+    log = tmp_path / "club.tlog"
+    sim_vehicle(["fly", "--manoeuvre", "elevator-pulse", "--duration", "5", "--record", str(log)])
+    guarded.start()
+    axe = node.folder / "node_modules" / "axe-core" / "axe.min.js"
+    owner, guest = (Visitor(browser, guarded.url, axe, "phone") for _ in range(2))
+    try:
+        with Station(guarded.url, token=guarded.token) as station:
+            flight = station.upload(log).id
+        owner.open(f"#/flights/{flight}")
+        owner.page.fill("input[type=password]", guarded.token)
+        owner.page.click("button:text-is('Open')")
+        owner.page.click("summary:text-is('Share this flight')")
+        owner.page.click("button:text-is('Make a link')")
+        owner.wait_for_text("[role=status]", "sees this flight alone")
+        address = owner.page.input_value("[role=status] input")
+        guest.open(address.removeprefix(guarded.url).lstrip("/"))
+        guest.wait_for_text("main", "No model has been identified from this flight yet")
+        guest.check("shared")
+        assert guest.downloaded("a:text-is('Download the recording')").startswith(b"\x89MCAP")
+        guest.open("#/flights")
+        assert "shared link" in guest.text("main") or guest.text("h1") == "Token needed"
+    finally:
+        owner.close()
+        guest.close()
+        guarded.stop()
 
 
 def test_a_token_is_asked_for_and_kept(browser: Browser, node: NodeReader, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
 import { LiveTable, write } from './livetable.js'
-import { band, bokeh, line, plot, shown, source } from './plots.js'
+import { band, bokeh, line, plot, removePlot, shown, source } from './plots.js'
 
 const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
 const KEPT = 1200
@@ -28,7 +28,7 @@ export class Identification {
 
   clear() {
     this.history.clear()
-    for (const panel of this.panels.values()) panel.element.remove()
+    for (const { element } of this.panels.values()) removePlot(element)
     this.panels.clear()
   }
 
@@ -85,6 +85,7 @@ export class Identification {
     made.data = data
     made.follow = follow
     if (this.panels.get(name) === made) this.plots.insertBefore(made.element, this.later(name))
+    else removePlot(made.element)
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { h } from './dom.js'
 import { shownUnit, signalName } from './format.js'
-import { bokeh, legendAbove, line, plot, shown, source } from './plots.js'
+import { bokeh, legendAbove, line, plot, removePlot, shown, source } from './plots.js'
 import { keepQuery } from './router.js'
 
 const WINDOW_S = 60
@@ -125,7 +125,11 @@ export class LivePlots {
       if (names.length > 1) legendAbove(figure)
       made.push({ range, sources, element: await shown(figure, `${title} over the last minute`, this.signal) })
     }
-    if (built !== this.built) return
+    if (built !== this.built) {
+      for (const { element } of made) removePlot(element)
+      return
+    }
+    for (const { element } of this.panels) removePlot(element)
     this.panels = made
     this.dirty = true // what came while they were made
     this.place.replaceChildren(...made.map(panel => panel.element))

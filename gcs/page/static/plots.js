@@ -115,7 +115,17 @@ export async function shown(figure, caption, signal) {
   const place = async () => {
     const view = await Bokeh.Plotting.show(figure, picture)
     element.view = view
-    signal?.addEventListener('abort', () => view.remove())
+    const end = () => {
+      signal?.removeEventListener('abort', end)
+      // The library keeps every document that it has shown, and a view of its notices beside that of the plot.
+      const { document } = view.model
+      document.views_manager?.clear()
+      view.remove()
+      if (Bokeh.documents.includes(document)) Bokeh.documents.splice(Bokeh.documents.indexOf(document), 1)
+    }
+    signal?.addEventListener('abort', end)
+    element.end = end
+    if (element.ended) end()
   }
   element.placed = whenInDocument(element).then(place)
   element.say = text => {
@@ -125,7 +135,14 @@ export async function shown(figure, caption, signal) {
   return element
 }
 
+/** Take a plot away for good: what draws it would stay in memory for as long as the view does. */
+export function removePlot(element) {
+  element.ended = true
+  element.end?.()
+  element.remove()
+}
+
 /** Bokeh measures its place, so the plot is drawn once its element is part of the page. */
 async function whenInDocument(element) {
-  while (!element.isConnected) await new Promise(requestAnimationFrame)
+  while (!element.isConnected && !element.ended) await new Promise(requestAnimationFrame)
 }

@@ -13,7 +13,7 @@ export async function shared(page, [token = ''], query, signal) {
   const summary = await get(path, signal)
   const found = await getIfThere(`${path}/identification`, signal)
   page.append(h('h1', {}, `Flight ${flightTitle(summary)}`),
-    h('p', {}, `${utc(summary.start_ns)}, ${duration(summary.duration_s)}`),
+    h('p', {}, `${utc(summary.start)}, ${duration(summary.duration_s)}`),
     h('p', { class: 'row' }, found && opened(`${path}/report`, 'Open the report'),
       !summary.recording_deleted && download(`${path}/recording`, `${flight}.mcap`, 'Download the recording')),
     ...(found ? [] : [h('p', {}, 'No model has been identified from this flight yet.')]))
@@ -29,7 +29,7 @@ export function sharing(path) {
       try {
         const made = await post(`${path}/share`, { days: Number(days.value) })
         const address = h('input', { type: 'text', readonly: true, value: new URL(made.path, location.href).href })
-        says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${utc(made.expires * 1e9)}.`))
+        says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${utc(new Date(1000 * made.expires).toISOString())}.`))
         address.select()
       } catch (error) {
         says.replaceChildren(remark('bad', error.message))

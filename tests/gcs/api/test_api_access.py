@@ -13,6 +13,7 @@ import pytest
 from api_bench import TOKEN, Bench, problem
 from serving import serving
 
+from gcs.access.audit import Audit
 from gcs.access.failures import MOST, Failures
 from gcs.access.roles import Role, least_role
 from gcs.access.shares import Shares
@@ -152,6 +153,8 @@ def test_a_link_ends_and_a_forged_one_is_none(tmp_path: Path) -> None:
     flight, _, expires = claim.partition(".")
     for forged in (f"share.{flight}.{int(expires) + 9}.{signature}", token[:-1], "share.", "share.a.b", "x"):
         assert shares.identify(forged) is None, forged
+    # What bytes are no letters.
+    assert shares.identify("share.a.b.é") is None
     # The key of another station, and the same station once its key was deleted.
     assert Shares(tmp_path / "other.key", lambda: now[0]).identify(token) is None
     now[0] = until
@@ -170,15 +173,58 @@ def test_logging_in_keeps_the_token_where_no_script_reads_it(guarded: httpx.Clie
     assert guarded.get("/api/flights").status_code == 200
     # The cookie of this station sent along by a page of another site is none.
     problem(guarded.get("/api/flights", headers={"Origin": "http://evil.example"}), 403)
+    # Cookies of other applications on this host, which are nobody's to read, take nothing away.
+    other = {"Cookie": f'theme={{"a": 1}}; x@y=1; gcs_token={TOKEN}'}
+    assert httpx.get(f"{guarded.base_url}/api/flights", headers=other).status_code == 200
     assert guarded.post("/api/logout").status_code == 204
     problem(guarded.get("/api/flights"), 401)
 
 
-def test_wrong_tokens_have_to_wait(guarded: httpx.Client) -> None:
-    answers = [guarded.get("/api/flights", headers=by("wrong")).status_code for _ in range(MOST + 2)]
-    assert answers == [401] * MOST + [429] * 2
+def test_a_station_that_others_reach_stays_closed_when_its_last_token_is_revoked(
+    make_bench: Callable[..., Bench],
+) -> None:
+    bench = make_bench(host="0.0.0.0")
+    file = TokenFile(bench.settings.tokens)
+    anna = file.add("anna", "admin")
+    with serving(bench.app) as client:
+        assert client.get("/api/flights", headers=by(anna)).status_code == 200
+        file.revoke("anna")
+        problem(client.get("/api/flights", headers=by(anna)), 401)
+        problem(client.get("/api/flights"), 401)
+
+
+def test_looking_at_a_link_ends_no_session(bench: Bench, guarded: httpx.Client) -> None:
+    flight = bench.record(1, 3, 10**18)
+    guarded.post("/api/login", json={"token": TOKEN})
+    token = guarded.post(f"/api/flights/{flight}/share", json={}).json()["path"].removeprefix("/#/shared/")
+    guarded.post("/api/login", json={"token": token})
+    assert guarded.get("/api/me").json()["role"] == "admin"
+    assert guarded.get("/api/flights").status_code == 200
+
+
+def test_strangers_cannot_push_out_what_others_did(tmp_path: Path) -> None:
+    audit = Audit(tmp_path / "audit.jsonl")
+    audit.note("anna", "operator", "1", "DELETE", "/api/flights/x", 200)
+    for _ in range(5000):
+        audit.note("", "", "2", "POST", "/api/" + "x" * 60_000, 401)
+    assert (tmp_path / "audit.jsonl").stat().st_size < 50_000
+    with (tmp_path / "audit.jsonl").open("a") as file:
+        file.write('{"who": "an')
+    assert audit.last(1000)[-1]["who"] == "anna"
+
+
+def test_wrong_tokens_have_to_wait(bench: Bench, guarded: httpx.Client) -> None:
+    anna = TokenFile(bench.settings.tokens).add("anna", "viewer")
+    assert guarded.get("/api/flights", headers=by(anna)).status_code == 200
+    # The same one again and again, as of a page whose token was revoked, is one.
+    again = [guarded.get("/api/flights", headers=by("wrong")).status_code for _ in range(MOST + 2)]
+    assert again == [401] * (MOST + 2)
+    answers = [guarded.get("/api/flights", headers=by(f"wrong{k}")).status_code for k in range(MOST + 1)]
+    assert answers == [401] * (MOST - 1) + [429] * 2
+    # Even the right one, for who tries many finds it else; but not who has come with it before.
     late = guarded.get("/api/flights", headers=by(TOKEN))
     assert "too many wrong tokens" in problem(late, 429)
+    assert guarded.get("/api/flights", headers=by(anna)).status_code == 200
     assert 0 < int(late.headers["retry-after"]) <= 60
     assert guarded.get("/api/health").status_code == 200
 
@@ -186,8 +232,8 @@ def test_wrong_tokens_have_to_wait(guarded: httpx.Client) -> None:
 def test_who_waited_is_heard_again_and_others_are_not_held_up() -> None:
     now = [0.0]
     failures = Failures(lambda: now[0])
-    for _ in range(MOST):
-        failures.count("10.0.0.1")
+    for number in range(MOST):
+        failures.count("10.0.0.1", bytes([number]))
     assert failures.wait_s("10.0.0.1") == pytest.approx(60.0)
     assert failures.wait_s("10.0.0.2") == 0.0
     now[0] = 61.0

@@ -27,7 +27,7 @@ def test_each_state_is_a_datagram(heard: socket.socket) -> None:
     assert first[0] == "READY=1"
     assert second == ["WATCHDOG=1"]
     assert third[0] == "STOPPING=1"
-    assert supervisor.every_s == pytest.approx(15.0)
+    assert supervisor.every_s == pytest.approx(3.0)
     assert environment == {"PATH": "/bin"}  # workers speak for themselves
 
 
