@@ -33,11 +33,10 @@ async def login(request: Request, body: Login) -> Me:
         raise HTTPException(error.status, str(error), error.headers) from None
     request.scope["state"]["identity"] = identity
     answer = JSONResponse(_me(identity).model_dump())
-    # A link that somebody looks at ends nobody's own session.
-    name = SHARE_COOKIE if identity.flight else COOKIE
-    answer.set_cookie(
-        name, body.token, max_age=_MONTH_S, httponly=True, samesite="strict", secure=request.url.scheme == "https"
-    )
+    if access.demanded:  # else whatever was sent is no token
+        # A link that somebody looks at ends nobody's own session.
+        name, secure = SHARE_COOKIE if identity.flight else COOKIE, request.url.scheme == "https"
+        answer.set_cookie(name, body.token, max_age=_MONTH_S, httponly=True, samesite="strict", secure=secure)
     return cast(Me, answer)
 
 

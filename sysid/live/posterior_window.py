@@ -269,12 +269,33 @@ class SlidingWindow:
         if found.problem and self.found is not None:
             statuses = _unknown(self.found.coefficients, found.problem)
             found = replace(self.found, problem=found.problem, cost_s=found.cost_s, coefficients=statuses)
+        found = replace(
+            found, coefficients={name: self._doubted(name, one) for name, one in found.coefficients.items()}
+        )
         self.found = found
         for group in SURFACES_OF:
             own = [one for one in found.nuisances if one.group == group]
             if own and self._is_as_before(group, found.coefficients):
                 self._of_servos[group] = tuple(own)
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
+
+    def _doubted(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
+        """An estimate, not known where it contradicts what was known better and no change has been found.
+
+        A window in which an autopilot moves the surfaces can be wrong by far more than its bars.
+        """
+        if not one.known or name not in self._known:
+            return one
+        before = self._aged(name)
+        if one.std <= before.std or abs(one.value - before.value) <= _AGREES * hypot(one.std, before.std):
+            return one
+        why = f"a window says {one.value:.3g} ± {one.std:.2g}, which contradicts that, and no change has been seen"
+        return CoefficientStatus(name, one.value, one.std, False, why)
+
+    def _aged(self, name: str) -> CoefficientStatus:
+        """What was known, by now: what is not looked at may change, by as much as it was known to, once in a window."""
+        at, before = self._known[name]
+        return replace(before, std=before.std * sqrt(1.0 + max(self._end - at, 0.0) / WINDOW_S))
 
     def _is_as_before(self, group: str, now: Mapping[str, CoefficientStatus]) -> bool:
         """Whether what was known of a group of axes and is known again is the same; something must be."""
@@ -288,8 +309,7 @@ class SlidingWindow:
         if one.known or name not in self._known:
             return one
         at, before = self._known[name]
-        # What is not looked at may change: by as much as it was known to, once in a window.
-        std = before.std * sqrt(1.0 + max(self._end - at, 0.0) / WINDOW_S)
+        std = self._aged(name).std
         why = f"last known at {at:.0f} s as {before.value:.3g} ± {before.std:.2g}: since then {one.why}"
         # It has been flown: to ask for it again would keep who flies from what was never seen.
         return CoefficientStatus(name, before.value, std, False, why)

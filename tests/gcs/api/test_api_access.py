@@ -180,6 +180,14 @@ def test_logging_in_keeps_the_token_where_no_script_reads_it(guarded: httpx.Clie
     problem(guarded.get("/api/flights"), 401)
 
 
+def test_on_this_computer_no_token_is_asked_for_and_none_is_kept(make_bench: Callable[..., Bench]) -> None:
+    with serving(make_bench().app) as client:
+        answer = client.post("/api/login", json={"token": "\u2603 \x01;"})
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["role"] == "admin"
+    assert "set-cookie" not in answer.headers
+
+
 def test_a_station_that_others_reach_stays_closed_when_its_last_token_is_revoked(
     make_bench: Callable[..., Bench],
 ) -> None:

@@ -215,3 +215,26 @@ def test_a_window_without_airspeed_says_what_is_missing() -> None:
     found = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
     assert found.coefficients == {}
     assert "no airspeed" in found.problem
+
+
+def test_a_window_that_contradicts_what_was_known_better_does_not_replace_it() -> None:
+    """As one does in which an autopilot moves the surfaces; a better one, or one that agrees, does."""
+    one, later, first = known_window()
+    before = one.statuses()["Cl_p"]
+    for value, std, stays in (
+        (5.0 * before.value, 3.0 * before.std, True),
+        (1.02 * before.value, 9.0 * before.std, False),
+    ):
+        said = replace(first.coefficients["Cl_p"], value=value, std=std)
+        one.flown(12.0, 30.0)
+        one.work()
+        later.waiting[-1].set_result(
+            replace(first, end_s=29.0, cost_s=0.1, coefficients={**first.coefficients, "Cl_p": said})
+        )
+        one.work()
+        now = one.statuses()["Cl_p"]
+        assert now.known is not stays
+        if stays:
+            assert now.value == before.value
+            assert "contradicts that, and no change has been seen" in now.why
+        one, later, first = known_window()
