@@ -280,14 +280,14 @@ class SlidingWindow:
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
 
     def _doubted(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
-        """An estimate, not known where it contradicts what was known better and no change has been found.
+        """An estimate, not known where it contradicts what was known and no change has been found.
 
-        A window in which an autopilot moves the surfaces can be wrong by far more than its bars.
+        A window in which an autopilot moves the surfaces, or one of two rests, can be wrong by far more than its bars.
         """
         if not one.known or name not in self._known:
             return one
         before = self._aged(name)
-        if one.std <= before.std or abs(one.value - before.value) <= _AGREES * hypot(one.std, before.std):
+        if abs(one.value - before.value) <= _AGREES * hypot(one.std, before.std):
             return one
         why = f"a window says {one.value:.3g} ± {one.std:.2g}, which contradicts that, and no change has been seen"
         return CoefficientStatus(name, one.value, one.std, False, why)

@@ -217,8 +217,8 @@ def test_a_window_without_airspeed_says_what_is_missing() -> None:
     assert "no airspeed" in found.problem
 
 
-def test_a_window_that_contradicts_what_was_known_better_does_not_replace_it() -> None:
-    """As one does in which an autopilot moves the surfaces; a better one, or one that agrees, does."""
+def test_a_window_that_contradicts_what_was_known_does_not_replace_it() -> None:
+    """As one does in which an autopilot moves the surfaces; one that agrees does."""
     one, later, first = known_window()
     before = one.statuses()["Cl_p"]
     for value, std, stays in (
