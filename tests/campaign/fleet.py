@@ -15,14 +15,12 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from processes import free_port
+from dask_cluster import cluster
 
 AIRCRAFT = ("alpha", "bravo", "charlie")
 BESIDE = ("cost_s", "made")
@@ -45,29 +43,6 @@ def fly_fleet(folder: Path, count: int) -> None:
             command = [sys.executable, "-m", "sim_vehicle", "fly", "--manoeuvre", "multisine", "--duration", "12",
                        "--seed", str(1000 * place + k), *hidden, "--record", str(target)]  # fmt: skip
             subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-
-
-@contextmanager
-def cluster(count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A scheduler and so many workers of one thread each."""
-    from distributed import Client
-
-    address = f"tcp://127.0.0.1:{free_port()}"
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    dask = [sys.executable, "-m", "dask"]
-    scheduler = subprocess.Popen([*dask, "scheduler", "--host", address, "--no-dashboard"], **quiet)
-    worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    workers = [subprocess.Popen(worker, **quiet) for _ in range(count)]
-    try:
-        with Client(address, timeout="30s") as client:
-            client.wait_for_workers(count, timeout=60)
-            # Imports and compiled loops are the worker's, not the flight's.
-            client.run(lambda: __import__("sysid.identify"))
-        yield address, workers
-    finally:
-        for one in (*workers, scheduler):
-            one.kill()
-            one.wait()
 
 
 def batch(folder: Path, output: Path, *options: str, kill: subprocess.Popen[bytes] | None = None) -> tuple[float, str]:

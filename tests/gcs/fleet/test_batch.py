@@ -8,14 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet
 import pytest
-from processes import free_port
+from dask_cluster import cluster
 from traffic import wait_until
 
 from gcs.cli import main
@@ -54,35 +52,6 @@ def batch(flights: Path, folder: Path, *options: str) -> int:
 def results(folder: Path) -> dict[str, dict[str, Any]]:
     found = {path.name: json.loads(path.read_text()) for path in sorted((folder / "results").glob("*.json"))}
     return {name: {key: value for key, value in one.items() if key not in BESIDE} for name, one in found.items()}
-
-
-@contextmanager
-def cluster(count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A Dask scheduler and so many workers, as processes of their own."""
-    address = f"tcp://127.0.0.1:{free_port()}"
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    dask = [sys.executable, "-m", "dask"]
-    scheduler = subprocess.Popen([*dask, "scheduler", "--host", address, "--no-dashboard"], **quiet)
-    worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    workers = [subprocess.Popen(worker, **quiet) for _ in range(count)]
-    try:
-        from distributed import Client
-
-        wait_until(lambda: _answers(Client, address, count), 60.0)
-        yield address, workers
-    finally:
-        for one in (*workers, scheduler):
-            one.kill()
-            one.wait()
-
-
-def _answers(client: Any, address: str, count: int) -> bool:
-    try:
-        with client(address, timeout="2s") as found:
-            found.wait_for_workers(count, timeout=20)
-    except (OSError, TimeoutError):
-        return False
-    return True
 
 
 def test_a_table_of_flights_and_what_was_done_is_not_done_again(local: Path, flights: Path) -> None:
