@@ -16,7 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.considered_errors import Doubt, doubts_of, flow_doubt
+from sysid.posterior.considered_errors import Doubt, doubts_of, flow_doubts
 from sysid.posterior.estimates import (
     GroupEstimate,
     PosteriorEstimate,
@@ -27,7 +27,7 @@ from sysid.posterior.estimates import (
 )
 from sysid.posterior.estimator import MAX_PASSES, Posterior
 from sysid.posterior.flight_part import FlightPart, outputs_of, with_vane
-from sysid.posterior.group_model import GroupModel
+from sysid.posterior.group_model import SERVO, GroupModel
 from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
     FLOW_OF,
@@ -39,21 +39,26 @@ from sysid.posterior.nuisance_priors import (
     unknowns_of,
 )
 from sysid.posterior.reported_spectrum import noise_spectra
+from sysid.posterior.residual_spectrum import noise_share
 from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
-# Standard deviation of a command, rad, below which it has excited nothing.
-LEAST_TRAVEL = 0.003
+# Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still.
+# What an autopilot does with a surface between the two tells little of it, but without it others come out wrong.
+LEAST_TRAVEL, _STILL = 0.003, 1e-4
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
 _MAIN, _MINOR = 6.0, 1.0
 _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
 _NO_WORSE = 0.1
+# Largest share of noise in a flow angle by its vane that may drive the simulation.
+_MOST_NOISE = 0.1
 # Steps from each of two starts before one is chosen.
 _FIRST_PASSES = 3
 # By how much servos of one aircraft differ, s, one standard deviation.
-_ALIKE = {"servo_delay": 0.006, "servo_lag": 0.008}
+_DELAY, _LAG, _ = SERVO
+_ALIKE = {_DELAY: 0.006, _LAG: 0.008}
 
 Report = Callable[[float, str], None]
 
@@ -84,6 +89,12 @@ class _Begun:
         names = self.model.names
         return dict(zip(names, self.theta[: len(names)].tolist(), strict=True))
 
+    def noise_of(self, output: str) -> float:
+        """Share of noise in what the flights measured of an output."""
+        parts, place = self.model.parts, self.model.outputs.index(output)
+        series = [self.model.measured(i)[place] for i in range(len(parts))]
+        return noise_share(series, [part.common for part in parts], min(part.highest_hz for part in parts))
+
     def ended(self, fine: bool) -> GroupEstimate:
         """The group, estimated, on the full grid or on half of it."""
         posterior = self.posterior.of(self.model if fine else self.model.rough())
@@ -105,9 +116,9 @@ def _again(before: GroupEstimate, parts: Sequence[FlightPart]) -> GroupEstimate:
     return GroupEstimate(posterior, posterior.solve(start, before.doubts), before.doubts)
 
 
-def excited(parts: Sequence[FlightPart]) -> frozenset[str]:
-    """Surfaces (of de, da, dr) that moved in some part."""
-    return frozenset(name for name in ("de", "da", "dr") if any(part.travel(name) > LEAST_TRAVEL for part in parts))
+def excited(parts: Sequence[FlightPart], least: float = LEAST_TRAVEL) -> frozenset[str]:
+    """Surfaces (of de, da, dr) whose command has a standard deviation of more than `least` [rad] in some part."""
+    return frozenset(name for name in ("de", "da", "dr") if any(part.travel(name) > least for part in parts))
 
 
 def estimate(
@@ -132,6 +143,7 @@ def estimate(
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
+    stirred = excited(parts, _STILL)
     doubts = [
         one
         for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
@@ -148,8 +160,8 @@ def estimate(
         if group in lost:
             left_out[group] = lost[group]
             continue
-        still = set(SURFACES_OF[group]) - moved
-        whole = len(still) < len(SURFACES_OF[group])
+        still = set(SURFACES_OF[group]) - stirred
+        whole = bool(set(SURFACES_OF[group]) & moved)
         names = [name for name in own if whole and not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)
@@ -164,7 +176,7 @@ def estimate(
             begin = partial(
                 _begun, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
             )  # fmt: skip
-            found[group] = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group] in outputs).ended(fine)
+            found[group] = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).ended(fine)
         except EstimationError as error:
             left_out[group] = str(error)
             problem = DivergedError if isinstance(error, DivergedError) else problem
@@ -197,17 +209,18 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
     return f"{lacking} is missing, or its sensor is dead" if lacking else ""
 
 
-def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], has_vane: bool) -> _Begun:
+def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow: str) -> _Begun:
     """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop.
 
     What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
-    begun again from where the vane's flow leads.
+    begun again from where the vane's flow leads. A vane's noise that drives the simulation weakens whatever goes with
+    the flow, by its share of the flow's power: where that is much, the loop is the lesser evil.
     """
     begun = begin(near).searched()
     feedback = begun.feedback()
-    if feedback > 0.0 and has_vane:
+    if feedback > 0.0 and flow in begun.model.outputs and (noise := begun.noise_of(flow)) < _MOST_NOISE:
         with suppress(EstimationError):
-            other = begin(begun.values(), flow_imposed=True).searched()
+            other = begin(begun.values(), vane_noise=noise).searched()
             again = begin(other.values()).searched()
             if again.feedback() == 0.0 and again.cost() < begun.cost():
                 return again
@@ -252,17 +265,20 @@ def _begun(
     stated: Mapping[str, Stated],
     doubts: Sequence[Doubt],
     near: Mapping[str, float],
-    flow_imposed: bool = False,
+    vane_noise: float | None = None,
 ) -> _Begun:
+    """vane_noise: share of noise in the flow as its vane read it, where that is imposed."""
+    flow, flow_imposed = FLOW_OF[group], vane_noise is not None
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
     more = (lag, *of_aircraft(vehicle, {part.thrust_from for part in parts}, structure))
-    unknowns = unknowns_of(group, FLOW_OF[group] in outputs, position, stated, more, flights)
-    if flow_imposed:
-        outputs = [name for name in outputs if name != FLOW_OF[group]]
-        scale = f"{FLOW_OF[group]}_scale"
+    unknowns = unknowns_of(group, flow in outputs, position, stated, more, flights)
+    if vane_noise is not None:
+        outputs = [name for name in outputs if name != flow]
+        scale = f"{flow}_scale"
         # Every force and moment goes with the flow as the vane read it: its scale is not identifiable then.
-        doubts = [*doubts, *(flow_doubt(scale, one.std) for one in unknowns if one.name == scale)]
+        known_to = sum(one.std for one in unknowns if one.name == scale)
+        doubts = [*doubts, *flow_doubts(flow, float(np.hypot(known_to, vane_noise)), zero_stds(vehicle)[flow])]
         unknowns = unknowns.without(scale)
     if any(one.name == PRODUCT_INERTIA for one in unknowns):
         doubts = [one for one in doubts if one.name != "Ixz_std"]  # it is estimated
@@ -270,14 +286,21 @@ def _begun(
     structure = replace(structure, coefficients=own, correlation=None)
     model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)
     rough = model.rough()
-    starts = equation_error_starts(parts, vehicle, names) + usual_starts(parts, vehicle, names)
+    lag_s = next((one.mean for one in unknowns if one.name == _LAG), 0.0)
+    # What equation error calls the delay is the servo's whole delay, lag included.
+    starts = [
+        (values, {_DELAY: max(delay - lag_s, 0.0)}) for values, delay in equation_error_starts(parts, vehicle, names)
+    ] + [
+        (values, {_DELAY: max(delay - lag_s, 0.0), _LAG: min(delay, lag_s)})
+        for values, delay in usual_starts(parts, vehicle, names)
+    ]
     again = set(names) <= near.keys()
     if again:
-        starts = [(dict(near), 0.0), *([] if flow_imposed else starts)]
+        starts = [(dict(near), {}), *([] if flow_imposed else starts)]
     states, states_std = model.start_states()
     low, high = _bounds(model, len(names))
     tried: list[tuple[float, Array, Posterior]] = []
-    for first, delay in starts:
+    for first, servo in starts:
         mean, std = [], []
         for name in names:
             share = _MINOR if name in _MINOR_NAMES else _MAIN
@@ -291,15 +314,10 @@ def _begun(
         information = np.diag(1.0 / np.concatenate((std, unknowns.std, states_std)) ** 2)
         if known is not None:
             middle, information = _with_known(middle, information, model.names, known)
-        begin = middle.copy()
-        # What equation error calls the delay is the servo's whole delay, lag included.
-        lag_s = next((one.mean for one in unknowns if one.name == "servo_lag"), 0.0)
-        for i, one in enumerate(unknowns, len(mean)):
-            if one.name == "servo_delay" and not position:
-                begin[i] = max(delay - lag_s, 0.0)
-        if again and not tried:
-            begin[: len(model.names)] = [near.get(name, value) for name, value in zip(model.names, begin, strict=False)]
         posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
+        values = near if again and not tried else {} if position else servo
+        begin = middle.copy()
+        begin[: len(model.names)] = [values.get(*one) for one in zip(model.names, middle.tolist(), strict=False)]
         tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
     return _Begun(posterior, model, theta, doubts)

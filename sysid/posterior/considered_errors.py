@@ -53,9 +53,12 @@ def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
     return tuple(found)
 
 
-def flow_doubt(scale: str, std: float) -> Doubt:
-    """The scale of a vane whose flow is imposed, as far as it is known before the flight."""
-    return Doubt(f"{scale}_std", True, lambda vehicle: Altered(vehicle, flow=1.0 + std))
+def flow_doubts(name: str, scale: float, zero: float) -> tuple[Doubt, ...]:
+    """Scale and zero [rad], one standard deviation each, of the vane of `name` (alpha, beta) whose flow is imposed."""
+    return (
+        Doubt(f"{name}_scale_std", True, lambda vehicle: Altered(vehicle, flow=1.0 + scale)),
+        Doubt(f"{name}_zero_std", True, lambda vehicle: Altered(vehicle, flow_zero=zero)),
+    )
 
 
 def _mass(key: str, std: float) -> Doubt:

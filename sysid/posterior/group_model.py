@@ -80,11 +80,14 @@ class _Prepared:
 
 @dataclass(frozen=True)
 class Altered:
-    """What a model is given instead: vehicle; factors of density, flow, commands, readings; zeros of commands, rad."""
+    """What a model is given instead: vehicle; factors of density, flow, commands, readings; zeros of flow and of
+    commands, rad.
+    """
 
     vehicle: Vehicle
     density: float = 1.0
     flow: float = 1.0
+    flow_zero: float = 0.0
     gains: Mapping[str, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, float] = field(default_factory=dict)
@@ -287,7 +290,8 @@ class GroupModel:
         """(N, 9) u v w p q r phi theta psi of a part, air data corrected by the nuisances."""
         motion = dict(part.motion)
         if vane is not None:
-            motion[vane.name] = self._given.flow * vane.at_centre(self.vehicle.sensors, values)
+            read = vane.at_centre(self.vehicle.sensors, values)
+            motion[vane.name] = self._given.flow * read + self._given.flow_zero
         alpha = motion["alpha"] - values.get("alpha_offset", 0.0)
         speed = _airspeed(part, values)
         slow = motion["slow_alpha"]

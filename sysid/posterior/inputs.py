@@ -7,7 +7,7 @@ for each sample of the log is a smooth function seen at points, and a straight l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -94,33 +94,45 @@ def unbroken(time_s: Array) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def input_signal(time_s: Array, values: Array, position: bool, held: bool = False) -> InputSignal:
-    """The function of time that logged samples stand for. held: whether each command is known to stay until the next,
+def input_signal(time_s: Array, values: Array, position: bool, stepping: bool, held: bool = False) -> InputSignal:
+    """The function of time that logged samples stand for.
+
+    stepping: whether its loop's commands stay until they step. held: whether each is known to stay until the next,
     where the log has every one.
     """
     if position:
         return InputSignal(time_s, values, "eased")
     slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
-    if not _steps(values):
+    if not stepping:
         return InputSignal(time_s, values, "held" if held and not slow else "splined")
     # A slow log sees the steps of a faster loop somewhere between its own stamps.
     return InputSignal(time_s, values, "eased" if slow else "held")
 
 
-def _steps(values: Array) -> bool:
-    """Whether a command is one that stays until it steps.
+def in_steps(commands: Iterable[Array]) -> bool:
+    """Whether the commands of one loop, (N,) each in one unit, stay until they step.
+
+    One answer for all of them: held and as a curve they differ by half a sample, and servos of one make would differ
+    by it. What moves most says most.
+    """
+    alone, moves = np.sum([(0.0, 0.0), *(_travel_in_steps(values) for values in commands)], axis=0)
+    return bool(alone > _STEPPING * moves)
+
+
+def _travel_in_steps(values: Array) -> tuple[float, float]:
+    """Of a command's travel what it makes in steps between samples at rest, and all of it.
 
     A stick that moves within some samples is none, though in whole microseconds most samples repeat the one before.
     """
     change = np.abs(np.diff(values))
     if not change.any():
-        return True
+        return 0.0, 0.0
     least = float(np.min(change[change > 0.0]))
     rounding = least if least < _FINE * float(np.ptp(values)) else 0.0
     beside = np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1]))
     moves = change > _ROUNDING * rounding
     alone = moves & (beside <= _ROUNDING * rounding)
-    return float(change[alone].sum()) > _STEPPING * float(change[moves].sum())
+    return float(change[alone].sum()), float(change[moves].sum())
 
 
 def servo(commanded: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:

@@ -65,7 +65,7 @@ PRIORS: tuple[Nuisance, ...] = (
              "frame of 20 ms, its place in the log, the servo's own controller"),
     Nuisance("servo_lag", 0.035, 0.020, 0.0, 0.0, 0.20, 1e-3, "s", "both",
              "0.06 to 0.15 s per 60 deg of hobby servos, small strokes"),
-    Nuisance("servo_backlash", 0.15 * DEGREE, 0.12 * DEGREE, 0.0, 0.0, 0.6 * DEGREE, 0.02 * DEGREE, "rad", "both",
+    Nuisance("servo_backlash", 0.15 * DEGREE, 0.12 * DEGREE, 0.0, 0.0, 0.6 * DEGREE, 5e-4 * DEGREE, "rad", "both",
              "half the play of clevis, horn and gear train of small linkages"),
     Nuisance("airspeed_error", 0.0, 0.015, 0.0, -0.2, 0.2, 1e-3, "1", "both",
              "bench calibration of a differential pressure sensor, 3 % of dynamic pressure"),

@@ -125,6 +125,16 @@ def misfit_share(frequencies: Array, residual: Array, simulated: Array, least: f
     return float(np.clip(np.sqrt(np.median(ratio)), least, LARGEST_MISFIT))
 
 
+def noise_share(series: Sequence[Array], grids: Sequence[CommonGrid], highest_hz: float) -> float:
+    """Share of the power of (K,) series in the band up to `highest_hz` that is flat noise, as its upper end has it."""
+    length = window_length(grids)
+    power = welch([one[None] for one in series], grids, length)[0][:, 0, 0].real
+    frequencies = np.fft.rfftfreq(length, grids[0].interval_s)
+    band = (frequencies >= LOWEST_HZ) & (frequencies <= highest_hz)
+    level = np.median(power[band & (frequencies >= 0.6 * highest_hz)])
+    return float(min(level * np.count_nonzero(band) / power[band].sum(), 1.0))
+
+
 def _thirds(C: NDArray[np.complex128]) -> Complex:
     """1/4 1/2 1/4 over neighbouring frequencies."""
     wide = np.concatenate((C[:1], C, C[-1:]))

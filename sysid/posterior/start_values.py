@@ -15,7 +15,7 @@ from sysid.problem.model_structure import usual_size
 
 # Delays of the commands that are tried, s.
 _DELAYS_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11)
-_USUAL_DELAYS_S = (0.0, 0.05)
+_USUAL_DELAYS_S = (0.0, 0.035, 0.05)  # of servos that follow at once, as simulators' do, and of others
 # Signs of a stable aircraft's derivatives, surfaces as the vehicle file has them: trailing edge down, and to the left.
 _SIGNS = {
     "CL_alpha": 1.0, "CL_q": 1.0, "CL_de": 1.0, "Cm_alpha": -1.0, "Cm_q": -1.0, "Cm_de": -1.0,

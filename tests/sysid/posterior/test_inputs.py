@@ -4,18 +4,24 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sysid.posterior.inputs import InputSignal, input_signal, interval_means, servo, swing
+from sysid.arrays import Array
+from sysid.posterior.inputs import InputSignal, in_steps, input_signal, interval_means, servo, swing
 
 TIMES = np.arange(0.0, 4.0, 0.02)
 
 
+def commanded(time_s: Array, values: Array, held: bool = False) -> InputSignal:
+    """The command of a loop that has no other."""
+    return input_signal(time_s, values, False, in_steps([values]), held)
+
+
 def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve() -> None:
     stick = np.where(TIMES > 2.0, 0.1, 0.0)
-    assert input_signal(TIMES, stick, False).kind == "held"
+    assert commanded(TIMES, stick).kind == "held"
     between = np.array([2.0099, 2.0199, 2.0201])
-    np.testing.assert_array_equal(input_signal(TIMES, stick, False).at(between), [0.0, 0.0, 0.1])
+    np.testing.assert_array_equal(commanded(TIMES, stick).at(between), [0.0, 0.0, 0.1])
     wave = np.sin(2.0 * np.pi * 6.0 * TIMES)
-    curve = input_signal(TIMES, wave, False)
+    curve = commanded(TIMES, wave)
     middle = TIMES[20:-20] + 0.01
     assert np.abs(curve.at(middle) - np.sin(2.0 * np.pi * 6.0 * middle)).max() < 0.01
     # Straight lines lose far more.
@@ -26,20 +32,20 @@ def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve
 def test_a_measured_position_is_a_curve_that_keeps_what_lines_lose_and_does_not_overshoot() -> None:
     slow = np.arange(0.0, 4.0, 0.05)
     between = np.arange(0.5, 3.5, 0.001)
-    wave = input_signal(slow, np.sin(2.0 * np.pi * 2.0 * slow), True)
+    wave = input_signal(slow, np.sin(2.0 * np.pi * 2.0 * slow), True, True)
     line = InputSignal(wave.time_s, wave.values, "joined")
     gain = [
         2.0 * np.mean(one.at(between) * np.sin(2.0 * np.pi * 2.0 * between)) for one in (wave, line)
     ]  # whole periods
     assert abs(gain[0] - 1.0) < 0.25 * abs(gain[1] - 1.0)
-    step = input_signal(slow, np.where(slow > 2.0, 0.1, 0.0), True).at(between)
+    step = input_signal(slow, np.where(slow > 2.0, 0.1, 0.0), True, True).at(between)
     assert step.min() >= 0.0
     assert step.max() <= 0.1
 
 
 def test_steps_of_a_loop_that_is_faster_than_the_log_lie_between_its_stamps_and_do_not_overshoot() -> None:
     slow = np.arange(0.0, 4.0, 0.1)
-    stick = input_signal(slow, np.where(slow > 2.05, 0.1, 0.0), False)
+    stick = commanded(slow, np.where(slow > 2.05, 0.1, 0.0))
     assert stick.kind == "eased"
     read = stick.at(np.arange(0.0, 3.9, 0.005))
     assert read.min() >= 0.0
@@ -49,14 +55,14 @@ def test_steps_of_a_loop_that_is_faster_than_the_log_lie_between_its_stamps_and_
 
 def test_a_command_that_is_known_to_stay_is_held_where_the_log_has_every_one() -> None:
     wave = np.sin(2.0 * np.pi * 2.0 * TIMES)
-    assert input_signal(TIMES, wave, False, held=True).kind == "held"
+    assert commanded(TIMES, wave, held=True).kind == "held"
     # One of five commands is in this log: what was between them is not known.
-    assert input_signal(TIMES[::5], wave[::5], False, held=True).kind == "splined"
+    assert commanded(TIMES[::5], wave[::5], held=True).kind == "splined"
 
 
 def test_a_curve_is_not_drawn_through_lost_samples() -> None:
     kept = (TIMES < 1.0) | (TIMES > 1.5)
-    curve = input_signal(TIMES[kept], np.sin(9.0 * TIMES[kept]), False)
+    curve = commanded(TIMES[kept], np.sin(9.0 * TIMES[kept]))
     edge = np.sin(9.0 * TIMES[kept])[[49, 50]]
     stamps = TIMES[kept][[49, 50]]
     np.testing.assert_allclose(curve.at(np.array([1.25])), np.interp(1.25, stamps, edge))
@@ -122,8 +128,8 @@ def test_a_stick_in_whole_microseconds_is_no_step_and_a_step_beside_rounding_is(
         by_hand[i] = asked[i] + (by_hand[i - 1] - asked[i]) * np.exp(-(TIMES[i] - TIMES[i - 1]) / 0.03)
     rounded = np.round(by_hand / pulse) * pulse
     assert np.mean(np.diff(rounded) == 0.0) > 0.5
-    assert input_signal(TIMES, rounded, False).kind == "splined"
+    assert commanded(TIMES, rounded).kind == "splined"
     trimmed = np.round((asked + 0.004 * np.sin(0.5 * TIMES)) / pulse) * pulse
-    assert input_signal(TIMES, trimmed, False).kind == "held"
+    assert commanded(TIMES, trimmed).kind == "held"
     half_rate = np.repeat(0.05 * np.sin(7.0 * TIMES[::2]), 2)[: TIMES.size]
-    assert input_signal(TIMES, half_rate, False).kind == "held"
+    assert commanded(TIMES, half_rate).kind == "held"
