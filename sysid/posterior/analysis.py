@@ -56,6 +56,8 @@ _NO_WORSE = 0.1
 _MOST_NOISE = 0.1
 # Steps from each of two starts before one is chosen.
 _FIRST_PASSES = 3
+# By so much in logarithms of probability another end of a search is likelier, and not the same.
+_LIKELIER = 2.0
 # By how much servos of one aircraft differ, s, one standard deviation.
 _DELAY, _LAG, _ = SERVO
 _ALIKE = {_DELAY: 0.006, _LAG: 0.008}
@@ -65,16 +67,30 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class _Begun:
-    """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns."""
+    """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns; usual: values of the
+    coefficients that an aircraft of the class has.
+    """
 
     posterior: Posterior
     model: GroupModel
     theta: Array
+    usual: Array
     doubts: Sequence[Doubt]
 
     def searched(self) -> _Begun:
-        """The same, near the search's end."""
-        return replace(self, theta=self.posterior.search(self.theta, MAX_PASSES))
+        """The same, near the search's end.
+
+        Where that is beside the optimum (rolling at once by sideslip, that no surface disturbs, is nearly as likely as
+        rolling as it does), coefficients that are usual lead to a likelier one, beside servos and sensors as found.
+        """
+        theta = self.posterior.search(self.theta, MAX_PASSES)
+        other = theta.copy()
+        other[: self.usual.size] = self.usual
+        with suppress(EstimationError):
+            other = self.posterior.search(other, _FIRST_PASSES)
+            if self.posterior.profile_cost(other) < self.posterior.profile_cost(theta) - _LIKELIER:
+                theta = self.posterior.search(other, MAX_PASSES)
+        return replace(self, theta=theta)
 
     def feedback(self) -> float:
         """Largest share of a command that follows what is left, as in PosteriorResult."""
@@ -294,6 +310,7 @@ def _begun(
         (values, {_DELAY: max(delay - lag_s, 0.0), _LAG: min(delay, lag_s)})
         for values, delay in usual_starts(parts, vehicle, names)
     ]
+    usual = starts[-1][0]
     again = set(names) <= near.keys()
     if again:
         starts = [(dict(near), {}), *([] if flow_imposed else starts)]
@@ -320,7 +337,7 @@ def _begun(
         begin[: len(model.names)] = [values.get(*one) for one in zip(model.names, middle.tolist(), strict=False)]
         tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
-    return _Begun(posterior, model, theta, doubts)
+    return _Begun(posterior, model, theta, np.array([usual[name] for name in names]), doubts)
 
 
 def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:

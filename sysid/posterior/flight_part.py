@@ -81,8 +81,9 @@ class FlightPart:
         )
 
     def travel(self, surface: str) -> float:
-        """Standard deviation of a surface's command through the part, rad."""
-        return float(np.std(self.inputs[surface].at(self.grid))) if surface in self.inputs else 0.0
+        """Standard deviation of a surface's command through what counts of the part, rad."""
+        counted = self.common.points[self.common.taper > 0.5]
+        return float(np.std(self.inputs[surface].at(counted))) if surface in self.inputs and counted.size else 0.0
 
 
 def finite(signals: FlightSignals, name: str, begin: float, end: float) -> tuple[Array, Array]:

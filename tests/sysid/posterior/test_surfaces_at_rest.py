@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from simulated import fly_mav
@@ -42,6 +44,20 @@ def test_a_window_where_the_elevator_rests_says_nothing_that_its_bars_do_not_hol
         assert known
         for name, one in known.items():
             assert abs(one.value - TRUTH[name]) < 4.5 * one.std, (name, end)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_windows_of_a_rudder_that_begins_to_move_end_at_the_optimum_one_after_another(seed: int) -> None:
+    """Where rolling follows sideslip at once is a lesser optimum, and one window's end is the next one's start."""
+    flight, _ = fly_mav("elevator-3211,rudder-multisine,aileron-3211", seed)
+    columns = {name: (one.time_s, one.values) for name, one in flight.signals.items()}
+    near: Mapping[str, Mapping[str, float]] = {}
+    for end in (19.0, 20.0, 21.0, 22.0, 24.0):
+        found = estimate_window(VEHICLE, columns, 0.0, end, near)
+        near = found.ends
+        for name in ("Cl_beta", "Cl_r", "Cn_beta", "Cn_r", "Cn_dr"):
+            one = found.coefficients[name]
+            assert not one.known or abs(one.value - TRUTH[name]) < 3.5 * one.std, (name, end)
 
 
 def test_noise_of_a_vane_shows_in_the_upper_end_of_its_spectrum() -> None:
