@@ -45,7 +45,7 @@ from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_st
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still.
-# What an autopilot does with a surface between the two tells little of it, but without it others come out wrong.
+# What an autopilot does with a surface between the two says little of it, but without it others come out wrong.
 LEAST_TRAVEL, _STILL = 0.003, 1e-4
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
 _MAIN, _MINOR = 6.0, 1.0
@@ -58,8 +58,8 @@ _MOST_NOISE = 0.1
 _FIRST_PASSES = 3
 # By so much in logarithms of probability another end of a search is likelier, and not the same.
 _LIKELIER = 2.0
-# By how much servos of one aircraft differ, s, one standard deviation.
 _DELAY, _LAG, _ = SERVO
+# By how much servos of one aircraft differ, s, one standard deviation.
 _ALIKE = {_DELAY: 0.006, _LAG: 0.008}
 
 Report = Callable[[float, str], None]
@@ -67,8 +67,8 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class _Begun:
-    """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns; usual: values of the
-    coefficients that an aircraft of the class has.
+    """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns; usual: values that
+    an aircraft of the class has of the coefficients, NaN for what surfaces do.
     """
 
     posterior: Posterior
@@ -81,11 +81,14 @@ class _Begun:
         """The same, near the search's end.
 
         Where that is beside the optimum (rolling at once by sideslip, that no surface disturbs, is nearly as likely as
-        rolling as it does), coefficients that are usual lead to a likelier one, beside servos and sensors as found.
+        rolling as it does), coefficients that are usual lead to a likelier one, beside servos and sensors as found. A
+        flow that is imposed leaves no such choice.
         """
         theta = self.posterior.search(self.theta, MAX_PASSES)
+        if self.model.flow_imposed:
+            return replace(self, theta=theta)
         other = theta.copy()
-        other[: self.usual.size] = self.usual
+        other[: self.usual.size] = np.where(np.isfinite(self.usual), self.usual, other[: self.usual.size])
         with suppress(EstimationError):
             other = self.posterior.search(other, _FIRST_PASSES)
             if self.posterior.profile_cost(other) < self.posterior.profile_cost(theta) - _LIKELIER:
@@ -337,7 +340,9 @@ def _begun(
         begin[: len(model.names)] = [values.get(*one) for one in zip(model.names, middle.tolist(), strict=False)]
         tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
-    return _Begun(posterior, model, theta, np.array([usual[name] for name in names]), doubts)
+    # Which way a surface counts is the vehicle file's choice.
+    motion = [np.nan if set(SURFACES_OF[group]) & set(parse_term(name).factors) else usual[name] for name in names]
+    return _Begun(posterior, model, theta, np.array(motion), doubts)
 
 
 def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:
