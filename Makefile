@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-page campaign-fleet campaign-field clean
+.PHONY: setup demo test test-fast check docs lock interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-page campaign-fleet campaign-field clean
 
 setup: $(VENV)/.ready
 
@@ -32,6 +32,16 @@ test-fast: check
 $(VENV)/.docs: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	touch $@
+
+# What the image runs, locked by version and hash, and its parts with their licences. Made anew when dependencies change.
+lock:
+	$(PYTHON) -m venv .lock
+	.lock/bin/python -m pip install --quiet --disable-pip-version-check uv cyclonedx-bom
+	.lock/bin/uv pip compile --quiet --extra fleet --generate-hashes --no-header --no-annotate --python-version 3.11 --python-platform linux --constraint constraints.txt --output-file deploy/requirements.lock pyproject.toml deploy/requirements.in
+	$(PYTHON) -m venv .lock/runs
+	.lock/runs/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement deploy/requirements.lock
+	.lock/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --output-format JSON --output-file deploy/sbom.cdx.json .lock/runs/bin/python
+	rm -r .lock
 
 # The documentation as a site in site/: every link checked, nothing fetched from outside when it is read.
 docs: $(VENV)/.docs

@@ -29,6 +29,7 @@ class Settings:
     storage: how recordings are kept on disk. keep_days, keep_bytes: recordings that are older, or for which there is
     no room in that size, are deleted once they have been worked on; None keeps them.
     map: MBTiles file whose pictures lie beneath the track; None for none.
+    scheduler: address of the Dask scheduler whose workers carry out jobs; None for this machine.
     tls_cert, tls_key: PEM files of the certificate and its key; None for plain HTTP. json_log: the log as JSON.
     token: of an administrator, as `Authorization: Bearer`; None where only this machine can connect, or tokens of
     the file `tokens` alone count.
@@ -50,6 +51,7 @@ class Settings:
     keep_days: float | None = None
     keep_bytes: int | None = None
     map: Path | None = None
+    scheduler: str | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None
     json_log: bool = False

@@ -1,10 +1,12 @@
-"""`gcs batch`: identify hundreds of flights, here or on other machines, and what they say together."""
+"""`gcs batch`: identify hundreds of flights, or hold a model against them, here or on other machines."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 NAME = "batch"
-HELP = "identify many flights, on this machine or a Dask cluster; their table and a report of the fleet"
+HELP = "identify many flights, or hold a model against them, on this machine or a Dask cluster; table and report"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,6 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="results, table and report; a run that was"
         " ended goes on there")  # fmt: skip
     add("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
+    add("--discrepancy", metavar="MODEL", help="look for where the flights differ from this model file or built-in"
+        " model instead, and for the effect that explains it")  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", metavar="N", type=int, help="processes of this machine (default: one for each core)"
@@ -29,11 +33,10 @@ def run(args: argparse.Namespace) -> int:
     from gcs.fleet.batch import places
     from gcs.fleet.batch import run as work
     from gcs.fleet.orders import orders
-    from gcs.fleet.page import change_line, fleet_page
-    from gcs.fleet.rows import rows_of, write_table
-    from gcs.fleet.together import together
-    from gcs.text.files import write_whole
+    from gcs.fleet.rows import finding_lines, findings_of, rows_of, write_table
+    from gcs.jobs.runner import COMPARED_BY
     from gcs.text.progress import Progress
+    from sim_vehicle.model.model_file import read_model
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     if args.workers is not None and args.workers < 1:
@@ -43,19 +46,34 @@ def run(args: argparse.Namespace) -> int:
     if vehicle is not None and "://" not in vehicle:
         load_vehicle(vehicle)
         vehicle = str(Path(vehicle).resolve()) if Path(vehicle).is_file() else vehicle
-    found = orders(args.sources, vehicle, {"method": args.method})
+    if args.discrepancy is not None and args.method not in COMPARED_BY:
+        raise SettingsError(f"--method {args.method}: flights are held against a model by {', '.join(COMPARED_BY)}")
+    options: dict[str, Any] = {"method": args.method}
+    if args.discrepancy is not None:
+        options["model"] = read_model(args.discrepancy).to_json()
+    found = orders(args.sources, vehicle, options)
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
-    rows = rows_of(found, results)
+    rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
     write_table(rows, args.output / "flights.parquet")
     write_table(rows, args.output / "flights.csv")
-    fleet = together(rows)
-    write_whole(args.output / "fleet.html", fleet_page(fleet, rows))
-    begun = {str(row["source"]): int(row["start_ns"]) for row in rows}
-    for aircraft, name, change in fleet.changes:
-        print(change_line(aircraft, name, change, begun[change.flight]))
-    for flight, why in fleet.failed:
-        print(f"no result: {flight}: {why}")
-    good = len(rows) - len(fleet.failed)
-    print(f"{good} of {len(rows)} flights identified: {args.output / 'fleet.html'}, flights.parquet, flights.csv")
+    lines = finding_lines(rows) if args.discrepancy else _reported(rows, args.output / "fleet.html")
+    failed = [row for row in rows if row["error"]]
+    for line in (*lines, *(f"no result: {row['flight']}: {row['error']}" for row in failed)):
+        print(line)
+    good, done = len(rows) - len(failed), "compared" if args.discrepancy else "identified"
+    report = "" if args.discrepancy else f"{args.output / 'fleet.html'}, "
+    print(f"{good} of {len(rows)} flights {done}: {report}{args.output / 'flights.parquet'}, flights.csv")
     return 0 if good else 1
+
+
+def _reported(rows: Sequence[Mapping[str, Any]], path: Path) -> list[str]:
+    """Write the report of a fleet; its changes, one line each."""
+    from gcs.fleet.page import change_line, fleet_page
+    from gcs.fleet.together import together
+    from gcs.text.files import write_whole
+
+    fleet = together(rows)
+    write_whole(path, fleet_page(fleet, rows))
+    begun = {str(row["source"]): int(row["start_ns"]) for row in rows}
+    return [change_line(aircraft, name, change, begun[change.flight]) for aircraft, name, change in fleet.changes]

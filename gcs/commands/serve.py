@@ -3,6 +3,7 @@
 import argparse
 import logging
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 NAME = "serve"
@@ -47,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--map", metavar="FILE", type=Path, help="map beneath the track on the page: an MBTiles file of pictures"
     )
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="a Dask scheduler, whose workers identify; they need the --data folder under the same name",
+    )
     parser.add_argument("--silence", metavar="S", type=float, default=10.0, help="silence that ends a flight (10)")
     add_storage_arguments(parser)
     parser.add_argument(
@@ -84,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--tls-cert and --tls-key go together: a certificate and its key")
     for url in args.connect:
         parse_url(url)
+    if args.scheduler is not None and find_spec("distributed") is None:
+        raise SettingsError("--scheduler needs Dask: install the extra 'fleet'")
     if args.map is not None:
         MapTiles(args.map).close()
     link = link_options(args)
@@ -109,6 +117,7 @@ def run(args: argparse.Namespace) -> int:
         storage=storage_options(args),
         keep_days=args.keep_days,
         map=args.map,
+        scheduler=args.scheduler,
         tls_cert=args.tls_cert,
         tls_key=args.tls_key,
         json_log=args.log_format == "json",

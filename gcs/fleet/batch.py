@@ -24,7 +24,7 @@ from typing import Any
 
 from gcs.errors import SettingsError
 from gcs.fleet.orders import Order
-from gcs.fleet.worker import identified
+from gcs.fleet.worker import worked
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
 
@@ -143,7 +143,7 @@ class _Batch:
 def _submitted(pool: Executor, order: Order) -> Future[Result]:
     """The promise of a result; of a pool that has just lost a worker, one that says so."""
     try:
-        return pool.submit(identified, order.source, order.vehicle, order.options)
+        return pool.submit(worked, order.source, order.vehicle, order.options)
     except BrokenExecutor as error:
         lost: Future[Result] = Future()
         lost.set_exception(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,47 @@ def rows_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> li
     return sorted((_row(*pair) for pair in zip(orders, results, strict=True)), key=lambda row: int(row["start_ns"]))
 
 
-def _row(order: Order, result: Mapping[str, Any]) -> Row:
-    row: Row = {
+def findings_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> list[Row]:
+    """Rows of comparisons with a model, oldest flight first. `finding`: the verdict of schema discrepancy/1; `effect`,
+    `probability`: the likeliest effect; `EFFECT.PARAMETER`, `..._std`: its sizes; `gap_OUTPUT`, `left_OUTPUT`: the gap
+    of the model as given, and with what was found.
+    """
+    found = []
+    for order, result in zip(orders, results, strict=True):
+        row = {**_about(order, result), "finding": result.get("verdict", ""), "effect": "", "probability": None}
+        for place, effect in enumerate(result.get("effects", ())):
+            if place == 0:
+                row |= {"effect": effect["name"], "probability": effect["probability"]}
+            for name, entry in effect["parameters"].items():
+                sizes = f"{effect['name']}.{name}"
+                row |= {sizes: entry.get("value"), f"{sizes}_std": entry.get("std")}
+        gap = result.get("gap", {}).get("estimation", {})
+        for key, of in (("given", "gap"), ("after", "left")):
+            row |= {f"{of}_{output}": value for output, value in gap.get(key, {}).items()}
+        found.append(row)
+    return sorted(found, key=lambda row: int(row["start_ns"]))
+
+
+def finding_lines(rows: Sequence[Row]) -> list[str]:
+    """How often each finding was made, a line for each aircraft and finding."""
+    counts = Counter((row["aircraft"], row["finding"], row["effect"]) for row in rows if not row["error"])
+    every = Counter(row["aircraft"] for row in rows if not row["error"])
+    return [
+        f"{aircraft}: {finding.replace('_', ' ')}{effect and f' by {effect}'}: {count} of {every[aircraft]} flights"
+        for (aircraft, finding, effect), count in sorted(counts.items())
+    ]
+
+
+def _about(order: Order, result: Mapping[str, Any]) -> Row:
+    return {
         "flight": _clean(Path(order.source).stem), "source": _clean(order.source), "aircraft": order.aircraft,
         "start_ns": int(result["start_ns"]), "cost_s": float(result["cost_s"]), "error": result.get("error", ""),
         "verdict": result.get("quality", {}).get("verdict", ""), "method": result.get("method", ""),
     }  # fmt: skip
+
+
+def _row(order: Order, result: Mapping[str, Any]) -> Row:
+    row = _about(order, result)
     for name, entry in result.get("model", {}).get("coefficients", {}).items():
         row[name], row[f"{name}_std"] = entry.get("value"), entry.get("std")
     return row

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 from collections.abc import Mapping
@@ -10,9 +11,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 
-def identified(source: str, vehicle: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The result of schema identification/1 with `start_ns` of the flight and `cost_s`; `error` where there is none."""
-    from gcs.analysis.postflight import identify
+def worked(source: str, vehicle: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The result of schema identification/1, or where `options` have a `model` (JSON) discrepancy/1, with `start_ns` of
+    the flight and `cost_s`; `error` where there is none.
+    """
+    from gcs.analysis.postflight import discrepancy, identify
     from gcs.errors import GcsError
     from gcs.inspection.info import as_recordings
     from gcs.recording.reader import Recording
@@ -26,7 +29,14 @@ def identified(source: str, vehicle: str, options: Mapping[str, Any]) -> dict[st
             flight, craft = _here(source, Path(folder)), _here(vehicle, Path(folder))
             with as_recordings([Path(flight)]) as paths:
                 start_ns = Recording(paths[0]).start_ns
-                result = identify(paths, load_vehicle(craft).path, **options)
+                file = load_vehicle(craft).path
+                others = {key: value for key, value in options.items() if key != "model"}
+                if "model" in options:
+                    model = Path(folder) / "model.json"
+                    model.write_text(json.dumps(options["model"]), encoding="utf-8")
+                    result = discrepancy(paths, file, model, **others)
+                else:
+                    result = identify(paths, file, **others)
         found = {key: value for key, value in result.items() if key != "series"}
         return {**found, "start_ns": start_ns, "cost_s": time.monotonic() - begun}
     except (GcsError, SysidError, SimVehicleError) as error:

@@ -54,8 +54,15 @@ class NothingToDoError(JobError):
     """The recording holds nothing that the job could work on; no fault of anyone."""
 
 
+def _worker_of(settings: Settings) -> tuple[str, ...]:
+    """The command that runs a job, here or on a cluster."""
+    if settings.scheduler is None:
+        return (sys.executable, "-m", "gcs.jobs.worker")
+    return (sys.executable, "-m", "gcs.jobs.clusterworker", settings.scheduler)
+
+
 class JobRunner:
-    """Takes queued jobs from the catalogue. `worker` is the command that runs one.
+    """Takes queued jobs from the catalogue. `worker` is the command that runs one, by the settings if not given.
 
     longest_s, memory_bytes: what one job may take; memory as `memory_limit` has it unless said otherwise.
     choice: the station's aircraft, and which of them flew.
@@ -66,14 +73,14 @@ class JobRunner:
         self,
         settings: Settings,
         catalogue: Catalogue,
-        worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.worker"),
+        worker: Sequence[str] = (),
         longest_s: float = _LONGEST_S,
         memory_bytes: int | None = None,
     ) -> None:
         self._settings = settings
         self._catalogue = catalogue
         self.choice = VehicleChoice(VehicleShelf(settings.vehicles, settings.vehicle), catalogue)
-        self._worker = tuple(worker)
+        self._worker = tuple(worker) or _worker_of(settings)
         self._longest_s, self._memory_bytes = longest_s, memory_bytes or memory_limit()
         self.problem = ""
         self._wake = threading.Event()
@@ -124,8 +131,8 @@ class JobRunner:
         for name in (flight_id, *request.get("validate", ())):
             self._check_flight(name)
         self._check_part(flight_id, request)
-        if kind == "discrepancy" and request.get("method", "auto") not in _COMPARED_BY:
-            raise JobError(f"a discrepancy's method is one of {', '.join(_COMPARED_BY)}, not {request['method']}")
+        if kind == "discrepancy" and request.get("method", "auto") not in COMPARED_BY:
+            raise JobError(f"a discrepancy's method is one of {', '.join(COMPARED_BY)}, not {request['method']}")
         _check_effects(kind, request.get("rule_out", ()))
         for name in _MODEL_FIELDS:
             if request.get(name) is not None:
@@ -371,7 +378,7 @@ class JobRunner:
 
 
 # Methods of a comparison; an identification has more.
-_COMPARED_BY = ("auto", "map", "fe")
+COMPARED_BY = ("auto", "map", "fe")
 
 
 def _check_effects(kind: str, names: Sequence[str]) -> None:

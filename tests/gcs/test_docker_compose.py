@@ -1,15 +1,21 @@
 """The compose file: its rules by reading it, and its very commands run on this machine without Docker."""
 
+import json
 import os
 import re
 import socket
 import subprocess
 import sys
+import tomllib
+from operator import add
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from distributed import Client
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from patience import PATIENCE_S
 from ruamel.yaml import YAML
 from traffic import wait_until
@@ -94,7 +100,63 @@ def test_https_is_there_for_who_asks_for_it(compose: dict[str, Any]) -> None:
     text = (ROOT / file).read_text()
     assert "reverse_proxy {$GCS_UPSTREAM:127.0.0.1:8000}" in text
     assert text.count("{") == text.count("}")
-    assert not any("profiles" in service for name, service in compose["services"].items() if name != "caddy")
+    profiles = {name: service.get("profiles", []) for name, service in compose["services"].items()}
+    assert not profiles["gcs"]
+    assert not profiles["sim_vehicle"]
+    assert all(profiles[name] == ["fleet"] for name in ("scheduler", "worker", "store"))
+
+
+def test_what_the_image_runs_is_locked_by_version_and_hash_and_listed_with_licences() -> None:
+    lines = (ROOT / "Dockerfile").read_text()
+    assert re.search(r"^FROM python:3\.11-slim@sha256:[0-9a-f]{64}$", lines, re.MULTILINE)
+    assert "--require-hashes --requirement deploy/requirements.lock" in lines
+    assert "--no-deps --no-build-isolation" in lines
+    lock = (ROOT / "deploy/requirements.lock").read_text().replace("\\\n", " ")
+    locked = {}
+    for line in lock.splitlines():
+        name, _, rest = line.partition("==")
+        assert rest.count("--hash=sha256:") >= 1, line
+        locked[name] = rest.split()[0]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wanted = project["project"]["dependencies"] + project["project"]["optional-dependencies"]["fleet"]
+    for requirement in map(Requirement, wanted + project["build-system"]["requires"]):
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), requirement
+    # What is tested is what the image runs.
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        name, _, version = line.partition("==")
+        assert locked.get(canonicalize_name(name), version) == version, line
+    parts = json.loads((ROOT / "deploy/sbom.cdx.json").read_text())
+    assert parts["bomFormat"] == "CycloneDX"
+    listed = {canonicalize_name(one["name"]): one for one in parts["components"]}
+    assert all(listed[name]["version"] == version for name, version in locked.items())
+    assert all(listed[name].get("licenses") for name in ("numpy", "scipy", "pymavlink", "fastapi"))
+
+
+def test_a_batch_runs_on_what_the_fleet_profile_starts(compose: dict[str, Any], tmp_path: Path) -> None:
+    """The scheduler's and two workers' own commands, with other addresses and a folder of this machine."""
+    services, port = compose["services"], free_port(socket.SOCK_STREAM)
+    address = f"tcp://127.0.0.1:{port}"
+    places = {"0.0.0.0": "127.0.0.1", "8786": str(port), "tcp://scheduler:8786": address, "/tmp": str(tmp_path)}
+    replicas = services["worker"]["deploy"]["replicas"]
+    assert replicas == 2
+    commands = [services["scheduler"]["command"], *[services["worker"]["command"]] * replicas]
+    started = [
+        subprocess.Popen([places.get(word, word) for word in local(one)], cwd=tmp_path, stderr=subprocess.DEVNULL)
+        for one in commands
+    ]
+    try:
+        with Client(address, timeout=PATIENCE_S) as client:
+            client.wait_for_workers(replicas, timeout=PATIENCE_S)
+            assert client.submit(add, 2, 3).result(PATIENCE_S) == 5
+        kind, *health = services["scheduler"]["healthcheck"]["test"]
+        assert kind == "CMD"
+        ready = [word.replace("8786", str(port)) for word in local(health)]
+        assert subprocess.run(ready, capture_output=True, check=False).returncode == 0
+    finally:
+        for process in started:
+            process.terminate()
+        for process in started:
+            process.wait(PATIENCE_S)
 
 
 @pytest.mark.whole_flight

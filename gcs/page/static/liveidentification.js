@@ -3,7 +3,7 @@
 import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
 import { LiveTable, write } from './livetable.js'
-import { band, bokeh, line, plot, removePlot, shown, source } from './plots.js'
+import { band, bokeh, line, plot, shown, source } from './plots.js'
 
 const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
 const KEPT = 1200
@@ -26,10 +26,10 @@ export class Identification {
     this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
   }
 
+  /** Another flight: its plots are those of the last one, empty and out of sight. */
   clear() {
     this.history.clear()
-    for (const { element } of this.panels.values()) removePlot(element)
-    this.panels.clear()
+    for (const { element } of this.panels.values()) element.hidden = true
   }
 
   /** Take an object of identification, null (with why) where there is none; time: s of the flight. */
@@ -66,26 +66,34 @@ export class Identification {
     return behind.find(element => element?.parentElement === this.plots) ?? null
   }
 
-  async draw(name, kept) {
-    const panel = this.panels.get(name)
-    if (panel) {
-      panel.follow?.(kept)
-      if (panel.data) panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
-      return
-    }
-    const made = { element: h('div', {}) }
-    this.panels.set(name, made)
-    const data = await source(kept)
+  draw(name, kept) {
+    const panel = this.panels.get(name) ?? this.make(name)
+    panel.element.hidden = false
+    if (!panel.data) return
+    panel.follow(kept)
+    panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
+  }
+
+  /** The plot of a coefficient, which fills as soon as the library is there. */
+  make(name) {
+    const panel = { element: h('div', {}) }
+    this.panels.set(name, panel)
+    this.drawn(name).then(made => {
+      made.element.hidden = panel.element.hidden
+      Object.assign(panel, made)
+      this.plots.insertBefore(panel.element, this.later(name))
+      if (this.history.has(name)) this.draw(name, this.history.get(name))
+    })
+    return panel
+  }
+
+  async drawn(name) {
+    const data = await source({ x: [], y: [], low: [], high: [] })
     const { range, follow } = await following()
-    follow(kept)
     const figure = await plot({ x: 'time, s', y: name, height: 170, yRange: range })
     band(figure, data, 'x', 'low', 'high')
     line(figure, data, 'x', 'y', 0)
-    made.element = await shown(figure, `${name} with its 95 % band`, this.signal)
-    made.data = data
-    made.follow = follow
-    if (this.panels.get(name) === made) this.plots.insertBefore(made.element, this.later(name))
-    else removePlot(made.element)
+    return { element: await shown(figure, `${name} with its 95 % band`, this.signal), data, follow }
   }
 }
 

@@ -25,8 +25,19 @@ export class LivePlots {
     this.choices = h('fieldset', { class: 'choices' }, h('legend', {}, 'Further signals to plot'))
     this.elements = [h('h2', {}, 'Signals of the last minute'), this.place,
       h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'), this.choices)]
+    // What is scrolled away need not be drawn five times a second.
+    this.watch = new IntersectionObserver(entries => {
+      for (const { target, isIntersecting } of entries) {
+        const panel = this.panels.find(one => one.element === target)
+        if (panel) panel.inSight = isIntersecting
+      }
+      this.dirty = true
+    })
     const timer = setInterval(() => this.draw(), EVERY_MS)
-    signal.addEventListener('abort', () => clearInterval(timer))
+    signal.addEventListener('abort', () => {
+      clearInterval(timer)
+      this.watch.disconnect()
+    })
   }
 
   /** Units by signal, as GET /api/live gives them. */
@@ -129,8 +140,12 @@ export class LivePlots {
       for (const { element } of made) removePlot(element)
       return
     }
-    for (const { element } of this.panels) removePlot(element)
+    for (const { element } of this.panels) {
+      this.watch.unobserve(element)
+      removePlot(element)
+    }
     this.panels = made
+    for (const { element } of made) this.watch.observe(element)
     this.dirty = true // what came while they were made
     this.place.replaceChildren(...made.map(panel => panel.element))
   }
@@ -138,7 +153,8 @@ export class LivePlots {
   draw() {
     if (!this.dirty || document.hidden) return
     this.dirty = false
-    for (const { range, sources } of this.panels) {
+    for (const { range, sources, inSight } of this.panels) {
+      if (!inSight) continue
       range.setv({ start: Math.max(0, this.newest - WINDOW_S), end: Math.max(this.newest, WINDOW_S) })
       for (const [name, data] of sources) {
         const { x, y } = this.kept.get(name)

@@ -85,6 +85,25 @@ def test_workers_of_a_cluster_give_the_same_and_one_that_is_killed_loses_nothing
     assert results(tmp_path) == results(local)
 
 
+def test_a_model_is_held_against_every_flight(
+    flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (5, 6):
+        sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "25", "--effect", "pitch_damping:Cm_q=-9",
+                     "--seed", str(seed), "--record", str(tmp_path / "damped" / f"flight{seed}.mcap")])  # fmt: skip
+    assert batch(tmp_path / "damped", tmp_path / "out", "--discrepancy", "iitb-mav", "--workers", "2") == 0
+    said = capsys.readouterr().out
+    assert "iitb-mav: missing effect by pitch_damping: 2 of 2 flights" in said
+    assert "2 of 2 flights compared" in said
+    table = pyarrow.parquet.read_table(tmp_path / "out" / "flights.parquet").to_pydict()
+    assert table["effect"] == ["pitch_damping"] * 2
+    size, std = (table[f"pitch_damping.Cm_q{end}"] for end in ("", "_std"))
+    assert all(abs(value + 9.0) < 4.0 * bar for value, bar in zip(size, std, strict=True))
+    assert all(left < 0.5 * gap for gap, left in zip(table["gap_q"], table["left_q"], strict=True))
+    assert batch(flights, tmp_path / "other", "--discrepancy", "iitb-mav", "--method", "oe") == 2
+    assert "held against a model by auto, map, fe" in capsys.readouterr().err
+
+
 def test_odd_files_are_rows_that_say_why(flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "cut.tlog").write_bytes((flights / "flight1.tlog").read_bytes()[:3000])
     (tmp_path / "notes.txt").write_text("no flight")

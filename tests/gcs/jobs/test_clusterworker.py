@@ -1,0 +1,92 @@
+"""A station whose jobs are carried out by a Dask cluster: the same result, the same words, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+import pytest
+from dask_cluster import cluster
+from patience import PATIENCE_S
+from processes import free_port, run, service
+from traffic import wait_until
+
+pytestmark = pytest.mark.whole_flight
+
+WORKER = [sys.executable, "-m", "gcs.jobs.clusterworker"]
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    with cluster(1) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "flight.mcap"
+    flown = run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", 15, "--seed", 4, "--record", path)
+    assert flown.returncode == 0, flown.stderr
+    return path
+
+
+def test_a_station_sends_its_jobs_to_a_cluster_and_gets_what_it_would_find_itself(
+    tmp_path: Path, log: Path, workers: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    found: dict[str, dict[str, Any]] = {}
+    for name, options in (("here", ()), ("there", ("--scheduler", workers[0]))):
+        with (
+            service("--data", tmp_path / name, "--vehicle", "iitb-mav", "--no-identify", *options) as url,
+            httpx.Client(base_url=url, timeout=PATIENCE_S) as station,
+        ):
+            flight = station.post(f"/api/flights?name={log.name}", content=log.read_bytes()).json()["id"]
+            job = station.post(f"/api/flights/{flight}/jobs", json={"kind": "identify"}).json()["id"]
+            wait_until(lambda: station.get(f"/api/jobs/{job}").json()["state"] in ("done", "failed"), 120.0)  # noqa: B023
+            ended = station.get(f"/api/jobs/{job}").json()
+            assert ended["state"] == "done", ended
+            assert any("axes" in line for line in ended["log"])
+            assert ended["cpu_s"] > 0.0
+            found[name] = station.get(f"/api/flights/{flight}/identification").json()
+            cut = station.post(f"/api/flights/{flight}/jobs", json={"kind": "identify", "from": 14.9}).json()["id"]
+            wait_until(lambda: station.get(f"/api/jobs/{cut}").json()["state"] == "failed", 120.0)  # noqa: B023
+            found[name]["reason"] = station.get(f"/api/jobs/{cut}").json()["error"]
+    assert found["here"]["model"]["coefficients"] == found["there"]["model"]["coefficients"]
+    assert found["here"]["reason"] == found["there"]["reason"]
+
+
+def test_a_job_that_nobody_waits_for_any_more_ends(
+    tmp_path: Path, log: Path, workers: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    order = {
+        "kind": "identify", "recordings": [str(log)], "validate": [], "vehicle": "iitb-mav", "models": {},
+        "method": "auto", "start": None, "stop": None, "system": None, "rule_out": [], "as_recorded": [],
+        "automatic": False, "plan": {}, "memory_bytes": 4 * 1024**3, "output": str(tmp_path / "result.json"),
+    }  # fmt: skip
+    asking = subprocess.Popen([*WORKER, workers[0]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert asking.stdin is not None
+    asking.stdin.write(json.dumps(order) + "\n")
+    asking.stdin.flush()
+    worker = psutil.Process(workers[1][0].pid)
+    wait_until(worker.children, 60.0)
+    for child in worker.children():
+        child.suspend()  # as one that takes long
+    asking.kill()
+    asking.communicate()
+    wait_until(lambda: not [one for one in worker.children() if one.status() != psutil.STATUS_ZOMBIE], 60.0)
+
+
+def test_without_a_scheduler_the_job_says_so() -> None:
+    command = [*WORKER, f"tcp://127.0.0.1:{free_port()}"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as asking:
+        assert asking.stdin is not None
+        assert asking.stdout is not None
+        asking.stdin.write("{}\n")
+        asking.stdin.flush()
+        assert "no scheduler answers" in json.loads(asking.stdout.readline())["error"]
+        assert asking.wait(PATIENCE_S) == 1
