@@ -6,7 +6,7 @@ import { bokeh, legendAbove, line, plot, removePlot, shown, source } from './plo
 import { keepQuery } from './router.js'
 
 const WINDOW_S = 60
-const EVERY_MS = 200
+const EVERY_MS = 250
 const USUAL = [['airspeed'], ['alpha', 'beta'], ['p', 'q', 'r'], ['de', 'da', 'dr'], ['phi', 'theta']]
 
 /** Plots of airspeed, flow angles, rates, surfaces and attitude, and of the signals that the user chooses. */

@@ -88,6 +88,7 @@ def test_workers_of_a_cluster_give_the_same_and_one_that_is_killed_loses_nothing
 def test_a_model_is_held_against_every_flight(
     flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (tmp_path / "damped").mkdir()
     for seed in (5, 6):
         sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "25", "--effect", "pitch_damping:Cm_q=-9",
                      "--seed", str(seed), "--record", str(tmp_path / "damped" / f"flight{seed}.mcap")])  # fmt: skip
@@ -168,7 +169,7 @@ def deadly(source: str, vehicle: str, options: dict[str, Any]) -> dict[str, Any]
 def test_a_flight_that_ends_its_worker_is_without_a_result_and_the_others_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batches, "identified", deadly)
+    monkeypatch.setattr(batches, "worked", deadly)
     sources = ["one", "deadly", "two", "away", *(f"more{k}" for k in range(8))]
     wanted = [Order(source, "iitb-mav", "x", {}, "") for source in sources]
     for _ in range(2):
