@@ -186,9 +186,9 @@ campaign-live-failures: setup
 	$(BIN)/python tests/campaign/live_failures.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) \
 		$(if $(BOARD),--board) $(if $(LIGHT),--light) $(if $(JSBSIM),--jsbsim)
 
-# Batches of flights on a Dask cluster; make campaign-fleet FLIGHTS=40
+# Batches of flights on a Dask cluster; make campaign-fleet FLIGHTS=40, with NAMESPACES=1 (root) as on other machines
 campaign-fleet: setup
-	$(BIN)/python tests/campaign/fleet.py --flights $(or $(FLIGHTS),200)
+	$(BIN)/python tests/campaign/fleet.py --flights $(or $(FLIGHTS),200) $(if $(NAMESPACES),--namespaces)
 
 # An hour of the live page in a browser; make campaign-page MINUTES=6
 campaign-page: $(VENV)/.interop

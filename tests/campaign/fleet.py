@@ -4,7 +4,8 @@ Run: make campaign-fleet, or for fewer flights make campaign-fleet FLIGHTS=40
 
 Flights of three aircraft are flown once and kept (campaign-output/fleet); the elevator of the second loses a tenth
 half-way. They are identified by one process of this machine, by one worker of a cluster and by two, of which a third
-run kills one. On standard output: times, differences, and what the fleet's report says. 1 where anything differs.
+run kills one. With --namespaces (root) the workers are in network namespaces of their own, as on other machines.
+On standard output: times, differences, and what the fleet's report says. 1 where anything differs.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from dask_cluster import cluster
+from network_namespaces import Machine, machines
 
 AIRCRAFT = ("alpha", "bravo", "charlie")
 BESIDE = ("cost_s", "made")
@@ -69,26 +72,33 @@ def results(output: Path) -> dict[str, dict[str, Any]]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=200)
+    parser.add_argument("--namespaces", action="store_true")
     given = parser.parse_args()
+    with machines(2 if given.namespaces else 0) as apart:
+        return compared(given.flights, apart)
+
+
+def compared(count: int, apart: Sequence[Machine]) -> int:
+    """Do it all. apart: the machines of the workers, this one without."""
     base = Path("campaign-output/fleet")
-    flights = base / f"flights-{given.flights}"
-    fly_fleet(flights, given.flights)
+    flights = base / f"flights-{count}"
+    fly_fleet(flights, count)
     here, said = batch(flights, base / "here", "--workers", "1")
     print(said)
     cost = sum(json.loads(path.read_text())["cost_s"] for path in (base / "here" / "results").glob("*.json"))
-    with cluster(1) as (address, _):
+    with cluster(1, apart) as (address, _):
         one, _ = batch(flights, base / "one", "--scheduler", address)
-    with cluster(2) as (address, _):
+    with cluster(2, apart) as (address, _):
         two, _ = batch(flights, base / "two", "--scheduler", address)
-    with cluster(2) as (address, workers):
+    with cluster(2, apart) as (address, workers):
         killed, _ = batch(flights, base / "killed", "--scheduler", address, kill=workers[0])
     wanted = results(base / "here")
     same = {name: results(base / name) == wanted for name in ("one", "two", "killed")}
-    each = cost / given.flights
-    print(f"{given.flights} flights: here {here:.1f} s, one worker {one:.1f} s, two {two:.1f} s")
+    each = cost / count
+    print(f"{count} flights: here {here:.1f} s, one worker {one:.1f} s, two {two:.1f} s")
     print(f"two workers take {two / one:.2f} of one; two of which one is killed {killed:.1f} s")
     print(f"identification itself: {each:.2f} s a flight")
-    print(f"beside it: {here / given.flights - each:.3f} s here, {one / given.flights - each:.3f} s by the cluster")
+    print(f"beside it: {here / count - each:.3f} s here, {one / count - each:.3f} s by the cluster")
     for name, good in same.items():
         print(f"{name}: {'the same to the last digit' if good else 'DIFFERS'}")
     return 0 if all(same.values()) else 1

@@ -4,24 +4,36 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from network_namespaces import Machine
 from processes import free_port
 
 
 @contextmanager
-def cluster(count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """The scheduler's address, and so many workers of one thread each that have loaded what identifies."""
+def cluster(count: int, apart: Sequence[Machine] = ()) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """The scheduler's address, and so many workers of one thread each that have loaded what identifies.
+
+    apart: the machines on which the workers run; this one without.
+    """
     from distributed import Client
 
     address = f"tcp://127.0.0.1:{free_port()}"
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "dask"]
-    scheduler = subprocess.Popen([*dask, "scheduler", "--host", address, "--no-dashboard"], **quiet)
-    worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    workers = [subprocess.Popen(worker, **quiet) for _ in range(count)]
+    port = address.rpartition(":")[2]
+    listens = f"tcp://0.0.0.0:{port}" if apart else address
+    scheduler = subprocess.Popen([*dask, "scheduler", "--host", listens, "--no-dashboard"], **quiet)
+    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    commands = [[*dask, "worker", address, *options]] * count
+    if apart:
+        commands = [
+            [*one.command, *dask, "worker", f"tcp://{one.gateway}:{port}", "--host", one.address, *options]
+            for one in apart[:count]
+        ]
+    workers = [subprocess.Popen(command, **quiet) for command in commands]
     try:
         with Client(address, timeout="60s") as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(count, timeout=60)
