@@ -22,7 +22,7 @@ router = APIRouter(tags=["estimation"])
 _KINDS = {"identification": "identify", "discrepancy": "discrepancy"}
 # Where ArduPilot looks for scripts on its card.
 _SCRIPT = "APM/scripts/flight_test.lua"
-_PAGE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
+_PAGE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _MISSING: dict[int | str, dict[str, Any]] = {404: {"model": Problem}}
 OfJob = Annotated[str | None, Query(description="The job whose result is wanted; the newest without it")]
 

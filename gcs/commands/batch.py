@@ -55,15 +55,16 @@ def run(args: argparse.Namespace) -> int:
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
     rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
-    write_table(rows, args.output / "flights.parquet")
-    write_table(rows, args.output / "flights.csv")
+    table = "findings" if args.discrepancy else "flights"
+    for ending in ("parquet", "csv"):
+        write_table(rows, args.output / f"{table}.{ending}")
     lines = finding_lines(rows) if args.discrepancy else _reported(rows, args.output / "fleet.html")
     failed = [row for row in rows if row["error"]]
     for line in (*lines, *(f"no result: {row['flight']}: {row['error']}" for row in failed)):
         print(line)
     good, done = len(rows) - len(failed), "compared" if args.discrepancy else "identified"
     report = "" if args.discrepancy else f"{args.output / 'fleet.html'}, "
-    print(f"{good} of {len(rows)} flights {done}: {report}{args.output / 'flights.parquet'}, flights.csv")
+    print(f"{good} of {len(rows)} flights {done}: {report}{args.output / table}.parquet, {table}.csv")
     return 0 if good else 1
 
 

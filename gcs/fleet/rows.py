@@ -10,6 +10,10 @@ from typing import Any
 from gcs.fleet.orders import Order
 
 Row = dict[str, Any]
+_FINDINGS = {
+    "none": "as the model has it", "parameter_error": "other coefficients", "missing_effect": "missing effect",
+    "unexplained": "unexplained",
+}  # fmt: skip
 
 
 def rows_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> list[Row]:
@@ -18,16 +22,20 @@ def rows_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> li
 
 
 def findings_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -> list[Row]:
-    """Rows of comparisons with a model, oldest flight first. `finding`: the verdict of schema discrepancy/1; `effect`,
-    `probability`: the likeliest effect; `EFFECT.PARAMETER`, `..._std`: its sizes; `gap_OUTPUT`, `left_OUTPUT`: the gap
-    of the model as given, and with what was found.
+    """Rows of comparisons with a model, oldest flight first.
+
+    `finding`: the verdict of schema discrepancy/1; `effect`: what is missing, by name; `probability`: of the first;
+    `EFFECT.PARAMETER`, `..._std`: its sizes; `gap_OUTPUT`, `left_OUTPUT`: the gap of the model as given, and with what
+    was found.
     """
     found = []
     for order, result in zip(orders, results, strict=True):
         row = {**_about(order, result), "finding": result.get("verdict", ""), "effect": "", "probability": None}
-        for place, effect in enumerate(result.get("effects", ())):
-            if place == 0:
-                row |= {"effect": effect["name"], "probability": effect["probability"]}
+        named = result.get("effects", ())
+        if named:
+            every = " and ".join(effect["name"] for effect in named)
+            row |= {"effect": every, "probability": named[0]["probability"]}
+        for effect in named:
             for name, entry in effect["parameters"].items():
                 sizes = f"{effect['name']}.{name}"
                 row |= {sizes: entry.get("value"), f"{sizes}_std": entry.get("std")}
@@ -43,7 +51,7 @@ def finding_lines(rows: Sequence[Row]) -> list[str]:
     counts = Counter((row["aircraft"], row["finding"], row["effect"]) for row in rows if not row["error"])
     every = Counter(row["aircraft"] for row in rows if not row["error"])
     return [
-        f"{aircraft}: {finding.replace('_', ' ')}{effect and f' by {effect}'}: {count} of {every[aircraft]} flights"
+        f"{aircraft}: {_FINDINGS[finding]}{effect and f' by {effect}'}: {count} of {every[aircraft]} flights"
         for (aircraft, finding, effect), count in sorted(counts.items())
     ]
 

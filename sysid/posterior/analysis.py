@@ -45,7 +45,8 @@ from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_st
 from sysid.problem.model_structure import is_longitudinal, usual_size
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still.
-# What an autopilot does with a surface between the two says little of it, but without it others come out wrong.
+# What an autopilot does with a surface between the two says little of it, but without it others come out wrong. Of a
+# measured position so small a motion is its sensor's noise.
 LEAST_TRAVEL, _STILL = 0.003, 1e-4
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
 _MAIN, _MINOR = 6.0, 1.0
@@ -162,7 +163,7 @@ def estimate(
     Raises EstimationError where no group can be estimated.
     """
     moved = excited(parts)
-    stirred = excited(parts, _STILL)
+    stirred = moved if any(part.position for part in parts) else excited(parts, _STILL)
     doubts = [
         one
         for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))

@@ -66,6 +66,8 @@ def test_workers_read_flights_from_a_store_and_find_what_they_find_in_a_folder(t
     assert len(results(tmp_path / "there")) == 2
     assert results(tmp_path / "there") == results(tmp_path / "here")
     files.rm("club/flights/flight1.mcap")
+    one = run("gcs", "batch", "s3://club/flights", "--vehicle", "iitb-mav", "-o", tmp_path / "one", "--workers", 1)
+    assert "1 of 1 flights identified" in one.stdout
     gone = run("gcs", "batch", "s3://club/none", "--vehicle", "iitb-mav", "-o", tmp_path / "none", "--workers", 1)
     assert gone.returncode == 2
     assert "s3://club/none: no recording or log there" in gone.stderr

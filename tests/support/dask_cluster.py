@@ -24,15 +24,13 @@ def cluster(count: int, apart: Sequence[Machine] = ()) -> Iterator[tuple[str, li
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "dask"]
     port = address.rpartition(":")[2]
-    listens = f"tcp://0.0.0.0:{port}" if apart else address
-    scheduler = subprocess.Popen([*dask, "scheduler", "--host", listens, "--no-dashboard"], **quiet)
+    if apart:  # no other network reaches it
+        address = f"tcp://{apart[0].gateway}:{port}"
+    scheduler = subprocess.Popen([*dask, "scheduler", "--host", address, "--no-dashboard"], **quiet)
     options = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
     commands = [[*dask, "worker", address, *options]] * count
     if apart:
-        commands = [
-            [*one.command, *dask, "worker", f"tcp://{one.gateway}:{port}", "--host", one.address, *options]
-            for one in apart[:count]
-        ]
+        commands = [[*one.command, *dask, "worker", address, "--host", one.address, *options] for one in apart[:count]]
     workers = [subprocess.Popen(command, **quiet) for command in commands]
     try:
         with Client(address, timeout="60s") as client:  # type: ignore[no-untyped-call]

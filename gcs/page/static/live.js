@@ -28,7 +28,9 @@ const STATES = {
   lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
     + 'Check its power, the radio, and the links below.'],
   landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
-  waiting: ['note', () => 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
+  waiting: ['note', data => data.heard
+    ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a minute.'
+    : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
 }
 
 /** The live view; it never ends by itself. */
@@ -44,7 +46,7 @@ export async function live(page, parts, query, signal) {
   }
   page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
     h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element), view.track.element),
-    ...view.plots.elements, view.notes.element, ...view.identification.elements, ...view.links.elements)
+    view.notes.element, ...view.plots.elements, ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
 }
@@ -210,6 +212,7 @@ class LiveView {
     try {
       const [links, health] = await Promise.all([get('/api/links', this.signal), get('/api/health', this.signal)])
       this.links.show(links)
+      this.data.heard = links.some(link => link.frames_per_s > 0)
       this.status.take({ links, health })
     } catch (error) {
       if (this.signal.aborted) return

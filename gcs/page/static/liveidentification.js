@@ -26,7 +26,7 @@ export class Identification {
     this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
   }
 
-  /** Another flight: its plots are those of the last one, empty and out of sight. */
+  /** Another flight: its plots are those of the last one, out of sight until they have something to show. */
   clear() {
     this.history.clear()
     for (const { element } of this.panels.values()) element.hidden = true
@@ -83,7 +83,7 @@ export class Identification {
       Object.assign(panel, made)
       this.plots.insertBefore(panel.element, this.later(name))
       if (this.history.has(name)) this.draw(name, this.history.get(name))
-    })
+    }).catch(() => this.panels.delete(name))
     return panel
   }
 

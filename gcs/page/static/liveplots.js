@@ -25,7 +25,7 @@ export class LivePlots {
     this.choices = h('fieldset', { class: 'choices' }, h('legend', {}, 'Further signals to plot'))
     this.elements = [h('h2', {}, 'Signals of the last minute'), this.place,
       h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'), this.choices)]
-    // What is scrolled away need not be drawn five times a second.
+    // What is scrolled away need not be drawn four times a second.
     this.watch = new IntersectionObserver(entries => {
       for (const { target, isIntersecting } of entries) {
         const panel = this.panels.find(one => one.element === target)
@@ -136,7 +136,7 @@ export class LivePlots {
       if (names.length > 1) legendAbove(figure)
       made.push({ range, sources, element: await shown(figure, `${title} over the last minute`, this.signal) })
     }
-    if (built !== this.built) {
+    if (built !== this.built || this.signal.aborted) {
       for (const { element } of made) removePlot(element)
       return
     }

@@ -277,3 +277,15 @@ def test_the_least_role_goes_by_what_an_operation_touches() -> None:
     assert least_role("GET", "/api/vehicles/x/toml") is Role.VIEWER
     assert least_role("PUT", "/api/vehicles/x") is Role.ADMIN
     assert least_role("GET", "/api/auditorium") is Role.VIEWER  # a name that begins alike is another
+
+
+def test_a_link_shows_its_flight_where_no_token_is_asked_for(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    with serving(bench.app) as client:
+        flight = bench.record(1, 3, 10**18)
+        path = client.post(f"/api/flights/{flight}/share", json={"days": 2}).json()["path"]
+        token = path.rpartition("/")[2]
+        seen = client.post("/api/login", json={"token": token})
+        assert seen.json()["flight"] == flight
+        assert "set-cookie" not in seen.headers
+        assert problem(client.post("/api/login", json={"token": token[:-2] + "xx"}), 401)

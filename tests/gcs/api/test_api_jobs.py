@@ -100,6 +100,7 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     page = client.get(ended["report"])
     assert page.headers["content-type"] == "text/html; charset=utf-8"
     assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "img-src data:" in page.headers["content-security-policy"]  # pictures of figures that are no drawings
     assert "<title>Flight model of found from one</title>" in page.text
     assert '<data value="0.25">0.25</data>' in page.text
     assert "no discrepancy result" in problem(client.get(f"/api/flights/{flight}/report?of=discrepancy"), 404)

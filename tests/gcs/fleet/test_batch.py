@@ -96,7 +96,7 @@ def test_a_model_is_held_against_every_flight(
     said = capsys.readouterr().out
     assert "iitb-mav: missing effect by pitch_damping: 2 of 2 flights" in said
     assert "2 of 2 flights compared" in said
-    table = pyarrow.parquet.read_table(tmp_path / "out" / "flights.parquet").to_pydict()
+    table = pyarrow.parquet.read_table(tmp_path / "out" / "findings.parquet").to_pydict()
     assert table["effect"] == ["pitch_damping"] * 2
     size, std = (table[f"pitch_damping.Cm_q{end}"] for end in ("", "_std"))
     assert all(abs(value + 9.0) < 4.0 * bar for value, bar in zip(size, std, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sysid.identification.identify import identify
 from sysid.live.posterior_window import estimate_window
 from sysid.posterior.observations import common_grid
 from sysid.posterior.residual_spectrum import noise_share
+from sysid.signals.record import SURFACES
 
 VEHICLE = load_vehicle("iitb-mav")
 TRUTH = {name: entry.value for name, entry in read_model("iitb-mav").coefficients.items() if entry.value is not None}
@@ -58,6 +60,22 @@ def test_windows_of_a_rudder_that_begins_to_move_end_at_the_optimum_one_after_an
         for name in ("Cl_beta", "Cl_r", "Cn_beta", "Cn_r", "Cn_dr"):
             one = found.coefficients[name]
             assert not one.known or abs(one.value - TRUTH[name]) < 3.5 * one.std, (name, end)
+    assert all(found.coefficients[name].known for name in ("Cl_beta", "Cl_r", "Cn_r", "Cn_dr"))
+
+
+def test_noise_of_a_measured_position_is_no_motion_of_its_surface() -> None:
+    flight, flown = fly_mav("rudder-multisine", 2)
+    generator = np.random.default_rng(7)
+    positions = {name: flown.truth[name] + 8e-4 * generator.standard_normal(flown.time_s.size) for name in SURFACES}
+    signals = {name: replace(flight.signals[name], values=values) for name, values in positions.items()}
+    measured = replace(flight, signals={**flight.signals, **signals})
+    controls = {name: replace(one, signal="position") for name, one in VEHICLE.controls.items()}
+    found = identify([measured], replace(VEHICLE, controls=controls), method="map", systematic=False).model
+    for name in ("Cl_da", "Cn_da"):
+        assert found.coefficients[name].value is None
+    for name in ("Cn_beta", "Cn_r", "Cn_dr"):
+        one = found.coefficients[name]
+        assert one.value is None or abs(one.value - TRUTH[name]) < 4.0 * (one.std or 0.0), name
 
 
 def test_noise_of_a_vane_shows_in_the_upper_end_of_its_spectrum() -> None:
