@@ -6,9 +6,20 @@ from typing import Any
 
 from fastapi import FastAPI
 
+from gcs.api.security import COOKIE, OPEN_PATHS
+
 _PROBLEM = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
 _METHODS = ("get", "post", "put", "patch", "delete")
 _NO_JSON = "The body is no JSON"
+_REFUSED = {
+    "401": "A token is asked for, and none or a wrong one came",
+    "403": "The token's role may not do this, or a page of another site asks",
+    "429": "Too many wrong tokens; wait",
+}
+_SCHEMES = {
+    "token": {"type": "http", "scheme": "bearer", "description": "A token of the station; none where none was made"},
+    "session": {"type": "apiKey", "in": "cookie", "name": COOKIE, "description": "What POST /api/login keeps"},
+}
 
 
 def describe(app: FastAPI) -> None:
@@ -24,13 +35,19 @@ def describe(app: FastAPI) -> None:
 
 
 def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
-    for path in schema["paths"].values():
+    schema["components"]["securitySchemes"] = _SCHEMES
+    for name, path in schema["paths"].items():
         for method in _METHODS:
             if method not in path:
                 continue
             responses = path[method]["responses"]
             if "requestBody" in path[method]:
                 responses.setdefault("400", {"description": _NO_JSON})
+            responses.setdefault("403", {"description": _REFUSED["403"]})
+            if name not in OPEN_PATHS:
+                path[method]["security"] = [{scheme: []} for scheme in _SCHEMES]
+                for status, why in _REFUSED.items():
+                    responses.setdefault(status, {"description": why})
             for status, response in responses.items():
                 if status.startswith(("4", "5")):
                     response["content"] = _problem(response)

@@ -21,7 +21,7 @@ from gcs.page.assets import PREFIX
 from gcs.settings import Settings, is_loopback
 
 # The page and the description of the interface hold no data; all else is closed unless it is named here.
-_OPEN_PATHS = frozenset(
+OPEN_PATHS = frozenset(
     {
         *("/", "/docs", "/openapi.json", "/manifest.webmanifest", "/icon.svg", "/shell.js"),
         *("/api/health", "/api/ready", "/api/login"),
@@ -148,7 +148,7 @@ class Guard:
                 return LOCAL
             raise RefusedError(403, "without a token the service answers only to localhost; set GCS_TOKEN, or make"
                                 " tokens with gcs token, to serve others")  # fmt: skip
-        if path in _OPEN_PATHS or path.startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
+        if path in OPEN_PATHS or path.startswith((PREFIX, f"{DESCRIPTION_FILES}/")):
             return None
         identity = self._whose(headers, address_of(scope), method, path)
         if not identity.may(method, path):
