@@ -126,7 +126,7 @@ def test_every_main_coefficient_is_known_after_three_minutes_by_the_card(browser
                 text = page.inner_text(".card.next .next-what")
                 if text.startswith("✓"):
                     break
-                if pilot.now_s >= pilot.busy_until_s:
+                if pilot.now_s >= pilot.busy_until_s and not text.startswith("Nothing is known yet"):
                     pilot.give(asked_for(text))
                     flown.append(text)
             estimate = ground.get("/api/live")["identification"]["coefficients"]

@@ -80,10 +80,12 @@ export class FlyNext {
     }
     if (this.counting) return  // what is being flown stays until it is over
     const [best] = [...wanted].sort((a, b) => b[1].length - a[1].length)
-    this.element.classList.toggle('flown', !best)
+    const begun = entries.some(([, entry]) => entry.known)
+    this.element.classList.toggle('flown', !best && begun)
     this.wanted = best?.[0] ?? ''
     this.counts.hidden = !best
-    const text = best ? upper(spoken(best[0])) : '✓ Everything that this flight should identify is known.'
+    const text = best ? upper(spoken(best[0])) : begun ? '✓ Everything that this flight should identify is known.'
+      : 'Nothing is known yet. The first estimate comes after some seconds in the air.'
     write(this.what, text, 'next-what')
     write(this.why, best ? `It would identify ${best[1].join(', ')}.` : '', 'hint')
     if (text !== this.said) {

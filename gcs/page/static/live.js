@@ -45,8 +45,8 @@ export async function live(page, parts, query, signal) {
     view.disconnected(error.message)
   }
   page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
-    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element), view.track.element),
-    view.notes.element, ...view.plots.elements, ...view.identification.elements, ...view.links.elements)
+    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element, view.notes.element), view.track.element),
+    ...view.plots.elements, ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
 }
