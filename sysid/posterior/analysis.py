@@ -234,17 +234,19 @@ def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow
 
     What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
     begun again from where the vane's flow leads. A vane's noise that drives the simulation weakens whatever goes with
-    the flow, by its share of the flow's power: where that is much, the loop is the lesser evil.
+    the flow, by its share of the flow's power: where that is much, the loop is the lesser evil, and the flow leads to a
+    start alone.
     """
     begun = begin(near).searched()
     feedback = begun.feedback()
-    if feedback > 0.0 and flow in begun.model.outputs and (noise := begun.noise_of(flow)) < _MOST_NOISE:
+    if feedback > 0.0 and flow in begun.model.outputs:
+        noise = begun.noise_of(flow)
         with suppress(EstimationError):
             other = begin(begun.values(), vane_noise=noise).searched()
             again = begin(other.values()).searched()
             if again.feedback() == 0.0 and again.cost() < begun.cost():
                 return again
-            if other.feedback() < feedback + _NO_WORSE:
+            if noise < _MOST_NOISE and other.feedback() < feedback + _NO_WORSE:
                 return other
     return begun
 
