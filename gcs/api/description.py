@@ -43,11 +43,10 @@ def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
             responses = path[method]["responses"]
             if "requestBody" in path[method]:
                 responses.setdefault("400", {"description": _NO_JSON})
-            responses.setdefault("403", {"description": _REFUSED["403"]})
             if name not in OPEN_PATHS:
                 path[method]["security"] = [{scheme: []} for scheme in _SCHEMES]
-                for status, why in _REFUSED.items():
-                    responses.setdefault(status, {"description": why})
+            for status in ("403",) if name in OPEN_PATHS else _REFUSED:
+                responses.setdefault(status, {"description": _REFUSED[status]})
             for status, response in responses.items():
                 if status.startswith(("4", "5")):
                     response["content"] = _problem(response)

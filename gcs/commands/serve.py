@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -90,8 +91,11 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--tls-cert and --tls-key go together: a certificate and its key")
     for url in args.connect:
         parse_url(url)
-    if args.scheduler is not None and find_spec("distributed") is None:
-        raise SettingsError("--scheduler needs Dask: install the extra 'fleet'")
+    if args.scheduler is not None:
+        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", args.scheduler):
+            raise SettingsError(f"--scheduler {args.scheduler}: give the address of a Dask scheduler, tcp://HOST:PORT")
+        if find_spec("distributed") is None:
+            raise SettingsError("--scheduler needs Dask: install the extra 'fleet'")
     if args.map is not None:
         MapTiles(args.map).close()
     link = link_options(args)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from gcs.errors import SettingsError
+from gcs.errors import SettingsError, in_words
 from gcs.recording.container import LOG_ENDINGS
 from gcs.version import VERSION
 
@@ -104,8 +104,8 @@ def _at_address(source: str) -> list[tuple[str, str]]:
             (files.unstrip_protocol(name), str(files.ukey(name))) for name in sorted(names)
             if pattern or _is_flight(name) or name == root
         ]  # fmt: skip
-    except (OSError, ValueError, ImportError) as error:
-        raise SettingsError(f"{source}: {error}") from None
+    except Exception as error:  # every store's library has its own
+        raise SettingsError(f"{source}: {in_words(error)}") from None
 
 
 def _is_flight(name: str) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow.parquet
 import pytest
 from dask_cluster import cluster
+from fsspec.implementations.local import LocalFileSystem  # type: ignore[import-untyped]
 from traffic import wait_until
 
 from gcs.cli import main
@@ -103,6 +104,23 @@ def test_a_model_is_held_against_every_flight(
     assert all(left < 0.5 * gap for gap, left in zip(table["gap_q"], table["left_q"], strict=True))
     assert batch(flights, tmp_path / "other", "--discrepancy", "iitb-mav", "--method", "oe") == 2
     assert "held against a model by auto, map, fe" in capsys.readouterr().err
+
+
+def test_a_store_that_cannot_be_read_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class DeniedError(Exception):
+        """As a store's library has them, of no kind that Python knows."""
+
+    def refuse(self: LocalFileSystem, path: str, **options: object) -> None:
+        raise DeniedError("no credentials were found")
+
+    monkeypatch.setattr(LocalFileSystem, "find", refuse)
+    command = ["batch", f"file://{tmp_path}", "--vehicle", "iitb-mav", "-o", str(tmp_path / "out")]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "no credentials were found" in said
+    assert said.count("\n") == 1
 
 
 def test_odd_files_are_rows_that_say_why(flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

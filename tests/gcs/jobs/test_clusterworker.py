@@ -97,3 +97,9 @@ def test_without_a_scheduler_the_job_says_so() -> None:
         asking.stdin.flush()
         assert "no scheduler answers" in json.loads(asking.stdout.readline())["error"]
         assert asking.wait(PATIENCE_S) == 1
+
+
+def test_what_is_no_address_of_a_scheduler_is_said_at_the_start(tmp_path: Path) -> None:
+    refused = run("gcs", "serve", "--port", 0, "--data", tmp_path, "--scheduler", "nonsense")
+    assert refused.returncode == 2
+    assert "give the address of a Dask scheduler, tcp://HOST:PORT" in refused.stderr
