@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
-from sysid.posterior.residual_spectrum import spectra_of_windows
 from sysid.signals.outliers import MAD_TO_SIGMA
 
 # Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
@@ -22,9 +23,9 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
-# Windows of the spectrum by which noise is distinguished from a signal, s, samples below which there is none, and the
+# Width of the bands in which noise is distinguished from a signal, Hz, samples below which it is not, and the
 # share of a signal's power below which noise makes no derivative too small by as much as anybody sees.
-_SPECTRUM_S, _FEWEST, _LEAST_SHARE = 10.0, 50, 1e-3
+_BAND_HZ, _FEWEST, _LEAST_SHARE = 0.2, 50, 1e-3
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
 _BIAS_WALK, _LEAST_NOISE = 0.05, 0.01
 
@@ -75,21 +76,20 @@ def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
         return smooth
     sigma = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0)
     passed = smoothed(time_s, np.random.default_rng(0).standard_normal(values.size), grid, half)
-    length = min(grid.size, round(_SPECTRUM_S / float(grid[1] - grid[0])))
-    middle = float(smooth.mean())
-    power, noise = (_power(one, length) for one in (smooth, sigma * passed))
+    middle, step = float(smooth.mean()), float(grid[1] - grid[0])
+    Z, of_noise = (_there_and_back(one) for one in (smooth - middle, sigma * passed))
+    # Of all of the series at once: windows would weigh what is at its ends less.
+    width = max(round(2.0 * _BAND_HZ * step * grid.size), 1)
+    power, noise = (uniform_filter1d(np.abs(one) ** 2, width, mode="nearest") for one in (Z, of_noise))
     if noise.sum() < _LEAST_SHARE * power.sum():
         return smooth
     gain = 1.0 - np.minimum(noise / np.maximum(power, 1e-300), 1.0)
-    # There and back again: no jump where the end meets the start.
-    there = np.fft.rfft(np.concatenate((smooth, smooth[::-1])) - middle)
-    gain = np.interp(np.fft.rfftfreq(2 * grid.size), np.fft.rfftfreq(length), gain)
-    return np.asarray(middle + np.fft.irfft(there * gain, 2 * grid.size)[: grid.size])
+    return np.asarray(middle + np.fft.irfft(Z * gain, 2 * grid.size)[: grid.size])
 
 
-def _power(values: Array, length: int) -> Array:
-    """(F,) spectrum of a series (N,), the mean over windows."""
-    return np.asarray(spectra_of_windows(values[None], length)[:, :, 0, 0].real.mean(axis=0))
+def _there_and_back(values: Array) -> NDArray[np.complex128]:
+    """Fourier transform of a series (N,) followed by itself backwards: no jump where the end meets the start."""
+    return np.asarray(np.fft.rfft(np.concatenate((values, values[::-1]))))
 
 
 @dataclass(frozen=True)

@@ -123,3 +123,13 @@ def test_derivatives_by_a_noisy_vane_are_right_by_what_it_is_expected_to_stand_f
     # A vane without noise is left as it is.
     clean = 0.05 * np.sin(2.0 * np.pi * 0.8 * stamps)
     np.testing.assert_allclose(expected(stamps, clean, grid, 0.1), smoothed(stamps, clean, grid, 0.1), atol=0.0)
+
+
+def test_a_vane_that_swings_only_at_the_end_of_a_part_is_not_smoothed_away() -> None:
+    stamps, grid = np.arange(0.0, 25.0, 0.02), np.arange(0.0, 24.96, 0.01)
+    swings = np.where(stamps > 19.0, 0.1 * np.sin(2.0 * np.pi * 1.5 * stamps), 0.0)
+    read = swings + 0.005 * np.random.default_rng(4).standard_normal(stamps.size)
+    inside = (grid > 20.0) & (grid < 24.5)
+    truth = np.interp(grid, stamps, swings)[inside]
+    said = expected(stamps, read, grid, 0.1)[inside]
+    assert float(said @ truth / (truth @ truth)) == pytest.approx(1.0, abs=0.03)
