@@ -492,7 +492,8 @@ class Live(BaseModel):
     state: Literal["waiting", "live", "lost"] = Field(description="lost: no message for 2 s")
     signals: dict[str, LiveSignal]
     status: dict[str, Any] = Field(
-        description="Mode, armed, battery, GPS, position (m north and east of home), home, wind and texts, as they came"
+        description="Mode, armed, battery, GPS, ground_speed (m/s), position (m north and east of home), home, wind and"
+        " texts, as they came"
     )
     track: list[tuple[float, float]] = Field(description="Where it has been, m north and east of home")
     links: list[LinkStatus]

@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     add("--discrepancy", metavar="MODEL", help="look for where the flights differ from this model file or built-in"
         " model instead, and for the effect that explains it")  # fmt: skip
+    add("--campaigns", action="store_true", help="estimate the flights of each folder together, as one campaign")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", metavar="N", type=int, help="processes of this machine (default: one for each core)"
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     options: dict[str, Any] = {"method": args.method}
     if args.discrepancy is not None:
         options["model"] = read_model(args.discrepancy).to_json()
-    found = orders(args.sources, vehicle, options)
+    found = orders(args.sources, vehicle, options, args.campaigns)
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
     rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
@@ -63,8 +64,9 @@ def run(args: argparse.Namespace) -> int:
     for line in (*lines, *(f"no result: {row['flight']}: {row['error']}" for row in failed)):
         print(line)
     good, done = len(rows) - len(failed), "compared" if args.discrepancy else "identified"
+    what = "campaigns" if args.campaigns else "flights"
     report = "" if args.discrepancy else f"{args.output / 'fleet.html'}, "
-    print(f"{good} of {len(rows)} flights {done}: {report}{args.output / table}.parquet, {table}.csv")
+    print(f"{good} of {len(rows)} {what} {done}: {report}{args.output / table}.parquet, {table}.csv")
     return 0 if good else 1
 
 

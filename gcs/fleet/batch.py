@@ -97,7 +97,7 @@ class _Batch:
             if (kept := _kept(self._place(order))) is not None:
                 self.results[order.key] = kept
         done = len(self.results)
-        progress(done / self._count, f"{done} of {self._count} flights were done before" if done else "starting")
+        progress(done / self._count, f"{done} of {self._count} were done before" if done else "starting")
 
     def work(self, pool: Executor, queue: deque[Order], width: int) -> list[Order]:
         """Do what is queued, as far as the workers last; those that were under way when one was lost."""
@@ -134,7 +134,7 @@ class _Batch:
             write_whole(self._place(order), dumps(result))
         self.results[order.key] = result
         done = len(self.results)
-        self._progress(done / self._count, f"{done} of {self._count} flights; {_words(order, result)}")
+        self._progress(done / self._count, f"{done} of {self._count}; {_words(order, result)}")
 
     def _place(self, order: Order) -> Path:
         return self._folder / f"{order.key}.json"
@@ -143,7 +143,7 @@ class _Batch:
 def _submitted(pool: Executor, order: Order) -> Future[Result]:
     """The promise of a result; of a pool that has just lost a worker, one that says so."""
     try:
-        return pool.submit(worked, order.source, order.vehicle, order.options)
+        return pool.submit(worked, order.flights, order.vehicle, order.options)
     except BrokenExecutor as error:
         lost: Future[Result] = Future()
         lost.set_exception(error)

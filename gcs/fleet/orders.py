@@ -22,11 +22,15 @@ _FLIGHTS = (".mcap", *(one for one in LOG_ENDINGS if one not in _TABLES))
 
 @dataclass(frozen=True)
 class Order:
-    """One flight's job. source: its file or address; vehicle: the vehicle file's, or a built-in name; aircraft: what
-    the flight is counted under. stamp: of the file as it was, so that another file under the same name is another job.
+    """One job: of a flight, or of a campaign, whose flights are estimated together.
+
+    source: the flight's file or address, or the campaign's folder; flights: the files; vehicle: the vehicle file's, or
+    a built-in name; aircraft: what it is counted under. stamp: of the files as they were, so that another file under
+    the same name is another job.
     """
 
     source: str
+    flights: tuple[str, ...]
     vehicle: str
     aircraft: str
     options: Mapping[str, Any]
@@ -34,13 +38,16 @@ class Order:
 
     @property
     def key(self) -> str:
-        """Names the job's result: the flight's name and a digest of all that the result depends on."""
+        """Names the job's result: of flight or campaign the name, and a digest of all that the result depends on."""
         digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode()).hexdigest()[:12]
         return f"{PurePosixPath(self.source).stem[:100]}-{digest}"
 
 
-def orders(sources: Sequence[str], vehicle: str | None, options: Mapping[str, Any]) -> list[Order]:
-    """A job for each flight that folders, patterns and addresses name, each flight once.
+def orders(
+    sources: Sequence[str], vehicle: str | None, options: Mapping[str, Any], campaigns: bool = False
+) -> list[Order]:
+    """A job for each flight that folders, patterns and addresses name, each flight once; with `campaigns` for each
+    folder and vehicle in it, whose flights are estimated together.
 
     vehicle: of flights in whose folder there is no vehicle.toml. A folder's flights, and those of folders in it, are
     counted under the name of the folder that they lie in where it has a vehicle.toml, else under the vehicle's.
@@ -57,10 +64,20 @@ def orders(sources: Sequence[str], vehicle: str | None, options: Mapping[str, An
                 raise SettingsError(f"{place}: no vehicle; give --vehicle, or put {OF_FOLDER} into its folder")
             found[place] = (str(own or vehicle), stamp, own)
     names = _names({craft for craft, _, _ in found.values()})
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for place, (craft, _, _) in found.items():
+        grouped.setdefault((_folder_of(place) if campaigns else place, craft), []).append(place)
     return [
-        Order(place, craft, names[craft], dict(options), f"{stamp} {_stamp_of(craft)}")
-        for place, (craft, stamp, _) in found.items()
-    ]
+        Order(
+            source, tuple(places), craft, names[craft], dict(options),
+            " ".join([*(found[place][1] for place in places), _stamp_of(craft)]),
+        )
+        for (source, craft), places in grouped.items()
+    ]  # fmt: skip
+
+
+def _folder_of(place: str) -> str:
+    return place.rpartition("/")[0] if "://" in place else str(Path(place).parent)
 
 
 def _names(vehicles: Collection[str]) -> dict[str, str]:

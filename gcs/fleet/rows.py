@@ -1,4 +1,4 @@
-"""Results of a batch as one table: a row for each flight, a column for each number."""
+"""Results of a batch as one table: a row for each flight or campaign, a column for each number."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def finding_lines(rows: Sequence[Row]) -> list[str]:
 
 def _about(order: Order, result: Mapping[str, Any]) -> Row:
     return {
-        "flight": _clean(Path(order.source).stem), "source": _clean(order.source), "aircraft": order.aircraft,
+        "flight": _clean(Path(order.source).stem), "source": _clean(order.source), "flights": len(order.flights),
+        "aircraft": order.aircraft,
         "start_ns": int(result["start_ns"]), "cost_s": float(result["cost_s"]), "error": result.get("error", ""),
         "verdict": result.get("quality", {}).get("verdict", ""), "method": result.get("method", ""),
     }  # fmt: skip

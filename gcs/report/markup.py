@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
-from html import escape
+from html import escape, unescape
 from typing import Any
 
 from gcs.text.probability_text import probability_text
@@ -64,8 +65,13 @@ def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     if not rows:
         return ""
     top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    # On a phone the cells of a row stand below one another, each behind its heading.
+    names = [escape(unescape(re.sub(r"<[^>]*>", "", cell)), quote=True) for cell in head[1:]]
     body = "\n".join(
-        f'<tr><th scope="row">{row[0]}</th>' + "".join(f"<td>{cell}</td>" for cell in row[1:]) + "</tr>" for row in rows
+        f'<tr><th scope="row">{row[0]}</th>'
+        + "".join(f'<td data-heading="{name}">{cell}</td>' for name, cell in zip(names, row[1:], strict=True))
+        + "</tr>"
+        for row in rows
     )
     return (
         f'<div class="wide"><table>\n<caption>{escape(caption)}</caption>\n<thead><tr>{top}</tr></thead>\n'

@@ -22,16 +22,19 @@ let numbered = 0
 /** An identifier that no other element has. */
 export const newId = stem => `${stem}-${++numbered}`
 
-/** A table with a caption; cells are texts or nodes, the first of each row is its heading. Scrolls sideways if wide. */
-export function table(caption, head, rows) {
+/**
+ * A table with a caption; cells are texts or nodes, the first of each row is its heading. Scrolls sideways if wide; on a
+ * phone the cells of a row stand below one another instead where `wraps`.
+ */
+export function table(caption, head, rows, wraps = false) {
   if (!rows.length) return null
   const title = newId('caption')
-  return h('div', { class: 'wide', role: 'region', 'aria-labelledby': title, tabindex: 0 },
+  return h('div', { class: wraps ? 'wide wrapping' : 'wide', role: 'region', 'aria-labelledby': title, tabindex: 0 },
     h('table', {},
       h('caption', { id: title }, caption),
       h('thead', {}, h('tr', {}, head.map(text => h('th', { scope: 'col' }, text)))),
       h('tbody', {}, rows.map(([first, ...others]) =>
-        h('tr', {}, h('th', { scope: 'row' }, first), others.map(cell => h('td', {}, cell)))))))
+        h('tr', {}, h('th', { scope: 'row' }, first), others.map((cell, at) => h('td', { 'data-heading': wraps ? head[at + 1] : null }, cell)))))))
 }
 
 /** A list, or nothing of nothing. */

@@ -1,7 +1,7 @@
 // Tables of estimates with their error bars drawn beside the numbers.
 
 import { h, svg, table } from './dom.js'
-import { estimate, interval, NONE, number, percent, plusMinus } from './format.js'
+import { estimate, interval, NONE, number, percent, plusMinus, shownUnit } from './format.js'
 import { meaning } from './meanings.js'
 
 const [WIDTH, HEIGHT, EDGE] = [180, 28, 8]
@@ -52,17 +52,20 @@ export function coefficientTable(model) {
       return [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry), between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
         moved.length ? number(Math.hypot(...moved), 2) : NONE]
-    }))
+    }), true)
 }
 
 /** Sensor errors with their units. */
 export const sensorTable = errors => table(
   'Errors of the sensors: measured = (1 + scale) true + bias; wind is the velocity of the air',
   ['Error', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Unit'],
-  Object.entries(errors).map(([name, entry]) =>
-    [h('code', {}, name), plusMinus(entry), between(entry), bars([entry]), entry.unit || '1']))
+  Object.entries(errors).map(([name, entry]) => {
+    const [unit, factor] = shownUnit(entry.unit || '1')
+    const seen = { value: factor * entry.value, std: factor * entry.std, ci95: entry.ci95?.map(end => factor * end) }
+    return [h('code', {}, name), plusMinus(seen), between(seen), bars([seen]), unit]
+  }), true)
 
 /** What was refused, why, and what to fly. */
 export const refusedTable = refused => table('Refused: not identifiable from this flight',
   ['Name', 'Reason', 'Manoeuvre that would identify it'],
-  refused.map(one => [h('span', {}, h('code', {}, one.name), h('small', { class: 'meaning' }, meaning(one.name))), one.reason, one.manoeuvre || NONE]))
+  refused.map(one => [h('span', {}, h('code', {}, one.name), h('small', { class: 'meaning' }, meaning(one.name))), one.reason, one.manoeuvre || NONE]), true)

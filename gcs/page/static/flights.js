@@ -37,8 +37,11 @@ export async function flights(page, parts, query, signal) {
     show(), get('/api/flights?deleted=true&limit=200', signal), get('/api/vehicles', signal),
   ])
   const filtered = Object.values(wanted).some(Boolean)
-  page.append(h('h1', {}, 'Flights'), uploadForm(show, signal), h('h2', {}, 'Recorded and uploaded'),
-    ...(first.flights.length > 1 || filtered ? [filters(wanted, aircraft, show, signal)] : []), list,
+  const taking = uploadForm(show, signal)
+  const any = first.flights.length || filtered
+  // Who has flights looks for one of them; who has none brings one.
+  page.append(h('h1', {}, 'Flights'), any ? '' : taking,
+    ...(first.flights.length > 1 || filtered ? [filters(wanted, aircraft, show, signal)] : []), list, any ? taking : '',
     ...(deleted.flights.length ? [bin(deleted.flights, show)] : []))
 }
 
@@ -97,7 +100,7 @@ function content(found, wanted) {
   }
   const head = ['Flight', 'Start (UTC)', 'Duration', 'Course', 'Result', 'System', 'Size']
   return [
-    table('Flights, newest first', head, found.flights.map(row)),
+    table('Flights, newest first', head, found.flights.map(row), true),
     together(),
     found.next && h('p', {}, h('a', { class: 'button', 
       href: `#/flights?${asking({ ...wanted, after: found.next })}` },

@@ -1,7 +1,8 @@
 // Numbers as people read them: degrees for radians, as many digits as the standard error warrants.
 
 const DEGREES = 180 / Math.PI
-const SHOWN = { rad: ['°', DEGREES], 'rad/s': ['°/s', DEGREES], 'm/s^2': ['m/s²', 1], 'kg/m^3': ['kg/m³', 1] }
+const SHOWN = { rad: ['°', DEGREES], 'rad/s': ['°/s', DEGREES], 'm/s^2': ['m/s²', 1], 'kg/m^3': ['kg/m³', 1],
+  deg: ['°', 1], 'deg/s': ['°/s', 1], 'g m^2': ['g m²', 1] }
 const SYMBOLS = {
   alpha: 'α', beta: 'β', phi: 'φ roll', theta: 'θ pitch', psi: 'ψ heading', V: 'V', airspeed: 'airspeed',
   de: 'elevator', da: 'aileron', dr: 'rudder', p: 'p roll rate', q: 'q pitch rate', r: 'r yaw rate',

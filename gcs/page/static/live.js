@@ -162,7 +162,7 @@ class LiveView {
     // What the vehicle sends on the ground after it has landed leaves standing what was learnt of its flight.
     if (this.data.landed && this.learnt) return
     this.learnt = Boolean(found)
-    this.identification.show(found, why, this.data.time_s)
+    this.identification.show(found, why, this.data.time_s, Boolean(this.data.landed))
     this.next.show(this.data.landed ? null : found?.coefficients)
     this.warnings.show((found?.events ?? []).map(one => one.text), found?.warnings ?? [])
   }

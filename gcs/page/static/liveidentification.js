@@ -32,11 +32,13 @@ export class Identification {
     for (const { element } of this.panels.values()) element.hidden = true
   }
 
-  /** Take an object of identification, null (with why) where there is none; time: s of the flight. */
-  show(found, why, time) {
+  /** Take an object of identification, null (with why) where there is none; time: s of the flight, landed: behind one. */
+  show(found, why, time, landed = false) {
     this.why.hidden = Boolean(found)
     const entries = Object.entries(found?.coefficients ?? {})
-    write(this.count, found ? `${entries.filter(([, entry]) => entry.known).length} of ${entries.length} coefficients known.` : '')
+    const known = entries.filter(([, entry]) => entry.known).length
+    // What is estimated on the ground, behind a flight, is nobody's result.
+    write(this.count, found && (known || !landed) ? `${known} of ${entries.length} coefficients known.` : '')
     write(this.speed, found ? speed(found) : '', 'hint')
     this.coefficients.show(found ? coefficients(found) : [])
     this.sensors.show(found ? sensors(found) : [])
@@ -124,8 +126,16 @@ function value(entry) {
   return entry.known ? plusMinus(entry) : `(${plusMinus(entry)})`
 }
 
-const coefficients = found => Object.entries(found.coefficients).map(([name, entry]) =>
-  [name, value(entry), entry.known ? '' : entry.why ?? '', entry.known ? '' : entry.fly ?? ''])
+/** Rows of the table; a reason that stands just above is not said again. */
+function coefficients(found) {
+  let last = ''
+  return Object.entries(found.coefficients).map(([name, entry]) => {
+    const why = entry.known ? '' : entry.why ?? ''
+    const said = why && why === last ? 'as above' : why
+    last = why
+    return [name, value(entry), said, entry.known ? '' : entry.fly ?? '']
+  })
+}
 
 /** Wind and errors of sensors, then what else was estimated of what stands between the aircraft and its messages. */
 function sensors(found) {
@@ -135,6 +145,6 @@ function sensors(found) {
       const [unit, factor] = shownUnit(entry.unit)
       return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
     }),
-    ...between.map(({ text, shown }) => [text, plusMinus(shown), shown.unit]),
+    ...between.map(({ text, shown }) => [text, plusMinus(shown), shownUnit(shown.unit)[0]]),
   ]
 }

@@ -48,6 +48,6 @@ function row(link) {
   return [
     link.url, [state, `state ${state.split(' ')[0]}`], number(link.frames_per_s), number(link.bytes_per_s / 1000),
     received ? percent(lost / (lost + received)) : NONE, String(link.bad_crc), String(link.raw_bytes),
-    link.systems.map(system => system.system).join(', ') || 'none heard',
+    [...new Set(link.systems.map(system => system.system))].join(', ') || 'none heard',
   ]
 }

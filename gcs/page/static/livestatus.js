@@ -16,7 +16,7 @@ const CHIPS = [
   ['Mode', ({ status }) => status.mode ? { kind: '', text: status.mode } : null],
   ['Motor', ({ status }) => status.mode === undefined ? null
     : status.armed ? { kind: 'warn', text: 'ARMED' } : { kind: 'fine', text: 'disarmed' }],
-  ['Battery', ({ status }) => status.battery ? battery(status.battery) : null],
+  ['Battery', ({ status }) => status.battery ? battery(status.battery) : status.mode === undefined ? null : { kind: '', text: 'not sent' }],
   ['GPS', ({ status }) => status.gps ? gps(status.gps) : null],
   ['Radio', ({ links }) => links ? radio(links) : null],
   ['Recording', ({ flight, health }) => health ? recording(flight, health) : null],

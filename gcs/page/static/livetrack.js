@@ -29,8 +29,9 @@ export class Track {
     this.picture = svg('svg', { viewBox: `0 0 ${SIZE} ${SIZE}`, role: 'img', class: 'map', 'aria-label': 'Track over ground: no position yet' },
       svg('rect', { width: SIZE, height: SIZE, class: 'ground' }), this.map.element, svg('text', { x: SIZE / 2, y: 16, 'text-anchor': 'middle' }, 'N'),
       this.path, this.home, this.craft, this.bar, this.barText, this.wind, this.windText)
-    this.words = h('figcaption', {}, 'No position yet.')
-    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture, this.words, this.credit)
+    this.words = h('span', {}, 'No position yet.')
+    this.over = h('span', {})
+    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture, h('figcaption', {}, this.words, ' ', this.over), this.credit)
     this.clear()
   }
 
@@ -53,6 +54,7 @@ export class Track {
     if (status.wind) this.blow(status.wind)
     if (!status.position) return
     this.given = status.home?.given
+    this.speed = status.ground_speed
     this.move(status.home?.place)
     const last = this.places.at(-1)
     const [north, east] = status.position
@@ -103,6 +105,7 @@ export class Track {
     const bearing = Math.round((Math.atan2(-east, -north) * 180 / Math.PI + 360) % 360)
     const from = this.given ? 'home' : 'where it was heard first'
     const text = away < 5 ? `At ${from}.` : `${number(away, 2)} m from ${from}, which lies at ${bearing}°.`
+    write(this.over, Number.isFinite(this.speed) ? `${this.speed.toFixed(0)} m/s over ground.` : '')
     write(this.words, text)
     this.picture.setAttribute('aria-label', `Track over ground. ${text}`)
   }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -106,6 +107,28 @@ def test_a_model_is_held_against_every_flight(
     assert "held against a model by auto, map, fe" in capsys.readouterr().err
 
 
+def test_the_flights_of_a_folder_are_estimated_together_as_a_campaign(
+    local: Path, flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for day, seeds in (("monday", (1, 2)), ("tuesday", (3, 4))):
+        (tmp_path / "days" / day).mkdir(parents=True)
+        for seed in seeds:
+            shutil.copy(flights / f"flight{seed}.tlog", tmp_path / "days" / day)
+    (tmp_path / "days" / "tuesday" / "cut.tlog").write_bytes((flights / "flight1.tlog").read_bytes()[:3000])
+    assert batch(tmp_path / "days", tmp_path / "out", "--campaigns", "--workers", "2") == 0
+    assert "2 of 2 campaigns identified" in capsys.readouterr().out
+    table = pyarrow.parquet.read_table(tmp_path / "out" / "flights.parquet").to_pydict()
+    assert table["flight"] == ["monday", "tuesday"]
+    assert table["flights"] == [2, 3]
+    alone = pyarrow.parquet.read_table(local / "flights.parquet").to_pydict()["Cm_de_std"]
+    # Two flights of much the same quality know as much as each of them, twice.
+    assert table["Cm_de_std"][0] < 0.85 * min(alone)
+    assert all(abs(value - 1.59) < 3.0 * std for value, std in zip(table["Cm_de"], table["Cm_de_std"], strict=True))
+    monday, tuesday = results(tmp_path / "out").values()
+    assert not any("left out" in one for one in monday["warnings"])
+    assert any(one.startswith("left out: cut: ") for one in tuesday["warnings"])
+
+
 def test_a_store_that_cannot_be_read_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,11 +198,11 @@ def test_what_cannot_work_is_said_in_one_line(
     assert "Traceback" not in said
 
 
-def deadly(source: str, vehicle: str, options: dict[str, Any]) -> dict[str, Any]:
+def deadly(flights: tuple[str, ...], vehicle: str, options: dict[str, Any]) -> dict[str, Any]:
     """A job that one flight ends its worker with, and another cannot do just now."""
-    if source == "deadly":
+    if flights == ("deadly",):
         os._exit(9)
-    if source == "away":
+    if flights == ("away",):
         return {"error": "the store does not answer", "transient": True, "start_ns": 0, "cost_s": 0.0}
     return {"quality": {"verdict": "good"}, "start_ns": 1, "cost_s": 0.0}
 
@@ -189,7 +212,7 @@ def test_a_flight_that_ends_its_worker_is_without_a_result_and_the_others_go_on(
 ) -> None:
     monkeypatch.setattr(batches, "worked", deadly)
     sources = ["one", "deadly", "two", "away", *(f"more{k}" for k in range(8))]
-    wanted = [Order(source, "iitb-mav", "x", {}, "") for source in sources]
+    wanted = [Order(source, (source,), "iitb-mav", "x", {}, "") for source in sources]
     for _ in range(2):
         with batches.places(2, None) as where:
             found = batches.run(wanted, tmp_path, where, lambda share, text: None)
