@@ -116,8 +116,8 @@ def _quality(result: Result) -> str:
         return ""
     bad = " bad" if found["verdict"] == "poor" else ""
     words = f'<p class="verdict{bad}">The flight is {text(verdict_words(found))}</p>'
-    verdicts = [text(VERDICTS.get(one["verdict"], "")) for one in found["axes"].values()]
-    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", list(found["axes"]), [verdicts])
+    verdicts = [[text(axis), text(VERDICTS.get(one["verdict"], ""))] for axis, one in found["axes"].items()]
+    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", ["axis", "verdict"], verdicts)
 
 
 def _warnings(result: Result) -> str:

@@ -115,7 +115,7 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     # The plots of the page before count as well until the result is there.
     visitor.page.get_by_text(re.compile("for identification|because")).first.wait_for()
     entry = ground.get(f"/api/models/{newest['id']}")["coefficients"]["CL_alpha"]
-    told = visitor.text("tr:has(code:text-is('CL_alpha'))").split("\t")[1].split("\xa0±\xa0")
+    told = visitor.text("tr:has(code:text-is('CL_alpha')) td:nth-child(2)").split("\xa0±\xa0")
     assert [float(number) for number in told] == [
         pytest.approx(entry["value"], abs=0.1 * entry["std"]),
         pytest.approx(entry["std"], rel=0.05),
@@ -203,6 +203,7 @@ def test_a_flight_older_than_the_list_is_found(data: Path, browser: Browser, nod
         visitor.page.fill("input[type=search]", "2020-09-14")  # the second of 120
         visitor.wait_for_text("tbody tr:only-child", "calm morning 1.tlog")
         visitor.page.fill("input[type=search]", "")
+        visitor.page.get_by_text("By aircraft and day").click()
         visitor.page.get_by_label("From day (UTC)").fill("2020-09-20")
         visitor.page.get_by_label("To day (UTC)").fill("2020-09-22")
         visitor.page.get_by_label("To day (UTC)").blur()

@@ -66,8 +66,9 @@ function filters(wanted, aircraft, show, signal) {
   if (wanted.vehicle && !aircraft.some(one => one.id === wanted.vehicle)) choices.push([wanted.vehicle, wanted.vehicle])
   return h('div', { class: 'grid', role: 'search', 'aria-label': 'Flights' },
     field('Find a flight', words, 'A part of its name, comment, tags, aircraft or date'),
-    aircraft.length ? field('Aircraft', select(choices, wanted.vehicle, value => changed('vehicle', value))) : '',
-    field('From day (UTC)', day('since')), field('To day (UTC)', day('until')))
+    h('details', { open: Boolean(wanted.vehicle || wanted.since || wanted.until) }, h('summary', {}, 'By aircraft and day'),
+      aircraft.length ? field('Aircraft', select(choices, wanted.vehicle, value => changed('vehicle', value))) : '',
+      field('From day (UTC)', day('since')), field('To day (UTC)', day('until'))))
 }
 
 /** What was deleted in the last day, and can be taken back. */
