@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import tomllib
+from ipaddress import ip_address, ip_network
 from operator import add
 from pathlib import Path
 from typing import Any
@@ -95,8 +96,13 @@ def test_https_is_there_for_who_asks_for_it(compose: dict[str, Any]) -> None:
     proxy = compose["services"]["caddy"]
     assert proxy["profiles"] == ["tls"]
     assert proxy["cap_add"] == ["NET_BIND_SERVICE"]
-    assert proxy["environment"]["GCS_UPSTREAM"] == "gcs:8000"
     (file,) = (volume.split(":")[0] for volume in proxy["volumes"] if volume.startswith("./"))
+    # The station believes the proxy alone, and reaches it, and is reached, on no other address.
+    address = proxy["networks"]["front"]["ipv4_address"]
+    assert compose["services"]["gcs"]["environment"]["FORWARDED_ALLOW_IPS"] == address
+    assert ip_address(address) in ip_network(compose["networks"]["front"]["ipam"]["config"][0]["subnet"])
+    (name,) = compose["services"]["gcs"]["networks"]["front"]["aliases"]
+    assert proxy["environment"]["GCS_UPSTREAM"] == f"{name}:8000"
     text = (ROOT / file).read_text()
     assert "reverse_proxy {$GCS_UPSTREAM:127.0.0.1:8000}" in text
     assert text.count("{") == text.count("}")

@@ -71,6 +71,17 @@ def test_a_supervisor_hears_that_it_serves_lives_and_ends_and_the_log_is_json(tm
 
 
 @pytest.mark.whole_flight
+def test_where_a_request_is_from_says_the_proxy_that_is_believed_and_nobody_else(tmp_path: Path) -> None:
+    told = {"X-Forwarded-For": "203.0.113.9", "Authorization": "Bearer wrong"}
+    for believed, address in (("127.0.0.1", "203.0.113.9"), ("192.0.2.1", "127.0.0.1")):
+        data = tmp_path / believed
+        with service("--data", data, GCS_TOKEN="right-one", FORWARDED_ALLOW_IPS=believed) as url:
+            assert httpx.get(f"{url}/api/flights", headers=told, timeout=PATIENCE_S).status_code == 401
+        (line,) = map(json.loads, (data / "audit.jsonl").read_text().splitlines())
+        assert line["address"] == address
+
+
+@pytest.mark.whole_flight
 def test_it_serves_https_with_a_certificate(certificate: tuple[Path, Path], tmp_path: Path) -> None:
     cert, key = certificate
     with service("--data", tmp_path / "data", "--tls-cert", cert, "--tls-key", key) as url:
