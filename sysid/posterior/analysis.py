@@ -69,13 +69,13 @@ Report = Callable[[float, str], None]
 @dataclass(frozen=True)
 class _Begun:
     """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns; usual: values that
-    an aircraft of the class has of the coefficients, NaN for what surfaces do.
+    an aircraft of the class has of stability and damping.
     """
 
     posterior: Posterior
     model: GroupModel
     theta: Array
-    usual: Array
+    usual: Mapping[str, float]
     doubts: Sequence[Doubt]
 
     def searched(self) -> _Begun:
@@ -85,24 +85,23 @@ class _Begun:
         rolling as it does), coefficients that are usual lead to a likelier one, beside servos and sensors as found. A
         flow that is imposed leaves no such choice.
         """
-        theta = self.posterior.search(self.theta, MAX_PASSES)
-        if self.model.flow_imposed:
-            return replace(self, theta=theta)
-        other = theta.copy()
-        other[: self.usual.size] = np.where(np.isfinite(self.usual), self.usual, other[: self.usual.size])
+        found = replace(self, theta=self.posterior.search(self.theta, MAX_PASSES))
+        return found if self.model.flow_imposed else found.likelier(self.usual)
+
+    def likelier(self, other: Mapping[str, float]) -> _Begun:
+        """The end of a search, or where one from other values of some unknowns leads, if that is likelier."""
+        start = self.theta.copy()
+        names = self.model.names
+        start[: len(names)] = [other.get(*one) for one in zip(names, start.tolist(), strict=False)]
         with suppress(EstimationError):
-            other = self.posterior.search(other, _FIRST_PASSES)
-            if self.posterior.profile_cost(other) < self.posterior.profile_cost(theta) - _LIKELIER:
-                theta = self.posterior.search(other, MAX_PASSES)
-        return replace(self, theta=theta)
+            start = self.posterior.search(start, _FIRST_PASSES)
+            if self.posterior.profile_cost(start) < self.posterior.profile_cost(self.theta) - _LIKELIER:
+                return replace(self, theta=self.posterior.search(start, MAX_PASSES))
+        return self
 
     def feedback(self) -> float:
         """Largest share of a command that follows what is left, as in PosteriorResult."""
         return self.posterior.of(self.model).feedback(self.theta)
-
-    def cost(self) -> float:
-        """Negative logarithm of the posterior density with the noise that is likeliest, but for a constant."""
-        return self.posterior.profile_cost(self.theta)
 
     def values(self) -> dict[str, float]:
         """What every unknown but the initial states stands at."""
@@ -243,8 +242,8 @@ def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow
         noise = begun.noise_of(flow)
         with suppress(EstimationError):
             other = begin(begun.values(), vane_noise=noise).searched()
-            again = begin(other.values()).searched()
-            if again.feedback() == 0.0 and again.cost() < begun.cost():
+            again = begun.likelier(other.values())
+            if again.feedback() == 0.0:
                 return again
             if noise < _MOST_NOISE and other.feedback() < feedback + _NO_WORSE:
                 return other
@@ -344,8 +343,8 @@ def _begun(
         tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
     # Which way a surface counts is the vehicle file's choice.
-    motion = [np.nan if set(SURFACES_OF[group]) & set(parse_term(name).factors) else usual[name] for name in names]
-    return _Begun(posterior, model, theta, np.array(motion), doubts)
+    motion = {name: usual[name] for name in names if not set(SURFACES_OF[group]) & set(parse_term(name).factors)}
+    return _Begun(posterior, model, theta, motion, doubts)
 
 
 def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:
