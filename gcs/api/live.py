@@ -107,6 +107,7 @@ def snapshot(service: Service) -> dict[str, Any]:
         "time_s": state.time_s,
         "vehicle": feed.vehicle or vehicle_name(vehicle),
         "landed": service.recorder.landed(),
+        "silent": service.recorder.silent(),
         "state": feed.link_state,
         "signals": signals,
         "status": state.status,
@@ -164,7 +165,8 @@ async def _events(service: Service) -> AsyncIterator[str]:
         state, link = feed.current, feed.link_state
         text = ""
         name = feed.vehicle or vehicle_name(service.settings.vehicle)
-        now = {"state": link, "flight": feed.flight, "vehicle": name, "landed": service.recorder.landed()}
+        now = {"state": link, "flight": feed.flight, "vehicle": name, "landed": service.recorder.landed(),
+               "silent": service.recorder.silent()}  # fmt: skip
         if now != sent:
             sent = now
             text += _event("state", {**now, "time_s": state.time_s})

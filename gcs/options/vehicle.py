@@ -72,10 +72,8 @@ def answers_from(args: argparse.Namespace) -> Answers:
     for name in ("area", "chord"):
         if given[name] is not None:
             _pair(f"--{name}", str(given[name]))
-    area, chord = given["area"], given["chord"]
-    area = round(span * chord, 6) if area is None else area
-    chord = round(area / span, 6) if chord is None else chord
-    numbers = {"mass_kg": mass, "mass_std_kg": mass_std, "span_m": span, "area_m2": area, "chord_m": chord,
+    numbers = {"mass_kg": mass, "mass_std_kg": mass_std, "span_m": span, "area_m2": given["area"],
+               "chord_m": given["chord"],
                "speed_mps": args.speed, "max_thrust_n": args.thrust, "propeller_m": args.propeller,
                "moving_mass_kg": args.moving_mass}  # fmt: skip
     if args.inertia:

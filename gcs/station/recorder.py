@@ -35,7 +35,7 @@ from gcs.station.flightledger import FlightLedger
 from gcs.station.linkstats import LinkStatistics
 from gcs.station.liveflight import NOBODY, LiveFlight
 from gcs.station.recorderstate import RecorderState
-from gcs.station.segmentation import DISARMED, RESTARTED, FlightSegmenter, Heartbeat, heartbeats
+from gcs.station.segmentation import DISARMED, RESTARTED, SILENCE, FlightSegmenter, Heartbeat, heartbeats
 from gcs.text.sizes import size_text
 
 _log = logging.getLogger(__name__)
@@ -149,6 +149,7 @@ class FlightRecorder:
         self._reboots: dict[int | None, deque[int]] = {}
         # By vehicle the last flight that ended, and when, UTC ns; None of those of no vehicle.
         self._landed: str | None = None
+        self._silent: str | None = None
         self._before: dict[int | None, tuple[str, int]] = {}
 
     def _source(self, name: str) -> _Source:
@@ -372,6 +373,7 @@ class FlightRecorder:
         self._live.remove(live)
         if live.follows is None:
             self._landed = live.id if reason == DISARMED else None
+            self._silent = live.id if reason == SILENCE else None
             self._before.pop(live.segmenter.system, None)
             if reason != RESTARTED or not live.segmenter.armed:  # else it restarted in flight
                 self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
@@ -466,6 +468,11 @@ class FlightRecorder:
         """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         with self._lock:
             return None if any(live.follows is None for live in self._live) else self._landed
+
+    def silent(self) -> str | None:
+        """The flight that ended last, by silence, while nobody flies; None else."""
+        with self._lock:
+            return None if any(live.follows is None for live in self._live) else self._silent
 
     def live_vehicles(self) -> dict[str, int | None]:
         """The flights being recorded now, oldest first, and the system that flies each, None while it is not known.

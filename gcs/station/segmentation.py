@@ -17,7 +17,7 @@ from sim_vehicle.jit import jit
 
 HEARTBEAT = 0
 #: Why a flight has ended: its vehicle was disarmed, or switched on again.
-DISARMED, RESTARTED = "disarmed", "clock reset"
+DISARMED, RESTARTED, SILENCE = "disarmed", "clock reset", "silence"
 _HEARTBEAT_LENGTH = 9
 _TYPE_GROUND_STATION = 6  # MAV_TYPE_GCS
 _AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a camera, a gimbal, a companion
@@ -193,5 +193,5 @@ class FlightSegmenter:
         if self._ends_at is not None and now_ns >= self._ends_at:
             return DISARMED
         if self._last_ns is not None and now_ns - self._last_ns >= self._silence_ns:
-            return "silence"
+            return SILENCE
         return None

@@ -241,6 +241,8 @@ class RecordingStation(Station):
         )
         self._recorder = recorder
         self._notes = 0
+        # With a counter of its own: what is said to vehicles beside it would be gaps in the recording.
+        self._scribe = StationVoice()
         self._files = BoardFiles(self.voice, self._say)
         recorder.hear_frames = self._files.hear
         for link in self.links:
@@ -292,6 +294,10 @@ class RecordingStation(Station):
         """The flight whose vehicle was disarmed last, while nobody flies; None else."""
         return self._recorder.landed()
 
+    def silent(self) -> str | None:
+        """The flight that ended last, by silence, while nobody flies; None else."""
+        return self._recorder.silent()
+
     def note(self, text: str) -> list[str]:
         """Keep a text, as STATUSTEXT of this station, in every flight that is going on; their ids.
 
@@ -310,7 +316,7 @@ class RecordingStation(Station):
         number = self._notes if len(pieces) > 1 else 0
         now_ns = self._clock()
         frames = [
-            self.voice.frame(common.MAVLink_statustext_message(common.MAV_SEVERITY_NOTICE, piece, number, i))
+            self._scribe.frame(common.MAVLink_statustext_message(common.MAV_SEVERITY_NOTICE, piece, number, i))
             for i, piece in enumerate(pieces)
         ]
         self._recorder.feed(f"{FORWARD}notes", Batch.of([(frame, now_ns) for frame in frames]))

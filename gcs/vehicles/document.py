@@ -96,8 +96,9 @@ def with_answers(text: str, answers: Answers) -> str:
 
 def _filled(document: TOMLDocument, answers: Answers) -> str:
     document["name"] = answers.name
+    numbers = with_chord(answers.numbers)
     for name, (table, key) in _NUMBERS.items():
-        _set(document, table, key, _plain(answers.numbers.get(name)))
+        _set(document, table, key, _plain(numbers.get(name)))
     if "controls" in document or answers.controls:
         controls = _table(document, "controls")
         for name in CONTROL_NAMES:
@@ -122,6 +123,17 @@ def _filled(document: TOMLDocument, answers: Answers) -> str:
         if name in document and not document[name]:
             del document[name]
     return tomlkit.dumps(document)
+
+
+def with_chord(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The numbers, and of wing area, span and mean chord the third where two of them are there."""
+    found = dict(numbers)
+    area, span, chord = (found.get(name) for name in ("area_m2", "span_m", "chord_m"))
+    if chord is None and area and span:
+        found["chord_m"] = round(area / span, _DIGITS)
+    elif area is None and chord and span:
+        found["area_m2"] = round(span * chord, _DIGITS)
+    return found
 
 
 def answers_of(text: str) -> Answers:

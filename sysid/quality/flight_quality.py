@@ -49,13 +49,15 @@ class Quality:
 
     @property
     def verdict(self) -> str:
-        """Of the flight: poor where something concerns all axes or no axis that was flown is better than poor."""
+        """Of the flight: poor where something concerns all axes or no axis that was flown is better than poor; good
+        where nothing is wrong and every axis was flown.
+        """
         lost = {axis for one in self.not_flown for axis in one.axes}
         flown = [axis for axis in self.axes if axis not in lost]
         whole = _worst(one.verdict for one in self.reasons if not one.axes)
         if whole == POOR or not flown or all(self.of_axis(axis) == POOR for axis in flown):
             return POOR
-        return CARE if self.reasons else GOOD
+        return CARE if self.reasons or self.not_flown else GOOD
 
     def to_json(self) -> dict[str, Any]:
         """The block `quality` of a result."""

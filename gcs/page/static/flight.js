@@ -1,6 +1,7 @@
 // A flight's page: its summary, its signals and jobs, its model, its discrepancy.
 
 import { get, getIfThere, remove } from './api.js'
+import { announce } from './announce.js'
 import { h, listing, remark } from './dom.js'
 import { discrepancy } from './discrepancy.js'
 import { duration, size, utc } from './format.js'
@@ -40,9 +41,17 @@ export async function flight(page, [id, tab = ''], query, signal) {
       if ('vehicle' in change) location.reload()  // its signals are others with another aircraft
       if ('title' in change) page.querySelector('h1').textContent = `Flight ${flightTitle(summary)}`
     }
-    page.append(...[outcomeLine(summary), ...facts(summary, path)].filter(Boolean), await flightNotes(summary, path, signal, again))
+    const outcome = h('div', {}, outcomeLine(summary))
+    const over = async () => {
+      try {
+        outcome.replaceChildren(outcomeLine(await get(path, signal)) ?? '')
+      } catch (error) {
+        if (!signal.aborted) announce(error.message)
+      }
+    }
+    page.append(outcome, ...facts(summary, path), await flightNotes(summary, path, signal, again))
     const work = h('div', {})
-    const list = jobs(work, summary, signal)
+    const list = jobs(work, summary, signal, over)
     list.catch(() => null)  // said where it is waited for
     await signals(page, summary, query, signal, async job => (await list)(job))
     page.append(work)

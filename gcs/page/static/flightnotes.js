@@ -8,7 +8,7 @@ const VERDICTS = { good: ['good', 'good for identification'], care: ['note', 'us
 /** The verdict of the newest identification, or how far it is, in one line; nothing where there is neither. */
 export function outcomeLine({ outcome }) {
   const { state, verdict, text } = outcome
-  if (state === 'queued' || state === 'running') return remark('note', h('p', {}, 'Identification is at work; its progress stands below.'))
+  if (state === 'queued' || state === 'running') return remark('note', h('p', {}, 'Identification is at work.'))
   if (verdict) {
     const [kind, words] = VERDICTS[verdict]
     return remark(kind, h('p', {}, h('strong', {}, words), text && verdict !== 'good' ? `: ${text}` : ''))

@@ -99,7 +99,7 @@ function content(found, wanted) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
       + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
-  const head = ['Flight', 'Start (UTC)', 'Duration', 'Course', 'Result', 'System', 'Size']
+  const head = ['Flight', 'Start (UTC)', 'Duration', 'Height', 'Result', 'System', 'Size']
   return [
     table('Flights, newest first', head, found.flights.map(row), true),
     together(),

@@ -12,8 +12,11 @@ const LASTS_S = { multisine: 20, 3211: 6, doublet: 4, step: 4, pulse: 3 }
 const OTHERS_S = 20
 const LEAD_S = 3
 // Surfaces as they are measured, and what each must move at least to show anything, rms.
+const BY_HAND = 'By hand: strokes to and fro of 1, 2 and 3 tenths of a second in changing order, 2 to 4° each way, without a pause.'
 const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
 const LEAST_DEG = 1
+// So long what was flown stands there, then what to fly next.
+const VERDICT_MS = 15_000
 // Readings of a surface that moved, fewer than which say nothing.
 const FEWEST = 5
 const SURFACES = { elevator: 'elevator', aileron: 'ailerons', rudder: 'rudder', throttle: 'throttle' }
@@ -51,6 +54,7 @@ export class FlyNext {
   constructor() {
     this.what = h('p', { class: 'next-what' })
     this.why = h('p', { class: 'hint' })
+    this.hand = h('p', { class: 'hint' })
     this.speaks = kept(SPEAK) === 'yes'
     this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
     this.voice.hidden = !('speechSynthesis' in window)
@@ -59,7 +63,7 @@ export class FlyNext {
     this.wanted = ''
     this.counting = null
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
-      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what, this.count, this.why)
+      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what, this.count, this.why, this.hand)
     this.said = ''
   }
 
@@ -88,6 +92,7 @@ export class FlyNext {
       : 'Nothing is known yet. The first estimate comes after some seconds in the air.'
     write(this.what, text, 'next-what')
     write(this.why, best ? `It would identify ${best[1].join(', ')}.` : '', 'hint')
+    write(this.hand, best?.[0].includes('multisine') ? BY_HAND : '', 'hint')
     if (text !== this.said) {
       this.said = text
       this.say(text)
@@ -96,6 +101,7 @@ export class FlyNext {
 
   /** Count down, then while the manoeuvre is flown; in the end say whether the surfaces moved. */
   begin() {
+    this.stop()
     const { seconds, surfaces } = course(this.wanted)
     const start = performance.now() + 1000 * LEAD_S
     this.moved = Object.fromEntries(surfaces.map(surface => [surface, []]))
@@ -113,6 +119,7 @@ export class FlyNext {
     else {
       this.stop()
       this.display(this.verdict())
+      this.leaving = setTimeout(() => this.end(), VERDICT_MS)
     }
   }
 
@@ -157,6 +164,7 @@ export class FlyNext {
 
   stop() {
     clearInterval(this.counting)
+    clearTimeout(this.leaving)
     this.counting = null
     write(this.counts, 'Count down', 'small')
   }

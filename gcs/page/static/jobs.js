@@ -13,8 +13,8 @@ const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', fa
   cancelled: 'cancelled' }
 const EVERY_MS = 1000
 
-/** The section of jobs of a flight; resolves to what puts a further job into its list. */
-export async function jobs(page, summary, signal) {
+/** The section of jobs of a flight; resolves to what puts a further job into its list. over: called behind each job that ends. */
+export async function jobs(page, summary, signal, over) {
   const [models, others] = await Promise.all([
     get('/api/models', signal), findFlights({}, signal),
   ])
@@ -22,7 +22,7 @@ export async function jobs(page, summary, signal) {
   const none = h('p', {}, 'No job was started for this flight.')
   const add = job => {
     none.remove()
-    list.prepend(item(job, signal, add))
+    list.prepend(item(job, signal, add, over))
   }
   ;[...summary.jobs].sort((a, b) => a.created_ns - b.created_ns).forEach(add)
   page.append(h('h2', {}, 'Model and discrepancy'))
@@ -136,8 +136,8 @@ async function readModel(file) {
   }
 }
 
-/** One job in the list; it follows the job until that is over. add: puts a further job into the list. */
-function item(job, signal, add) {
+/** One job in the list; it follows the job until that is over. add: puts a further job into the list. over: called then. */
+function item(job, signal, add, over) {
   const element = h('li', {})
   const problem = remark('bad')
   // A button that acts on the job: what it does, and what is to be done with the answer.
@@ -174,7 +174,10 @@ function item(job, signal, add) {
     }
     show()
     if (running(job)) setTimeout(follow, EVERY_MS)
-    else announce(`${KINDS[job.kind]} ${STATES[job.state]}`)
+    else {
+      announce(`${KINDS[job.kind]} ${STATES[job.state]}`)
+      over()
+    }
   }
   if (running(job)) setTimeout(follow, EVERY_MS)
   return element

@@ -28,6 +28,7 @@ const STATES = {
   lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
     + 'Check its power, the radio, and the links below.'],
   landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
+  silent: ['bad', () => 'Nothing more was heard of the vehicle, and its flight has ended. If it comes back, that is another flight.'],
   waiting: ['note', data => data.heard
     ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a minute.'
     : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
@@ -78,7 +79,7 @@ class LiveView {
   /** Take an object of GET /api/live. */
   take(newest) {
     this.data.time_s = newest.time_s
-    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed })
+    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed, silent: newest.silent })
     this.plots.units(newest.signals)
     const entries = Object.entries(newest.signals)
     // Of a vehicle that is silent all is old: how old then counts from what came last.
@@ -107,10 +108,12 @@ class LiveView {
   look() {
     if (this.broken) return
     const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
-    const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : this.data.state]
-    this.first.hidden = this.data.state !== 'waiting' || Boolean(this.data.landed)
-    this.result.hidden = !this.data.landed || late
-    if (this.data.landed) this.result.href = `#/flights/${encodeURIComponent(this.data.landed)}`
+    const silent = this.data.state !== 'live' && this.data.silent
+    const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : silent ? 'silent' : this.data.state]
+    const over = this.data.landed || silent
+    this.first.hidden = this.data.state !== 'waiting' || Boolean(over)
+    this.result.hidden = !over || late
+    if (over) this.result.href = `#/flights/${encodeURIComponent(over)}`
     this.instruments.stale(late || this.data.state !== 'live')
     this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
     this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
@@ -198,7 +201,7 @@ class LiveView {
     try {
       const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
       // An event that came while this answer was under way is newer than the answer.
-      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight, landed: this.data.landed })
+      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight, landed: this.data.landed, silent: this.data.silent })
       this.broken = false
       this.heard = Date.now()
       this.take(newest)

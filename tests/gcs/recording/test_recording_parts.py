@@ -89,11 +89,13 @@ def test_an_idle_recording_is_forced_to_disk_too(tmp_path: Path, monkeypatch: py
     with McapWriter(tmp_path / "a.mcap", DIALECT, sync=SyncPolicy.parse("0.05")) as writer:
         stream.feed(writer, 10)
         writer.tick(stream.time + SECOND)
-        wait_until(lambda: len(calls) == 1 and messages_on_disk(tmp_path / "a.mcap") == 10)
+        # On a slow machine they are forced in two portions.
+        wait_until(lambda: calls and messages_on_disk(tmp_path / "a.mcap") == 10)
         wait_until(lambda: folders == [str(tmp_path)])  # its name too, which a power cut would else take
+        before = len(calls)
         stream.feed(writer, 10)
         writer.tick(stream.time + SECOND)
-        wait_until(lambda: len(calls) == 2)
+        wait_until(lambda: len(calls) > before)
     assert folders == [str(tmp_path)]
 
 
