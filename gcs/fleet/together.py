@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gcs.fleet.rows import coefficients_of
-from gcs.vehicles.trends import SIGNIFICANT, Change, Estimate, Trend, trend
+from gcs.vehicles.trends import SIGNIFICANT, Change, Estimate, Trend, mean_of, trend
 
 Row = Mapping[str, Any]
 
@@ -93,8 +93,8 @@ def _outliers(trends: Mapping[str, Mapping[str, Trend]], changed: set[tuple[str,
             if (aircraft, name) in changed or len(one.estimates) < _FEWEST:
                 continue
             for estimate in one.estimates:
-                rest = trend(name, [other for other in one.estimates if other is not estimate])
-                off = (estimate.value - rest.mean) / math.sqrt(estimate.std**2 + rest.std**2 + rest.scatter**2)
+                mean, std, scatter = mean_of([other for other in one.estimates if other is not estimate])
+                off = (estimate.value - mean) / math.hypot(estimate.std, std, scatter)
                 # Few flights know their scatter poorly: Student's t, one flight and one mean less.
                 p = min(1.0, count * _two_sided(off, len(one.estimates) - 2))
                 if p < SIGNIFICANT:

@@ -89,6 +89,14 @@ def trend(name: str, estimates: Sequence[Estimate]) -> Trend:
     return Trend(name, ordered, mean, std, scatter, constant, _change(ordered, values, variances))
 
 
+def mean_of(estimates: Sequence[Estimate]) -> tuple[float, float, float]:
+    """Mean, standard error and scatter as in `trend`, which also looks for a step, and takes the longer for it."""
+    values = np.array([one.value for one in estimates])
+    variances = np.array([one.std for one in estimates]) ** 2
+    scatter, _ = _between(values, variances)
+    return (*_pooled(values, variances + scatter**2), scatter)
+
+
 def _change(ordered: Sequence[Estimate], values: Array, variances: Array) -> Change | None:
     from scipy.special import stdtr
 

@@ -475,6 +475,8 @@ class LiveIdentifier:
             begun = "the flight has only begun" if self._airborne.flying else "the aircraft is not in the air"
             if self._airborne.flying and self._window is not None:
                 begun = f"the first estimate comes after {self._window.first_s:.0f} s of flight, or after a change"
+                if self._window.under_way:
+                    begun = "the first estimate is being made: seconds, a minute where it is this machine's first"
                 return {
                     name: CoefficientStatus(name, np.nan, np.inf, False, begun, helpful_manoeuvre(name))
                     for name in self._names

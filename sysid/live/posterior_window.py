@@ -101,7 +101,8 @@ def estimate_window(
     try:
         parts = _parts(flight, vehicle, begin_s, end_s)
         if not excited(parts):
-            return WindowEstimate(begin_s, end_s, time.process_time() - began, _unknown(names, "no surface has moved"))
+            why = f"no surface has moved from {begin_s:.0f} to {end_s:.0f} s"
+            return WindowEstimate(begin_s, end_s, time.process_time() - began, _unknown(names, why))
         found = estimate(parts, vehicle, structure, systematic=False, near=near, fine=False)
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
@@ -225,6 +226,11 @@ class SlidingWindow:
     def done(self) -> bool:
         """Whether an estimate is done that `work` has not taken yet."""
         return self._running is not None and self._running.done()
+
+    @property
+    def under_way(self) -> bool:
+        """Whether an estimate is being made."""
+        return self._running is not None
 
     @property
     def first_s(self) -> float:

@@ -69,6 +69,7 @@ function deletion(path, name) {
     try {
       await remove(path)
       location.hash = '#/flights'
+      announce(`${name} is deleted. For a day it can be taken back, at the end of this list.`, true)
     } catch (error) {
       words.replaceChildren(error.message)
       button.after(words)

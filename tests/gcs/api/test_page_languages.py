@@ -33,7 +33,14 @@ COMPOSED = (
         "Deleted (for a day",
         "Delete {} flights?",
     ),
-    *("the first estimate", "the flight has only begun", "the aircraft is not in the air", "{} free", "{}, low"),
+    *(
+        "no surface has moved",
+        "the first estimate",
+        "the flight has only begun",
+        "the aircraft is not in the air",
+        "{} free",
+        "{}, low",
+    ),
     *("on, {}", "off, {}", "Fly now", "{}/s,", "{} of {} links connected"),
     *(
         "Attitude: roll",

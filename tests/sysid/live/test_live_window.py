@@ -205,7 +205,7 @@ def test_a_window_in_which_nothing_moves_says_so_and_what_to_fly() -> None:
     columns |= {name: (columns[name][0], np.full_like(columns[name][1], 0.01)) for name in ("de", "da", "dr")}
     found = estimate_window(load_vehicle("iitb-mav"), columns, 1.0, 12.0)
     assert found.problem == ""
-    assert {one.why for one in found.coefficients.values()} == {"no surface has moved"}
+    assert {one.why for one in found.coefficients.values()} == {"no surface has moved from 1 to 12 s"}
     assert all(one.fly and not one.known for one in found.coefficients.values())
 
 
