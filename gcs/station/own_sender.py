@@ -20,12 +20,17 @@ class StationVoice:
     """
 
     def __init__(self, key: bytes | None = None, component: int = COMPONENT) -> None:
+        self._key, self._component = key, component
         self._sender = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=component)
         self._lock = threading.Lock()
         self._stamps = SigningClock()
         if key is not None:
             self._sender.signing.secret_key = key
             self._sender.signing.sign_outgoing = True
+
+    def apart(self) -> StationVoice:
+        """The same sender with a counter of its own, for what is heard apart from the rest."""
+        return StationVoice(self._key, self._component)
 
     def frame(self, message: Any) -> bytes:
         """The frame of a pymavlink message, the counter one up."""

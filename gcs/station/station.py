@@ -241,8 +241,8 @@ class RecordingStation(Station):
         )
         self._recorder = recorder
         self._notes = 0
-        # With a counter of its own: what is said to vehicles beside it would be gaps in the recording.
-        self._scribe = StationVoice()
+        # What is said to vehicles beside it would be gaps in the recording.
+        self._scribe = self.voice.apart()
         self._files = BoardFiles(self.voice, self._say)
         recorder.hear_frames = self._files.hear
         for link in self.links:

@@ -49,6 +49,7 @@ def test_a_note_made_in_flight_is_kept_in_the_recording(make_bench: Callable[...
         (flight,) = made["flights"]
         assert made["text"] == long
         assert client.post("/api/live/notes", json={"text": "mark"}).status_code == 201
+        bench.station.voice.heartbeat()
         umlauts = "ä" * 60
         assert client.post("/api/live/notes", json={"text": umlauts}).status_code == 201
         for wrong in ({"text": "  "}, {"text": "x" * 201}, {}, {"text": "a\0b"}, {"text": "a\n\x1b[2J"}):
@@ -62,6 +63,8 @@ def test_a_note_made_in_flight_is_kept_in_the_recording(make_bench: Callable[...
         assert texts[0]["time"] == pytest.approx(30.0, abs=1.5)
     (kept,) = Recording(bench.settings.flights / f"{flight}.mcap").columns("STATUSTEXT", system=255)
     assert kept.fields.size == 6
+    # What the station says to vehicles meanwhile, under the same number, is no gap between notes.
+    assert not any(Recording(bench.settings.flights / f"{flight}.mcap").lost().values())
 
 
 def test_health_tells_of_jobs_that_wait_and_of_frames_that_are_not_passed_on(

@@ -115,6 +115,7 @@ def test_a_late_answer_is_no_flight_of_its_own(rig: Rig) -> None:
     rig.feed(vehicle.second())
     rig.wait(11.0)
     assert rig.recorder.landed() is None  # it fell silent, and nobody knows where
+    assert rig.recorder.silent() == rig.catalogue.flights()[0].id
     rig.feed([vehicle.frame(mavlink.MAVLink_timesync_message(1, 2))])
     rig.finish()
     (flight,) = rig.catalogue.flights()

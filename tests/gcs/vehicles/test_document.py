@@ -31,6 +31,13 @@ def test_a_form_alone_makes_a_vehicle_file() -> None:
     assert answers_of(text) == PLANE
 
 
+def test_of_area_span_and_chord_two_are_enough() -> None:
+    numbers = {"mass_kg": 2.0, "span_m": 1.6, "area_m2": 0.4}
+    assert "c = 0.25" in with_answers("", Answers("x", numbers))
+    del numbers["area_m2"]
+    assert "S = 0.4" in with_answers("", Answers("x", {**numbers, "chord_m": 0.25}))
+
+
 def test_what_a_form_does_not_ask_and_the_remarks_stay() -> None:
     path = VEHICLES / "iitb-mav.toml"
     before = path.read_text()

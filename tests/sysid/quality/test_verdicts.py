@@ -49,6 +49,13 @@ def test_a_flight_as_it_should_be_is_good(flight: FlightSignals) -> None:
     }  # fmt: skip
 
 
+def test_a_flight_that_lacks_some_axes_is_good_for_the_others_alone(flight: FlightSignals) -> None:
+    still = replace(flight.signals["de"], values=np.zeros_like(flight.signals["de"].values))
+    found = judged(changed(flight, de=still))
+    assert found.verdict == "care"
+    assert [found.of_axis(axis) for axis in ("Cm", "Cn")] == ["poor", "good"]
+
+
 @pytest.mark.parametrize(("hz", "verdict", "words"), [(25, "care", "come at 25 Hz"), (5, "poor", "come at 5 Hz")])
 def test_slow_sensors(hz: int, verdict: str, words: str, flight: FlightSignals) -> None:
     imu = {name: thinned(flight.signals[name], 50 // hz) for name in ("ax", "ay", "az", "p", "q", "r")}
