@@ -113,8 +113,13 @@ class LiveView {
     const over = this.data.landed || silent
     this.first.hidden = this.data.state !== 'waiting' || Boolean(over)
     this.result.hidden = !over || late
-    if (over) this.result.href = `#/flights/${encodeURIComponent(over)}`
-    this.instruments.stale(late || this.data.state !== 'live')
+    if (over) {
+      this.result.href = `#/flights/${encodeURIComponent(over)}`
+      this.next.show(null)
+    }
+    const old = late || this.data.state !== 'live'
+    this.instruments.stale(old)
+    if (old !== this.status.known.old) this.status.take({ old })
     this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
     this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
   }

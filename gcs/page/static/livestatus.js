@@ -11,6 +11,9 @@ const MUCH_LOST = 0.02
 
 /** @typedef {{ kind: string, text: string }} Shown */
 
+// What the vehicle itself says: old where nothing comes from it any more.
+const OF_VEHICLE = new Set(['Mode', 'Motor', 'Battery', 'GPS'])
+
 /** By name of the chip, what stands in it. @type {[string, (known: any) => Shown | null][]} */
 const CHIPS = [
   ['Mode', ({ status }) => status.mode ? { kind: '', text: status.mode } : null],
@@ -53,24 +56,25 @@ function recording(flight, { disk_free_bytes: free, problem }) {
 /** The chips. */
 export class Status {
   constructor() {
-    this.known = { status: {}, links: null, health: null, flight: null }
+    this.known = { status: {}, links: null, health: null, flight: null, old: false }
     this.chips = CHIPS.map(([title, shown]) => {
       const text = h('dd', {}, NONE)
       const element = h('div', { class: 'chip', hidden: true }, h('dt', {}, title), text)
-      return { element, text, shown }
+      return { element, text, shown, title }
     })
     this.element = h('dl', { class: 'strip' }, this.chips.map(one => one.element))
   }
 
-  /** Take what is new: `status` of the vehicle, `links`, `health` of the station, id of the `flight` being recorded. */
+  /** Take what is new: `status` of the vehicle, whether that is `old`, `links`, `health` of the station, id of the `flight` being recorded. */
   take(change) {
     Object.assign(this.known, change)
-    for (const { element, text, shown } of this.chips) {
+    for (const { element, text, shown, title } of this.chips) {
       const found = shown(this.known)
       element.hidden = !found
       if (!found) continue
-      element.className = `chip ${found.kind}`
-      write(text, found.text)
+      const old = this.known.old && OF_VEHICLE.has(title)
+      element.className = `chip ${old ? 'dated' : found.kind}`
+      write(text, old ? `${found.text} (old)` : found.text)
     }
   }
 
