@@ -489,7 +489,9 @@ class Live(BaseModel):
     time_s: float | None = Field(description="Newest time of the flight, s since its first message")
     vehicle: str | None
     landed: str | None = Field(description="The flight whose vehicle was disarmed last, while nobody flies")
-    silent: str | None = Field(description="The flight that ended last, by silence of its vehicle, while nobody flies")
+    silent: str | None = Field(
+        description="The flight that ended last, by silence of an armed vehicle, while nobody flies"
+    )
     state: Literal["waiting", "live", "lost"] = Field(description="lost: no message for 2 s")
     signals: dict[str, LiveSignal]
     status: dict[str, Any] = Field(

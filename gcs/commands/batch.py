@@ -55,28 +55,30 @@ def run(args: argparse.Namespace) -> int:
     found = orders(args.sources, vehicle, options, args.campaigns)
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
+    what = "campaigns" if args.campaigns else "flights"
     rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
     table = "findings" if args.discrepancy else "flights"
     for ending in ("parquet", "csv"):
         write_table(rows, args.output / f"{table}.{ending}")
-    lines = finding_lines(rows) if args.discrepancy else _reported(rows, args.output / "fleet.html")
+    lines = finding_lines(rows, what) if args.discrepancy else _reported(rows, args.output / "fleet.html", what)
     failed = [row for row in rows if row["error"]]
+    short = [row for row in rows if row["left_out"]]
+    lines += [f"left out of {row['flight']}: {row['left_out']}" for row in short]
     for line in (*lines, *(f"no result: {row['flight']}: {row['error']}" for row in failed)):
         print(line)
     good, done = len(rows) - len(failed), "compared" if args.discrepancy else "identified"
-    what = "campaigns" if args.campaigns else "flights"
     report = "" if args.discrepancy else f"{args.output / 'fleet.html'}, "
     print(f"{good} of {len(rows)} {what} {done}: {report}{args.output / table}.parquet, {table}.csv")
     return 0 if good else 1
 
 
-def _reported(rows: Sequence[Mapping[str, Any]], path: Path) -> list[str]:
+def _reported(rows: Sequence[Mapping[str, Any]], path: Path, what: str) -> list[str]:
     """Write the report of a fleet; its changes, one line each."""
     from gcs.fleet.page import change_line, fleet_page
     from gcs.fleet.together import together
     from gcs.text.files import write_whole
 
     fleet = together(rows)
-    write_whole(path, fleet_page(fleet, rows))
+    write_whole(path, fleet_page(fleet, rows, what))
     begun = {str(row["source"]): int(row["start_ns"]) for row in rows}
     return [change_line(aircraft, name, change, begun[change.flight]) for aircraft, name, change in fleet.changes]

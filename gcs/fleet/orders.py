@@ -37,10 +37,16 @@ class Order:
     stamp: str
 
     @property
+    def name(self) -> str:
+        """Of the flight, or of the campaign's folder."""
+        place = PurePosixPath(self.source)
+        return place.stem if self.source in self.flights else place.name
+
+    @property
     def key(self) -> str:
         """Names the job's result: of flight or campaign the name, and a digest of all that the result depends on."""
         digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode()).hexdigest()[:12]
-        return f"{PurePosixPath(self.source).stem[:100]}-{digest}"
+        return f"{self.name[:100]}-{digest}"
 
 
 def orders(

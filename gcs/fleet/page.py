@@ -16,8 +16,8 @@ from gcs.vehicles.trends import Change, Trend
 _MOST_FIGURES = 12
 
 
-def fleet_page(fleet: Fleet, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The page. rows: the table that the fleet was made of."""
+def fleet_page(fleet: Fleet, rows: Sequence[Mapping[str, Any]], what: str = "flights") -> str:
+    """The page. rows: the table that the fleet was made of. what: its rows are, flights or campaigns."""
     from gcs.report.svg import Drawing, element
 
     begun = {str(row["source"]): int(row["start_ns"]) for row in rows}
@@ -27,10 +27,10 @@ def fleet_page(fleet: Fleet, rows: Sequence[Mapping[str, Any]]) -> str:
         for place, (aircraft, name, change) in enumerate(fleet.changes[:_MOST_FIGURES])
     ]  # fmt: skip
     counts = Counter(str(row["aircraft"]) for row in rows if not row["error"])
-    flown = ", ".join(f"{aircraft} ({counts[aircraft]} flights)" for aircraft in fleet.trends)
+    flown = ", ".join(f"{aircraft} ({counts[aircraft]} {what})" for aircraft in fleet.trends)
     return document(
         f"Fleet of {len(fleet.trends)} aircraft",
-        paragraph(f"{len(rows)} flights, of which {len(fleet.failed)} have no result. {flown}."),
+        paragraph(f"{len(rows)} {what}, of which {len(fleet.failed)} have no result. {flown}."),
         section("Changes", *_change_words(fleet, begun), *map(element, figures)),
         section("Flights unlike the others", _outlier_table(fleet)),
         section("Coefficients", _coefficients(fleet)),

@@ -46,20 +46,20 @@ def findings_of(orders: Sequence[Order], results: Sequence[Mapping[str, Any]]) -
     return sorted(found, key=lambda row: int(row["start_ns"]))
 
 
-def finding_lines(rows: Sequence[Row]) -> list[str]:
-    """How often each finding was made, a line for each aircraft and finding."""
+def finding_lines(rows: Sequence[Row], what: str = "flights") -> list[str]:
+    """How often each finding was made, a line for each aircraft and finding. what: rows are."""
     counts = Counter((row["aircraft"], row["finding"], row["effect"]) for row in rows if not row["error"])
     every = Counter(row["aircraft"] for row in rows if not row["error"])
     return [
-        f"{aircraft}: {_FINDINGS[finding]}{effect and f' by {effect}'}: {count} of {every[aircraft]} flights"
+        f"{aircraft}: {_FINDINGS[finding]}{effect and f' by {effect}'}: {count} of {every[aircraft]} {what}"
         for (aircraft, finding, effect), count in sorted(counts.items())
     ]
 
 
 def _about(order: Order, result: Mapping[str, Any]) -> Row:
     return {
-        "flight": _clean(Path(order.source).stem), "source": _clean(order.source), "flights": len(order.flights),
-        "aircraft": order.aircraft,
+        "flight": _clean(order.name), "source": _clean(order.source), "aircraft": order.aircraft,
+        "flights": int(result.get("flights_used", 0)), "left_out": _clean("; ".join(result.get("left_out", ()))),
         "start_ns": int(result["start_ns"]), "cost_s": float(result["cost_s"]), "error": result.get("error", ""),
         "verdict": result.get("quality", {}).get("verdict", ""), "method": result.get("method", ""),
     }  # fmt: skip

@@ -80,7 +80,8 @@ class VehicleStatus:
             "fix": _FIXES.get(fix, f"fix {fix}"), "good": fix >= 3, "satellites": seen if seen < 255 else None,
             "hdop": hdop / 100.0 if 0 < hdop < _UNKNOWN_U16 else None,
         }  # fmt: skip
-        if fix >= 2 and 0 <= int(last["vel"]) < _UNKNOWN_U16:
+        self._found.pop("ground_speed", None)
+        if fix >= 2 and int(last["vel"]) < _UNKNOWN_U16:
             self._found["ground_speed"] = int(last["vel"]) / 100.0
         if fix >= 2 and "GLOBAL_POSITION_INT" not in self._found.get("by", ()):
             self._place(last)

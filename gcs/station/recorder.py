@@ -373,7 +373,7 @@ class FlightRecorder:
         self._live.remove(live)
         if live.follows is None:
             self._landed = live.id if reason == DISARMED else None
-            self._silent = live.id if reason == SILENCE else None
+            self._silent = live.id if reason == SILENCE and live.segmenter.armed else None
             self._before.pop(live.segmenter.system, None)
             if reason != RESTARTED or not live.segmenter.armed:  # else it restarted in flight
                 self._before[live.segmenter.system] = (live.id, live.end_ns)  # the newest is the last one
@@ -470,7 +470,7 @@ class FlightRecorder:
             return None if any(live.follows is None for live in self._live) else self._landed
 
     def silent(self) -> str | None:
-        """The flight that ended last, by silence, while nobody flies; None else."""
+        """The flight that ended last, by silence of an armed vehicle, while nobody flies; None else."""
         with self._lock:
             return None if any(live.follows is None for live in self._live) else self._silent
 

@@ -16,7 +16,7 @@ from gcs.mavlink.framing import Frames
 from sim_vehicle.jit import jit
 
 HEARTBEAT = 0
-#: Why a flight has ended: its vehicle was disarmed, or switched on again.
+#: Why a flight has ended: its vehicle was disarmed, or switched on again, or is heard no more.
 DISARMED, RESTARTED, SILENCE = "disarmed", "clock reset", "silence"
 _HEARTBEAT_LENGTH = 9
 _TYPE_GROUND_STATION = 6  # MAV_TYPE_GCS

@@ -295,7 +295,7 @@ class RecordingStation(Station):
         return self._recorder.landed()
 
     def silent(self) -> str | None:
-        """The flight that ended last, by silence, while nobody flies; None else."""
+        """The flight that ended last, by silence of an armed vehicle, while nobody flies; None else."""
         return self._recorder.silent()
 
     def note(self, text: str) -> list[str]:

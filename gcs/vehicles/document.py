@@ -96,7 +96,7 @@ def with_answers(text: str, answers: Answers) -> str:
 
 def _filled(document: TOMLDocument, answers: Answers) -> str:
     document["name"] = answers.name
-    numbers = _with_chord(answers.numbers)
+    numbers = _with_third(answers.numbers)
     for name, (table, key) in _NUMBERS.items():
         _set(document, table, key, _plain(numbers.get(name)))
     if "controls" in document or answers.controls:
@@ -125,7 +125,7 @@ def _filled(document: TOMLDocument, answers: Answers) -> str:
     return tomlkit.dumps(document)
 
 
-def _with_chord(numbers: Mapping[str, float]) -> dict[str, float]:
+def _with_third(numbers: Mapping[str, float]) -> dict[str, float]:
     """The numbers, and of wing area, span and mean chord the third where two of them are there."""
     found = dict(numbers)
     area, span, chord = (found.get(name) for name in ("area_m2", "span_m", "chord_m"))
@@ -133,6 +133,8 @@ def _with_chord(numbers: Mapping[str, float]) -> dict[str, float]:
         found["chord_m"] = round(area / span, _DIGITS)
     elif area is None and chord and span:
         found["area_m2"] = round(span * chord, _DIGITS)
+    elif span is None and area and chord:
+        found["span_m"] = round(area / chord, _DIGITS)
     return found
 
 

@@ -88,14 +88,17 @@ class _Begun:
         found = replace(self, theta=self.posterior.search(self.theta, MAX_PASSES))
         return found if self.model.flow_imposed else found.likelier(self.usual)
 
-    def likelier(self, other: Mapping[str, float]) -> _Begun:
-        """The end of a search, or where one from other values of some unknowns leads, if that is likelier."""
+    def likelier(self, other: Mapping[str, float], passes: int = _FIRST_PASSES, by: float = _LIKELIER) -> _Begun:
+        """The end of a search, or where one from other values of some unknowns leads, if that is likelier.
+
+        passes: after which it must be so. by: logarithm of how much.
+        """
         start = self.theta.copy()
         names = self.model.names
         start[: len(names)] = [other.get(*one) for one in zip(names, start.tolist(), strict=False)]
         with suppress(EstimationError):
-            start = self.posterior.search(start, _FIRST_PASSES)
-            if self.posterior.profile_cost(start) < self.posterior.profile_cost(self.theta) - _LIKELIER:
+            start = self.posterior.search(start, passes)
+            if self.posterior.profile_cost(start) < self.posterior.profile_cost(self.theta) - by:
                 return replace(self, theta=self.posterior.search(start, MAX_PASSES))
         return self
 
@@ -242,7 +245,7 @@ def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow
         noise = begun.noise_of(flow)
         with suppress(EstimationError):
             other = begin(begun.values(), vane_noise=noise).searched()
-            again = begun.likelier(other.values())
+            again = begun.likelier(other.values(), MAX_PASSES, 0.0)
             if again.feedback() == 0.0:
                 return again
             if noise < _MOST_NOISE and other.feedback() < feedback + _NO_WORSE:

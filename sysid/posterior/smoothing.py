@@ -83,7 +83,8 @@ def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
     power, noise = (uniform_filter1d(np.abs(one) ** 2, width, mode="nearest") for one in (Z, of_noise))
     if noise.sum() < _LEAST_SHARE * power.sum():
         return smooth
-    gain = 1.0 - np.minimum(noise / np.maximum(power, 1e-300), 1.0)
+    # Running sums leave what is nought a little below it.
+    gain = np.clip(1.0 - noise / np.maximum(power, 1e-12 * power.max()), 0.0, 1.0)
     return np.asarray(middle + np.fft.irfft(Z * gain, 2 * grid.size)[: grid.size])
 
 

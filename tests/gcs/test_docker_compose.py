@@ -101,6 +101,10 @@ def test_https_is_there_for_who_asks_for_it(compose: dict[str, Any]) -> None:
     address = proxy["networks"]["front"]["ipv4_address"]
     assert compose["services"]["gcs"]["environment"]["FORWARDED_ALLOW_IPS"] == address
     assert ip_address(address) in ip_network(compose["networks"]["front"]["ipam"]["config"][0]["subnet"])
+    # Every address there is given by the file: one that Docker gave might be the proxy's.
+    fronted = [one["networks"]["front"]["ipv4_address"] for one in compose["services"].values()
+               if "front" in (one.get("networks") or ())]  # fmt: skip
+    assert len(set(fronted)) == len(fronted) == 2
     (name,) = compose["services"]["gcs"]["networks"]["front"]["aliases"]
     assert proxy["environment"]["GCS_UPSTREAM"] == f"{name}:8000"
     text = (ROOT / file).read_text()

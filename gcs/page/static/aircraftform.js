@@ -72,8 +72,8 @@ class Description {
     return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'With a scale and a ruler'),
       field('Name', name, 'As it is called at the field'), this.figure('mass_kg', 'Mass, ready to fly', 'kg'),
       this.figure('mass_std_kg', 'The scale is good to', 'kg', '1 sigma; may stay empty'),
-      this.figure('span_m', 'Span, tip to tip', 'm'), this.figure('area_m2', 'Wing area', 'm²', 'Of the whole planform, through the fuselage'),
-      this.figure('chord_m', 'Mean chord', 'm', 'Wing area over span, which it is where this stays empty'), this.figure('speed_mps', 'Airspeed in cruise', 'm/s', 'May stay empty'))
+      this.figure('span_m', 'Span, tip to tip', 'm'), this.figure('area_m2', 'Wing area', 'm²', 'Of the whole planform, through the fuselage; span times mean chord where this stays empty'),
+      this.figure('chord_m', 'Mean chord', 'm', 'Wing area over span where this stays empty'), this.figure('speed_mps', 'Airspeed in cruise', 'm/s', 'May stay empty'))
   }
 
   inertia() {

@@ -97,7 +97,7 @@ function content(found, wanted) {
   }
   if (!found.flights.length) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
-      + 'and the flight stands here. Or upload a log above.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
+      + 'and the flight stands here. Or upload a log on this page.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
   const head = ['Flight', 'Start (UTC)', 'Duration', 'Height', 'Result', 'System', 'Size']
   return [

@@ -39,6 +39,7 @@ export class Track {
   clear() {
     this.places = []
     this.heading = null
+    this.speed = undefined
     this.element.hidden = true
   }
 

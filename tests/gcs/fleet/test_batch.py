@@ -116,10 +116,14 @@ def test_the_flights_of_a_folder_are_estimated_together_as_a_campaign(
             shutil.copy(flights / f"flight{seed}.tlog", tmp_path / "days" / day)
     (tmp_path / "days" / "tuesday" / "cut.tlog").write_bytes((flights / "flight1.tlog").read_bytes()[:3000])
     assert batch(tmp_path / "days", tmp_path / "out", "--campaigns", "--workers", "2") == 0
-    assert "2 of 2 campaigns identified" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "2 of 2 campaigns identified" in said
+    assert "left out of tuesday: cut: " in said
+    assert "<p>2 campaigns, of which 0" in (tmp_path / "out" / "fleet.html").read_text()
     table = pyarrow.parquet.read_table(tmp_path / "out" / "flights.parquet").to_pydict()
     assert table["flight"] == ["monday", "tuesday"]
-    assert table["flights"] == [2, 3]
+    assert table["flights"] == [2, 2]
+    assert ["cut" in one for one in table["left_out"]] == [False, True]
     alone = pyarrow.parquet.read_table(local / "flights.parquet").to_pydict()["Cm_de_std"]
     # Two flights of much the same quality know as much as each of them, twice.
     assert table["Cm_de_std"][0] < 0.85 * min(alone)

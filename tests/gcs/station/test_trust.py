@@ -103,6 +103,7 @@ def test_what_a_vehicle_sends_on_the_ground_after_landing_belongs_to_its_flight(
     for armed in (True, True, True, False, False, False, False, False):
         rig.feed(vehicle.second(armed))
     assert rig.recorder.landed() == rig.ended[0].id
+    assert rig.recorder.silent() is None
     flight, ground = rig.finish()
     assert (flight.follows, ground.follows) == (None, flight.id)
     assert [one.id for one in rig.catalogue.flights()] == [flight.id]
@@ -113,6 +114,7 @@ def test_what_a_vehicle_sends_on_the_ground_after_landing_belongs_to_its_flight(
 def test_a_late_answer_is_no_flight_of_its_own(rig: Rig) -> None:
     vehicle = Vehicle()
     rig.feed(vehicle.second())
+    assert rig.recorder.silent() is None
     rig.wait(11.0)
     assert rig.recorder.landed() is None  # it fell silent, and nobody knows where
     assert rig.recorder.silent() == rig.catalogue.flights()[0].id

@@ -133,3 +133,11 @@ def test_a_vane_that_swings_only_at_the_end_of_a_part_is_not_smoothed_away() -> 
     truth = np.interp(grid, stamps, swings)[inside]
     said = expected(stamps, read, grid, 0.1)[inside]
     assert float(said @ truth / (truth @ truth)) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("length_s", [2.0, 3.0, 3.7, 5.0])
+def test_what_a_short_series_stands_for_is_no_more_than_it_reads(length_s: float) -> None:
+    stamps, grid = np.arange(0.0, length_s, 0.02), np.arange(0.0, length_s - 0.02, 0.01)
+    for seed in range(60):
+        read = 0.05 + 0.005 * np.random.default_rng(seed).standard_normal(stamps.size)
+        assert np.abs(expected(stamps, read, grid, 0.1) - 0.05).max() < 0.02
