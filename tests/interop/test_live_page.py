@@ -251,3 +251,37 @@ def test_a_screen_reader_is_told_once(phone: Visitor, ground: Ground) -> None:
         assert len(said) == len(set(said)) <= 4, said
     phone.wait_for_text(".banner", "No message from the vehicle")
     assert "No message from the vehicle" in phone.page.evaluate("said.at(-1)")
+
+
+# Counts what is drawn in figures within the window, and in those that are scrolled away by more than a margin.
+COUNT_STROKES = """() => {
+  window.strokes = { seen: 0, away: 0 }
+  const { stroke } = CanvasRenderingContext2D.prototype
+  CanvasRenderingContext2D.prototype.stroke = function (...path) {
+    let node = this.canvas
+    while (node.getRootNode() instanceof ShadowRoot) node = node.getRootNode().host
+    const box = node.closest('figure')?.getBoundingClientRect()
+    if (box) window.strokes[box.bottom > -40 && box.top < innerHeight + 40 ? 'seen' : 'away'] += 1
+    return stroke.apply(this, path)
+  }
+}"""
+
+
+def test_plots_that_are_scrolled_away_are_not_drawn(phone: Visitor, ground: Ground) -> None:
+    with flying(ground, "--manoeuvre", "multisine"):
+        phone.open("#/live")
+        phone.page.evaluate(COUNT_STROKES)
+        coefficient = phone.page.locator(".small.plots canvas")
+        wait_until(lambda: coefficient.count() > 0)
+        for one in (coefficient, phone.page.locator(".plots:not(.small) canvas")):
+            one.first.evaluate("one => one.getRootNode().host.scrollIntoView({ behavior: 'instant', block: 'center' })")
+            # The first picture of a coefficient is drawn wherever it stands: none becomes known in some of these seconds.
+            wait_until(lambda: draws_what_is_seen(phone, ground))
+
+
+def draws_what_is_seen(phone: Visitor, ground: Ground) -> bool:
+    """Whether over some estimates all that is drawn is on the screen."""
+    before, seconds = phone.page.evaluate("strokes"), counted(ground)
+    wait_until(lambda: seconds() > 3.0)
+    after = phone.page.evaluate("strokes")
+    return bool(after["seen"] > before["seen"] and after["away"] == before["away"])

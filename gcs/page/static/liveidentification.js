@@ -4,6 +4,7 @@ import { h, remark } from './dom.js'
 import { NONE, number, percent, plusMinus, shownUnit } from './format.js'
 import { LiveTable, write } from './livetable.js'
 import { band, bokeh, line, plot, shown, source } from './plots.js'
+import { Sight } from './sight.js'
 
 const MAIN = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_p', 'Cl_da', 'Cn_beta']
 const KEPT = 1200
@@ -14,6 +15,7 @@ export class Identification {
     this.signal = signal
     this.history = new Map()
     this.panels = new Map()
+    this.sight = new Sight(signal)
     this.count = h('p', {}, 'Nothing is estimated yet.')
     this.speed = h('p', { class: 'hint' })
     this.missing = h('p', {})
@@ -71,7 +73,7 @@ export class Identification {
   draw(name, kept) {
     const panel = this.panels.get(name) ?? this.make(name)
     panel.element.hidden = false
-    if (!panel.data) return
+    if (!this.sight.has(panel.element)) return
     panel.follow(kept)
     panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
   }
@@ -84,7 +86,7 @@ export class Identification {
       made.element.hidden = panel.element.hidden
       Object.assign(panel, made)
       this.plots.insertBefore(panel.element, this.later(name))
-      if (this.history.has(name)) this.draw(name, this.history.get(name))
+      this.sight.watch(panel.element, () => this.history.has(name) && this.draw(name, this.history.get(name)))
     }).catch(() => this.panels.delete(name))
     return panel
   }

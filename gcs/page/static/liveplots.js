@@ -4,6 +4,7 @@ import { h } from './dom.js'
 import { shownUnit, signalName } from './format.js'
 import { bokeh, legendAbove, line, plot, removePlot, shown, source } from './plots.js'
 import { keepQuery } from './router.js'
+import { Sight } from './sight.js'
 
 const WINDOW_S = 60
 const EVERY_MS = 250
@@ -25,19 +26,9 @@ export class LivePlots {
     this.choices = h('fieldset', { class: 'choices' }, h('legend', {}, 'Further signals to plot'))
     this.elements = [h('h2', {}, 'Signals of the last minute'), this.place,
       h('details', { class: 'panel' }, h('summary', {}, 'Choose signals'), this.choices)]
-    // What is scrolled away need not be drawn four times a second.
-    this.watch = new IntersectionObserver(entries => {
-      for (const { target, isIntersecting } of entries) {
-        const panel = this.panels.find(one => one.element === target)
-        if (panel) panel.inSight = isIntersecting
-      }
-      this.dirty = true
-    })
+    this.sight = new Sight(signal)
     const timer = setInterval(() => this.draw(), EVERY_MS)
-    signal.addEventListener('abort', () => {
-      clearInterval(timer)
-      this.watch.disconnect()
-    })
+    signal.addEventListener('abort', () => clearInterval(timer))
   }
 
   /** Units by signal, as GET /api/live gives them. */
@@ -141,20 +132,20 @@ export class LivePlots {
       return
     }
     for (const { element } of this.panels) {
-      this.watch.unobserve(element)
+      this.sight.forget(element)
       removePlot(element)
     }
     this.panels = made
-    for (const { element } of made) this.watch.observe(element)
-    this.dirty = true // what came while they were made
+    // What came while they were made is drawn when they are seen first.
+    for (const { element } of made) this.sight.watch(element, () => { this.dirty = true })
     this.place.replaceChildren(...made.map(panel => panel.element))
   }
 
   draw() {
     if (!this.dirty || document.hidden) return
     this.dirty = false
-    for (const { range, sources, inSight } of this.panels) {
-      if (!inSight) continue
+    for (const { range, sources, element } of this.panels) {
+      if (!this.sight.has(element)) continue
       range.setv({ start: Math.max(0, this.newest - WINDOW_S), end: Math.max(this.newest, WINDOW_S) })
       for (const [name, data] of sources) {
         const { x, y } = this.kept.get(name)

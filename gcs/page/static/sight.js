@@ -1,0 +1,35 @@
+// Draws what is on the screen alone: a plot that is scrolled away costs as much as one that is seen.
+
+export class Sight {
+  /** signal: when it is aborted, nothing is watched any more. */
+  constructor(signal) {
+    this.seen = new Set()
+    this.drawn = new Map()
+    this.observer = new IntersectionObserver(entries => {
+      for (const { target, isIntersecting } of entries) {
+        if (!isIntersecting) this.seen.delete(target)
+        else if (this.drawn.has(target)) {
+          this.seen.add(target)
+          this.drawn.get(target)()
+        }
+      }
+    })
+    signal.addEventListener('abort', () => this.observer.disconnect())
+  }
+
+  /** Watch an element; draw is called when it comes into sight. */
+  watch(element, draw) {
+    this.drawn.set(element, draw)
+    this.observer.observe(element)
+  }
+
+  forget(element) {
+    this.observer.unobserve(element)
+    this.drawn.delete(element)
+    this.seen.delete(element)
+  }
+
+  has(element) {
+    return this.seen.has(element)
+  }
+}
