@@ -3,8 +3,9 @@
 Run: make campaign-page, or for six minutes make campaign-page MINUTES=6
 
 The simulator flies over UDP in real time into the service; every twelfth of the time it is stopped for 8 s, so that the
-page sees a flight end and another begin. Every half minute the page's heap is collected and measured. On standard
-output: a row a minute, then the verdict; 1 where the page did not recover, or memory grew.
+page sees a flight end and another begin. Every half minute the page's heap is collected and measured, in turn at its
+top, with instruments and one plot in sight, and moved down to the plots, of which four are. On standard output: a row
+each half minute, then the verdict; 1 where the page did not recover, or memory grew.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ LOOK_S = 30.0
 # MB an hour by which a heap may seem to grow that does not.
 LEAST_GROWTH_MB = 2.0
 PLOT = ".plot canvas"
+# By name, what of the page stands at the top of the window.
+VIEWS = {"top": "body", "plots": ".plots"}
 
 
 def simulator(ground: Ground) -> subprocess.Popen[str]:
@@ -67,10 +70,9 @@ def main() -> int:
         begin = time.monotonic()
         due = [end * (i + 1.0) / (LOSSES + 1.0) for i in range(LOSSES)]
         seen: list[tuple[float, float, int]] = []
-        shares: list[float] = []
+        shares: dict[str, list[float]] = {view: [] for view in VIEWS}
         lost = found_again = 0
-        print("minute  core %  heap MB  nodes  lost")
-        before, at = used_s(), time.monotonic()
+        print("minute  view   core %  heap MB  nodes  lost")
         while (now := time.monotonic() - begin) < end:
             if due and now >= due[0]:
                 due.pop(0)
@@ -84,15 +86,17 @@ def main() -> int:
                 page.wait_for_timeout(5000)
                 after = page.locator(PLOT).count()
                 found_again += bool(shown and ground_time and after)
-                before, at = used_s(), time.monotonic()
+            view = min(VIEWS, key=lambda one: len(shares[one]))
+            page.locator(VIEWS[view]).first.evaluate("one => one.scrollIntoView({ behavior: 'instant' })")
+            page.wait_for_timeout(1000)
+            before, at = used_s(), time.monotonic()
             page.wait_for_timeout(1000.0 * LOOK_S)
             share = 100.0 * (used_s() - before) / (time.monotonic() - at)
             heap, nodes = heap_mb()
-            before, at = used_s(), time.monotonic()
             now = time.monotonic() - begin
             seen.append((now, heap, nodes))
-            shares.append(share)
-            print(f"{now / 60.0:6.1f}  {share:6.1f}  {heap:7.2f}  {nodes:5d}  {lost:4d}", flush=True)
+            shares[view].append(share)
+            print(f"{now / 60.0:6.1f}  {view:5s}  {share:6.1f}  {heap:7.2f}  {nodes:5d}  {lost:4d}", flush=True)
         vehicle.kill()
         vehicle.communicate()
         ground.stop()
@@ -100,7 +104,8 @@ def main() -> int:
     # What the first minutes fill is the minute that is plotted.
     later = times > min(180.0, 0.3 * end)
     growth = 3600.0 * float(np.polyfit(times[later], heaps[later], 1)[0]) if later.sum() > 3 else 0.0
-    print(f"share of a core: median {np.median(shares):.1f} %, most {max(shares):.1f} %")
+    for view, found in shares.items():
+        print(f"share of a core, {view}: median {np.median(found):.1f} %, most {max(found):.1f} %")
     print(f"heap: {heaps[later].min():.1f} to {heaps[later].max():.1f} MB, {growth:+.2f} MB an hour")
     print(f"link lost {lost} times, found again {found_again} times")
     return 0 if found_again == lost and growth < LEAST_GROWTH_MB else 1
