@@ -275,8 +275,8 @@ def test_plots_that_are_scrolled_away_are_not_drawn(phone: Visitor, ground: Grou
         wait_until(lambda: coefficient.count() > 0)
         for one in (coefficient, phone.page.locator(".plots:not(.small) canvas")):
             one.first.evaluate("one => one.getRootNode().host.scrollIntoView({ behavior: 'instant', block: 'center' })")
-            # The first picture of a coefficient is drawn wherever it stands: none becomes known in some of these seconds.
-            wait_until(lambda: draws_what_is_seen(phone, ground))
+            # The first picture of a coefficient is drawn wherever it stands; some time none becomes known.
+            assert wait_until(lambda: draws_what_is_seen(phone, ground))
 
 
 def draws_what_is_seen(phone: Visitor, ground: Ground) -> bool:
@@ -285,3 +285,29 @@ def draws_what_is_seen(phone: Visitor, ground: Ground) -> bool:
     wait_until(lambda: seconds() > 3.0)
     after = phone.page.evaluate("strokes")
     return bool(after["seen"] > before["seen"] and after["away"] == before["away"])
+
+
+# A device on which each stroke takes 8 ms; what all took, and since when.
+SLOW_STROKES = """() => {
+  window.spun = { ms: 0, since: performance.now() }
+  const { stroke } = CanvasRenderingContext2D.prototype
+  CanvasRenderingContext2D.prototype.stroke = function (...path) {
+    const begun = performance.now()
+    while (performance.now() < begun + 8) { /* the canvas is slow */ }
+    window.spun.ms += performance.now() - begun
+    return stroke.apply(this, path)
+  }
+}"""
+
+
+def test_plots_leave_time_to_a_slow_device(phone: Visitor, ground: Ground) -> None:
+    with flying(ground, "--manoeuvre", "cruise"):
+        phone.open("#/live")
+        phone.wait_for_plots(3)
+        plots = phone.page.locator(".plots:not(.small)")
+        plots.evaluate("one => one.scrollIntoView({ behavior: 'instant' })")
+        phone.page.wait_for_timeout(1000)
+        phone.page.evaluate(SLOW_STROKES)
+        phone.page.wait_for_timeout(8000)
+        share = phone.page.evaluate("spun.ms / (performance.now() - spun.since)")
+        assert 0.0 < share < 0.35
