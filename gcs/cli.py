@@ -71,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     args = build_parser().parse_args(arguments)
+    from gcs.options.outputs import outputs_of
     from sysid.errors import SysidError  # which loads scipy: not for --help
 
     Progress.silent = args.quiet
@@ -80,7 +81,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     try:
-        return int(args.run(args))
+        with outputs_of(args):
+            return int(args.run(args))
     except (GcsError, SysidError, SimVehicleError) as error:
         noticed = list(getattr(error, "__notes__", ()))
         shown = [*noticed[:_NOTICED], *([f"and {len(noticed) - _NOTICED} more"] if len(noticed) > _NOTICED else [])]

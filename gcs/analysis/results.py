@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gcs.errors import SettingsError
 from gcs.text.files import write_whole
 from gcs.text.jsontext import dumps
 from gcs.text.nuisance_text import STATED, beside_bars, unknown_words
 from gcs.text.probability_text import p_text, probability_text
 from gcs.text.quality import flights_words, quality_lines
-from sim_vehicle.cli.writable import unwritable
 
 _Z95 = 1.96
 
@@ -220,26 +218,6 @@ def _gap_lines(gap: dict[str, dict[str, Any]], added: bool) -> list[str]:
         cells = "".join(f"{_number(gap[column].get(name), 4):>13}" for column in columns)
         lines.append(f"  {name:<10}{cells}")
     return lines
-
-
-def check_targets(*paths: Path | None, inputs: Sequence[Path] = ()) -> None:
-    """SettingsError where a file cannot be written, is named twice, or is one of `inputs`, which it would destroy."""
-    there: list[Path] = []
-    for path in paths:
-        if path is None:
-            continue
-        why = unwritable(path)
-        if why is None and any(_same(path, other) for other in inputs):
-            why = "is one of the files to be read"
-        if why is None and any(_same(path, other) for other in there):
-            why = "is named for two results"
-        if why is not None:
-            raise SettingsError(f"{path} {why}; give another file for the result")
-        there.append(path)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve() and not one.is_char_device()
 
 
 def write_results(

@@ -17,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--vehicle", metavar="FILE", help="vehicle file or built-in name, for folders without a vehicle.toml")
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="results, table and report; a run that was"
         " ended goes on there")  # fmt: skip
+    add("--force", action="store_true", help="replace tables and pages of that folder that no batch wrote")
     add("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     add("--discrepancy", metavar="MODEL", help="look for where the flights differ from this model file or built-in"
         " model instead, and for the effect that explains it")  # fmt: skip
@@ -36,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.fleet.orders import orders
     from gcs.fleet.rows import finding_lines, findings_of, rows_of, write_table
     from gcs.jobs.runner import COMPARED_BY
+    from gcs.options.outputs import FLEET_TABLE, HTML, require_replaceable
     from gcs.text.progress import Progress
     from sim_vehicle.model.model_file import read_model
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -52,12 +54,14 @@ def run(args: argparse.Namespace) -> int:
     options: dict[str, Any] = {"method": args.method}
     if args.discrepancy is not None:
         options["model"] = read_model(args.discrepancy).to_json()
+    table = "findings" if args.discrepancy else "flights"
+    for name, kind in ((f"{table}.parquet", FLEET_TABLE), (f"{table}.csv", FLEET_TABLE), ("fleet.html", HTML)):
+        require_replaceable(args.output / name, kind, force=args.force)
     found = orders(args.sources, vehicle, options, args.campaigns)
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
     what = "campaigns" if args.campaigns else "flights"
     rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
-    table = "findings" if args.discrepancy else "flights"
     for ending in ("parquet", "csv"):
         write_table(rows, args.output / f"{table}.{ending}")
     lines = finding_lines(rows, what) if args.discrepancy else _reported(rows, args.output / "fleet.html", what)

@@ -11,6 +11,8 @@ _DURATIONS = "20,60"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import PLAN, PULSES, SCRIPT, add_output
+
     add = parser.add_argument
     add("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
     add("--model", metavar="MODEL.json", required=True, help="prior model, or name of a built-in vehicle's model")
@@ -31,26 +33,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--structure", metavar="MODEL.json", type=Path, help="estimate the coefficients of this model")
     add("--compare", metavar="S[,S...]", nargs="?", const=_DURATIONS,
         help=f"compare the usual manoeuvres, tuned, in these durations (default {_DURATIONS} s)")  # fmt: skip
-    add("-o", "--output", metavar="PLAN.json", type=Path, help="write the plan for sim-vehicle fly --plan")
-    add("--pwm", metavar="FILE.csv", type=Path, help="write the plan as pulse widths of the servos on the prior's trim")
-    add("--lua", metavar="FILE.lua", type=Path, help="write the plan as a script that ArduPilot Plane flies")
+    add_output(
+        parser, "-o", "--output", kind=PLAN, metavar="PLAN.json", help="write the plan for sim-vehicle fly --plan"
+    )
+    add_output(parser, "--pwm", kind=PULSES, metavar="FILE.csv",
+        help="write the plan as pulse widths of the servos on the prior's trim")  # fmt: skip
+    add_output(parser, "--lua", kind=SCRIPT, metavar="FILE.lua",
+        help="write the plan as a script that ArduPilot Plane flies")  # fmt: skip
     add("--json", action="store_true", help="print the result as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Design, write what was asked for, print what the flight can identify."""
-    from gcs.analysis.results import check_targets
     from gcs.design.ardupilot import lua_script
     from gcs.design.prediction import Request, compare, design
     from gcs.design.pulses import pulse_schedule
     from gcs.design.text import comparison_text, design_text
     from gcs.errors import SettingsError
+    from gcs.text.files import write_whole
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
     from sim_vehicle.model.model_file import read_model
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
-    check_targets(args.output, args.pwm, args.lua)
     if args.plan and (args.manoeuvre or args.tune):
         raise SettingsError("give --plan or --manoeuvre, not both; a plan is not tuned")
     vehicle, model = load_vehicle(args.vehicle), read_model(args.model)
@@ -76,11 +81,11 @@ def run(args: argparse.Namespace) -> int:
     with Progress(after_s=3.0) as progress:
         made = design(vehicle, model, request, progress)
     if args.output is not None:
-        args.output.write_text(dumps(made.plan_json(), indent=2) + "\n", encoding="utf-8")
+        write_whole(args.output, dumps(made.plan_json(), indent=2) + "\n")
     if args.pwm is not None:
         pulse_schedule(made.vehicle, made.model, made.plan, args.rate).write_csv(args.pwm)
     if args.lua is not None:
-        args.lua.write_text(lua_script(made.vehicle, made.model, made.plan, args.rate), encoding="utf-8")
+        write_whole(args.lua, lua_script(made.vehicle, made.model, made.plan, args.rate))
     print(dumps(made.result, indent=2) if args.json else design_text(made.result))
     return 0
 

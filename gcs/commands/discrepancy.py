@@ -11,6 +11,7 @@ HELP = "find where a model fails to explain recordings, and name the missing eff
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     from gcs.options.flights import add_flight_arguments, add_part_arguments, add_result_arguments, add_signal_arguments
+    from gcs.options.outputs import DISCREPANCY
 
     add_flight_arguments(parser)
     parser.add_argument("--model", metavar="MODEL.json", type=Path, required=True, help="the model to be judged")
@@ -29,17 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_part_arguments(parser)
     add_signal_arguments(parser)
-    add_result_arguments(parser)
+    add_result_arguments(parser, DISCREPANCY)
 
 
 def run(args: argparse.Namespace) -> int:
     """Analyse, write what was asked for, print the result."""
     from gcs.analysis.postflight import discrepancy
-    from gcs.analysis.results import check_targets, discrepancy_text, write_results
+    from gcs.analysis.results import discrepancy_text, write_results
     from gcs.options.flights import open_flights, require_part
 
     require_part(args)
-    check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     ruled_out = _effects(args.rule_out)
     with open_flights(args) as flights:
         result = discrepancy(

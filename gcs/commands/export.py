@@ -9,10 +9,10 @@ HELP = "write a recording or a log as .tlog, .csv or .parquet, or the .bin or .u
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import NEW, add_output
+
     parser.add_argument("file", metavar="FILE", type=Path, help="a recording, or a log that import reads")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="its ending names the format; must not exist"
-    )
+    add_output(parser, "-o", "--output", metavar="FILE", kind=NEW, required=True, help="its ending names the format")
     parser.add_argument(
         "--messages", choices=("csv", "parquet"), help="make FILE a folder with a table of this format for each message"
     )

@@ -11,12 +11,14 @@ FORMS = ("jsbsim", "fmu", "gazebo", "mat", "statespace", "csv", "latex")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import NEW, add_output
+
     parser.add_argument("model", metavar="MODEL.json", help="a model, a result, or the name of a built-in model")
     parser.add_argument("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
     parser.add_argument(
         "--to", choices=FORMS, required=True, help="jsbsim and gazebo write a folder, the others a file"
     )
-    parser.add_argument("-o", "--output", metavar="PATH", type=Path, required=True, help="must not exist")
+    add_output(parser, "-o", "--output", metavar="PATH", kind=NEW, required=True, help="must not exist")
     parser.add_argument("--samples", metavar="N", type=int, default=0, help="more models, drawn from the errors")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the models drawn (default 0)")
 

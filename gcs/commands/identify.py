@@ -10,9 +10,10 @@ HELP = "identify the flight model and the sensors' errors from recordings"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     from gcs.options.flights import add_flight_arguments, add_part_arguments, add_result_arguments, add_signal_arguments
+    from gcs.options.outputs import IDENTIFICATION
 
     add_flight_arguments(parser)
-    add_result_arguments(parser)
+    add_result_arguments(parser, IDENTIFICATION)
     parser.add_argument("--structure", metavar="MODEL.json", type=Path, help="identify the coefficients of this model")
     parser.add_argument("--prior", metavar="MODEL.json", type=Path, help="start from this model's values and errors")
     parser.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
@@ -23,11 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
     from gcs.analysis.postflight import identify
-    from gcs.analysis.results import check_targets, identification_text, write_results
+    from gcs.analysis.results import identification_text, write_results
     from gcs.options.flights import open_flights, require_part
 
     require_part(args)
-    check_targets(args.output, args.write_model, inputs=[*args.files, *args.validate, Path(args.vehicle)])
     with open_flights(args) as flights:
         result = identify(
             flights.recordings,

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -29,10 +28,11 @@ def problems(links: "list[Link]") -> list[str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     from gcs.options.links import add_link_arguments
+    from gcs.options.outputs import NEW, add_output
     from gcs.options.storage import add_storage_arguments
 
     parser.add_argument("--connect", metavar="URL", action="append", required=True, help="link, repeatable")
-    parser.add_argument("-o", "--output", metavar="FILE.mcap", type=Path, required=True)
+    add_output(parser, "-o", "--output", metavar="FILE.mcap", kind=NEW, required=True)
     parser.add_argument("--duration", metavar="S", type=float, help="stop after this time")
     parser.add_argument(
         "--vehicle", metavar="FILE", help="vehicle file, or the name of a built-in vehicle, to keep in the recording"

@@ -10,8 +10,10 @@ HELP = "write a recording that was cut off or damaged, or its parts, to one whol
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import NEW, add_output
+
     parser.add_argument("files", metavar="FILE.mcap", type=Path, nargs="+", help="the recording, or its parts in order")
-    parser.add_argument("-o", "--output", metavar="NEW.mcap", type=Path, required=True)
+    add_output(parser, "-o", "--output", metavar="NEW.mcap", kind=NEW, required=True)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,16 +9,17 @@ HELP = "write a result of identify or discrepancy as one HTML page"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import HTML, NEW, add_output
+
     parser.add_argument("result", metavar="RESULT.json", type=Path, help="what identify -o or discrepancy -o wrote")
     parser.add_argument("--beside", metavar="RESULT.json", type=Path, nargs="+", default=[],
         help="results of other methods or flights, coefficients side by side")  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="REPORT.html", type=Path)
-    parser.add_argument("--paper", metavar="FOLDER", type=Path, help="figures as SVG, PDF and CSV, tables in LaTeX")
+    add_output(parser, "-o", "--output", metavar="REPORT.html", kind=HTML)
+    add_output(parser, "--paper", metavar="FOLDER", kind=NEW, help="figures as SVG, PDF and CSV, tables in LaTeX")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read the result, write the page."""
-    from gcs.analysis.results import check_targets
     from gcs.errors import ReportError, SettingsError
     from gcs.exports.paper import write_paper
     from gcs.report.page import report
@@ -27,7 +28,6 @@ def run(args: argparse.Namespace) -> int:
 
     if args.output is None and args.paper is None:
         raise SettingsError("give -o REPORT.html, --paper FOLDER, or both")
-    check_targets(args.output, inputs=[args.result, *args.beside])
     result, beside = read_result(args.result), [read_result(one) for one in args.beside]
     try:
         page = report(result, beside) if args.output is not None else ""

@@ -19,6 +19,7 @@ HELP = "ask a running station: list flights and models, upload a log, identify a
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     from gcs.options.flights import add_part_arguments, add_result_arguments
+    from gcs.options.outputs import IDENTIFICATION
 
     parser.add_argument("url", metavar="URL", help="address of the station, as http://192.168.1.10:8000")
     _add_connection_arguments(parser)
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     identify.add_argument("--method", choices=("auto", "map", "ee", "oe", "fe"), default="auto")
     add_part_arguments(identify)
     identify.add_argument("--no-wait", action="store_true", help="print the queued job and do not wait for its end")
-    add_result_arguments(identify)
+    add_result_arguments(identify, IDENTIFICATION)
 
     job = doing.add_parser("job", help="show a job's state and log")
     job.add_argument("job", metavar="JOB_ID")
@@ -125,14 +126,13 @@ def _mapping(path: Path) -> str:
 
 
 def _identify(station: Station, args: argparse.Namespace) -> int:
-    from gcs.analysis.results import check_targets, identification_text, write_results
+    from gcs.analysis.results import identification_text, write_results
     from gcs.errors import SettingsError, StationError
     from gcs.options.flights import require_part
     from gcs.text.one_line import one_line
     from gcs.text.progress import Progress
 
     require_part(args)
-    check_targets(args.output, args.write_model)
     if args.no_wait and (args.output is not None or args.write_model is not None):
         raise SettingsError("-o and --write-model need the result, for which --no-wait does not wait")
     job = station.identify(

@@ -9,6 +9,7 @@ HELP = "make, check or show a vehicle file, or estimate moments of inertia"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from gcs.options.outputs import SKETCH, add_output
     from gcs.options.vehicle import add_estimate_arguments, add_new_arguments
 
     doing = parser.add_subparsers(dest="doing", required=True, metavar="new|check|show|estimate")
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     show = doing.add_parser("show", help="print what follows from a vehicle file; -o draws the aircraft")
     show.add_argument("file", metavar="FILE", help="vehicle file or name of a built-in vehicle")
-    show.add_argument("-o", "--output", metavar="SKETCH.svg", type=Path)
+    add_output(show, "-o", "--output", metavar="SKETCH.svg", kind=SKETCH)
     show.add_argument("--json", action="store_true")
 
     add_estimate_arguments(doing.add_parser("estimate", help="a moment of inertia from swings, or from span and mass"))
@@ -35,17 +36,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _new(args: argparse.Namespace) -> int:
-    from gcs.errors import SettingsError
     from gcs.options.vehicle import answers_from
+    from gcs.text.files import write_whole
     from gcs.vehicles.document import with_answers
     from gcs.vehicles.shelf import read_text
     from gcs.vehicles.words import vehicle_lines
 
-    if args.output.exists() and not args.force:
-        raise SettingsError(f"{args.output} is there already; --force puts the new one in its place")
     text = with_answers("", answers_from(args))
     vehicle = read_text(text)
-    args.output.write_text(text, encoding="utf-8")
+    write_whole(args.output, text)
     warnings = list(vehicle.warnings)
     if not vehicle.controls:
         warnings.append(
@@ -84,6 +83,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
+    from gcs.text.files import write_whole
     from gcs.text.jsontext import dumps
     from gcs.vehicles.figures import figures
     from gcs.vehicles.sketch import sketch
@@ -97,7 +97,7 @@ def _show(args: argparse.Namespace) -> int:
     else:
         print("\n".join(vehicle_lines(vehicle)))
     if args.output is not None:
-        args.output.write_text(sketch(vehicle), encoding="utf-8")
+        write_whole(args.output, sketch(vehicle))
     return 0
 
 

@@ -27,6 +27,7 @@ _PATIENCE_S = 150.0
 # A flight at less than this is not worth waiting for.
 _SLOWEST = 1.0
 # What is flown: to fit, and to judge by.
+SERVICE_LOG = "service.log"
 FIT, JUDGE = "elevator-3211,multisine", "elevator-doublet,aileron-doublet,rudder-doublet"
 
 
@@ -54,7 +55,7 @@ class Demo:
         if (self.folder / "service").exists():
             shutil.rmtree(self.folder / "service")
         self.folder.mkdir(parents=True, exist_ok=True)
-        with (self.folder / "service.log").open("w", encoding="utf-8") as log, self._service(log) as service:
+        with (self.folder / SERVICE_LOG).open("w", encoding="utf-8") as log, self._service(log) as service:
             try:
                 self._await_service(service)
                 self._steps()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs.options.links import add_dialect_argument
+from gcs.options.outputs import MODEL, FileKind, add_output
 
 if TYPE_CHECKING:
     from gcs.text.progress import Progress
@@ -60,10 +61,10 @@ def require_part(args: argparse.Namespace) -> None:
         raise SettingsError(f"--from, --to: {problem}")
 
 
-def add_result_arguments(parser: argparse.ArgumentParser) -> None:
-    """-o, --write-model and --json."""
-    parser.add_argument("-o", "--output", metavar="RESULT.json", type=Path)
-    parser.add_argument("--write-model", metavar="MODEL.json", type=Path)
+def add_result_arguments(parser: argparse.ArgumentParser, kind: FileKind) -> None:
+    """-o, --write-model, --force and --json."""
+    add_output(parser, "-o", "--output", metavar="RESULT.json", kind=kind)
+    add_output(parser, "--write-model", metavar="MODEL.json", kind=MODEL)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.errors import SettingsError
+from gcs.options.outputs import NEW, add_output
 
 if TYPE_CHECKING:
     from gcs.vehicles.document import Answers, ControlAnswer
@@ -22,8 +23,7 @@ _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 def add_new_arguments(parser: argparse.ArgumentParser) -> None:
     """What one measures of an aircraft, with its standard deviation behind a comma."""
     add = parser.add_argument
-    add("-o", "--output", metavar="FILE.toml", type=Path, required=True)
-    add("--force", action="store_true", help="replace a file that is there")
+    add_output(parser, "-o", "--output", metavar="FILE.toml", kind=NEW, required=True)
     add("--name", help="name of the aircraft; without it that of the file")
     add("--mass", metavar="KG[,STD]")
     add("--span", metavar="M", type=float)

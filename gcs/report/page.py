@@ -11,6 +11,7 @@ from gcs.report import tables
 from gcs.report.markup import listing, paragraph, section, table, text
 from gcs.report.side_by_side import headings, side_by_side
 from gcs.report.symbols import LEGEND, equations
+from gcs.text.generator import GENERATOR
 from gcs.text.quality import VERDICTS, flights_words, verdict_words
 from gcs.version import VERSION
 
@@ -131,6 +132,7 @@ def document(title: str, *parts: str) -> str:
     body = "\n".join(part for part in parts if part)
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"{GENERATOR}\n"
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{text(title)}</title>\n'
         f"<style>\n{style}</style>\n</head>\n<body>\n<main>\n<h1>{text(title)}</h1>\n{body}\n</main>\n</body>\n</html>\n"
     )

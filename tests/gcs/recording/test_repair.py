@@ -198,7 +198,7 @@ def test_recover_joins_parts_and_tells_what_it_left_out(tmp_path: Path, capsys: 
     assert stream_of(whole) == stream.bytes
     assert other_readers_messages(whole) > 200
     assert capsys.readouterr().err == ""
-    assert main(["recover", str(paths[0]), "-o", str(whole)]) == 1
+    assert main(["recover", str(paths[0]), "-o", str(whole)]) == 2
     assert "exists already" in capsys.readouterr().err
     damaged = bytearray(paths[0].read_bytes())
     damaged[len(damaged) // 3] ^= 1

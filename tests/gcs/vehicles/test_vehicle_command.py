@@ -31,7 +31,7 @@ def test_a_new_aircraft_from_a_scale_and_a_ruler(tmp_path: Path, capsys: pytest.
         0.173333,
     )
     assert main(["vehicle", "new", "-o", str(path), *given]) == 2
-    assert "is there already; --force" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert main(["vehicle", "check", str(path)]) == 0
     assert main(["vehicle", "show", str(path), "--json", "-o", str(tmp_path / "sketch.svg")]) == 0
     assert (tmp_path / "sketch.svg").read_text().startswith("<svg")
