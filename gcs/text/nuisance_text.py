@@ -10,6 +10,7 @@ _WORDS = {
     "servo_delay": ("servos, delay", "ms", 1e3), "servo_lag": ("servos, lag", "ms", 1e3),
     "command_clock": ("commands, stamps late by", "ms", 1e3),
     "servo_backlash": ("servos, half backlash", "deg", 180.0 / math.pi),
+    "command_rounding": ("commands, share of their rounding that was flown", "%", 100.0),
     "airspeed_error": ("airspeed, error of its reading", "%", 100.0),
     "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),
     "alpha_scale": ("alpha vane, scale", "1", 1.0), "beta_scale": ("beta vane, scale", "1", 1.0),

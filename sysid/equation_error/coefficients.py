@@ -16,6 +16,7 @@ from sysid.arrays import Array
 from sysid.compatibility.kinematics import to_centre_of_gravity
 from sysid.errors import SignalError
 from sysid.signals.flight import FlightData
+from sysid.signals.record import has_positions
 
 AXES = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 
@@ -30,6 +31,7 @@ class Body:
     torque_sign: of the moment along it by which the airframe answers the propeller's torque: -1 clockwise from behind.
     accelerometer: position from the centre of gravity, m; used only on data not yet moved there.
     air_density: kg/m^3, taken where the flight has no `air_density` column.
+    surfaces_measured: whether de, da, dr are where the surfaces were at each sample, and no commands that are held.
     """
 
     mass: float
@@ -45,6 +47,7 @@ class Body:
     torque_sign: float = -1.0
     accelerometer: tuple[float, float, float] = (0.0, 0.0, 0.0)
     air_density: float = SEA_LEVEL_DENSITY
+    surfaces_measured: bool = False
 
 
 def dynamic_pressure(data: FlightData, body: Body) -> Array:
@@ -135,7 +138,7 @@ def body_of(vehicle: Vehicle) -> Body:
     mass, geometry, propulsion = vehicle.mass, vehicle.geometry, vehicle.propulsion
     body = Body(
         mass.mass, mass.Ixx, mass.Iyy, mass.Izz, mass.Ixz, geometry.S, geometry.b, geometry.c,
-        accelerometer=vehicle.sensors.accelerometer.position,
+        accelerometer=vehicle.sensors.accelerometer.position, surfaces_measured=has_positions(vehicle),
     )  # fmt: skip
     if propulsion is None:
         return body

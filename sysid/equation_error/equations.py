@@ -11,6 +11,7 @@ follow that to order w^4 (`PAIRING`); the mean of two loses 1.6 % at 2.5 Hz and 
 The jumps of the angular acceleration also bend the rates between samples, which a series through the samples does not
 follow: the mean of a rate over an interval differs from the series' by T/24 times the jumps at its two ends
 (Euler-Maclaurin). `Equations.take_jumps` adds that; a roll mode of 0.05 s at 50 Hz is biased by 1.5 % without.
+Positions of the surfaces that were measured go with the motion at their own sample, as any other measurement does.
 Sources: Klein & Morelli, "Aircraft System Identification", chapter 5; Jolly, Unhelkar & Arya, section III.
 """
 
@@ -113,6 +114,8 @@ class PartEquations:
     ) -> None:
         self._data, self._body, self._command_first = data, body, command_first
         self.cutoff_hz = cutoff_hz
+        # Where a surface was at a sample is what the motion at that sample goes with.
+        self._held = {"throttle"} if body.surfaces_measured else set(CONTROLS)
         self._pressure = mean_pressure
         edge = round(_EDGE_S / data.interval_s)
         size = data.time_s.size
@@ -178,14 +181,14 @@ class PartEquations:
         body, size = self._body, self._data.time_s.size
         moment = {axis: np.zeros(size) for axis in MOMENTS}
         for term in terms:
-            commands = [factor for factor in term.factors if factor in CONTROLS]
+            commands = [factor for factor in term.factors if factor in self._held]
             if not commands:
                 continue
             held = np.prod([self._column(factor) for factor in commands], axis=0)
             jump = values[term.name] * np.diff(held, prepend=held[0])
             for factor in term.factors:
-                if factor not in CONTROLS:
-                    jump = jump * self._factors[factor]
+                if factor not in commands:
+                    jump = jump * self.factor(factor)
             moment[term.axis] = moment[term.axis] + jump
         lengths = np.array([body.b, body.c, body.b])
         turning = (
@@ -230,7 +233,7 @@ class PartEquations:
         product = np.ones(self._data.time_s.size)
         for factor in commands:
             product = product * self._column(factor)
-        if commands:
+        if self._held & set(commands):
             product = self._paired(product, term.axis)
         for factor in term.factors:
             if factor not in CONTROLS:

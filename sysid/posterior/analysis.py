@@ -43,11 +43,12 @@ from sysid.posterior.residual_spectrum import noise_share
 from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
+from sysid.signals.record import SURFACES
 
-# Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still.
-# What an autopilot does with a surface between the two says little of it, but without it others come out wrong. Of a
-# measured position so small a motion is its sensor's noise.
-LEAST_TRAVEL, _STILL = 0.003, 1e-4
+# Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still,
+# or so many times its resolution. What moves a surface between the two says little of it, but without it others come
+# out wrong.
+LEAST_TRAVEL, _STILL, _RESOLUTIONS = 0.003, 1e-4, 2.0
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
 _MAIN, _MINOR = 6.0, 1.0
 _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
@@ -140,7 +141,17 @@ def _again(before: GroupEstimate, parts: Sequence[FlightPart]) -> GroupEstimate:
 
 def excited(parts: Sequence[FlightPart], least: float = LEAST_TRAVEL) -> frozenset[str]:
     """Surfaces (of de, da, dr) whose command has a standard deviation of more than `least` [rad] in some part."""
-    return frozenset(name for name in ("de", "da", "dr") if any(part.travel(name) > least for part in parts))
+    return frozenset(name for name in SURFACES if any(part.travel(name) > least for part in parts))
+
+
+def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
+    """Surfaces that move by more than their log resolves in some part: their terms are in the model."""
+    return frozenset(
+        name
+        for part in parts
+        for name in SURFACES
+        if name in part.inputs and part.travel(name) > max(_STILL, _RESOLUTIONS * part.inputs[name].resolution)
+    )
 
 
 def estimate(
@@ -164,8 +175,7 @@ def estimate(
     ends with the full grid, and the longitudinal axes are fitted again once the sideslip is known.
     Raises EstimationError where no group can be estimated.
     """
-    moved = excited(parts)
-    stirred = moved if any(part.position for part in parts) else excited(parts, _STILL)
+    moved, stirred = excited(parts), stirred_in(parts)
     doubts = [
         one
         for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
@@ -192,7 +202,12 @@ def estimate(
             continue
         progress(0.45 * place, f"{group} axes")
         free = effects if not found else ()
-        stated = {**_alike(found), **declared(vehicle, group, parts[0].messages), **_thrust_prior(parts)}
+        stated = {
+            **_alike(found),
+            **declared(vehicle, group, parts[0].messages),
+            **_thrust_prior(parts),
+            **_rounding_prior(parts),
+        }
         try:
             seen = _seen(parts, found, vehicle)
             begin = partial(
@@ -259,6 +274,12 @@ def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
     if sources <= {"throttle", ""}:
         return {"thrust_error": (0.0, 0.0)}
     return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if "rpm" in sources else {}
+
+
+def _rounding_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
+    """Nothing to know of rounding where none is."""
+    rounded = any(part.inputs[name].rounding.size for part in parts for name in SURFACES if name in part.inputs)
+    return {} if rounded else {"command_rounding": (0.0, 0.0)}
 
 
 def _alike(found: Mapping[str, GroupEstimate]) -> dict[str, Stated]:

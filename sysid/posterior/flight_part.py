@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.sensors import Sensors
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
-from sysid.posterior.inputs import InputSignal, in_steps, input_signal
+from sysid.posterior.inputs import InputSignal, in_steps, input_signal, surface_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
@@ -110,9 +110,9 @@ def inputs_of(
     held = [name for name, one in described.items() if one.delay.value is not None]
     surfaces = in_steps(values for name, (_, values) in commands.items() if name in SURFACES)
     inputs = {
-        name: input_signal(*one, position, surfaces, name in held)
+        name: surface_signal(*one, controls[name], position=position, stepping=surfaces, held=name in held)
         if name in SURFACES
-        else input_signal(*one, False, in_steps([one[1]]), name in held)
+        else input_signal(*one, in_steps([one[1]]), name in held)
         for name, one in commands.items()
     }
     return inputs, position

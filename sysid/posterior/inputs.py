@@ -8,7 +8,7 @@ for each sample of the log is a smooth function seen at points, and a straight l
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -17,7 +17,10 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.linalg import expm
 
 from sim_vehicle.jit import jit_arrays
+from sim_vehicle.vehicle.controls import Control
 from sysid.arrays import Array
+from sysid.numerics.statistics import white_noise_std
+from sysid.signals.rounding import rounding_step, unrounded
 
 SERVO_DAMPING = 0.8  # of a servo of second order
 # Shorter lags than this make no difference to anything a log can show, s.
@@ -39,12 +42,19 @@ class InputSignal:
     """A command or position as a function of time. time_s, values: (N,).
 
     kind: "held" from stamp to stamp; "splined", a cubic spline; "eased", a monotone one that does not overshoot at
-    steps (Fritsch and Butland 1984); "joined" by straight lines.
+    steps (Fritsch and Butland 1984); "joined" by straight lines. resolution: standard deviation that it has where
+    nothing moves, in the unit of `values`. rounding: (N,) what was logged less `values`, or (0,) where that is nothing.
     """
 
     time_s: Array
     values: Array
     kind: str
+    resolution: float = 0.0
+    rounding: Array = field(default_factory=lambda: np.zeros(0))
+
+    def with_rounding(self, share: float) -> InputSignal:
+        """The signal with a share of what its rounding changed: with all of it, as it was logged."""
+        return replace(self, values=self.values + share * self.rounding) if share and self.rounding.size else self
 
     def at(self, time_s: Array, width: float = 0.0) -> Array:
         """Values at any times; constant beyond the ends.
@@ -94,14 +104,27 @@ def unbroken(time_s: Array) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def input_signal(time_s: Array, values: Array, position: bool, stepping: bool, held: bool = False) -> InputSignal:
-    """The function of time that logged samples stand for.
+def surface_signal(
+    time_s: Array, values: Array, control: Control | None, *, position: bool, stepping: bool, held: bool = False
+) -> InputSignal:
+    """The function of time that logged samples of a surface stand for, in whole steps or not.
+
+    control: what the vehicle file says of it. position: whether it was measured. stepping, held: as in `input_signal`.
+    """
+    step, smooth = rounding_step(values, control), unrounded(time_s, values, control)
+    # A command has no noise: what is fast in it moves its servo.
+    noise = white_noise_std(smooth) if position else 0.0
+    resolution = max(step / np.sqrt(12.0), noise)
+    signal = InputSignal(time_s, smooth, "eased") if position else input_signal(time_s, smooth, stepping, held)
+    return replace(signal, resolution=resolution, rounding=values - smooth if step > 0.0 else np.zeros(0))
+
+
+def input_signal(time_s: Array, values: Array, stepping: bool, held: bool = False) -> InputSignal:
+    """The function of time that logged commands stand for.
 
     stepping: whether its loop's commands stay until they step. held: whether each is known to stay until the next,
     where the log has every one.
     """
-    if position:
-        return InputSignal(time_s, values, "eased")
     slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
     if not stepping:
         return InputSignal(time_s, values, "held" if held and not slow else "splined")

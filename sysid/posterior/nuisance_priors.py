@@ -61,12 +61,14 @@ class Nuisance:
 
 # Sizes of what hobby-grade parts do; each is one standard deviation of the population of aircraft.
 PRIORS: tuple[Nuisance, ...] = (
-    Nuisance("servo_delay", 0.045, 0.030, 0.0, -0.03, 0.25, 1e-3, "s", "both",
+    Nuisance("servo_delay", 0.045, 0.030, 0.0, 0.0, 0.25, 1e-3, "s", "both",
              "frame of 20 ms, its place in the log, the servo's own controller"),
     Nuisance("servo_lag", 0.035, 0.020, 0.0, 0.0, 0.20, 1e-3, "s", "both",
              "0.06 to 0.15 s per 60 deg of hobby servos, small strokes"),
     Nuisance("servo_backlash", 0.15 * DEGREE, 0.12 * DEGREE, 0.0, 0.0, 0.6 * DEGREE, 5e-4 * DEGREE, "rad", "both",
              "half the play of clevis, horn and gear train of small linkages"),
+    Nuisance("command_rounding", 0.5, 0.5, 0.0, 0.0, 1.0, 0.1, "1", "both",
+             "a log in whole steps says what its servo was sent, or rounds what it was sent"),
     Nuisance("airspeed_error", 0.0, 0.015, 0.0, -0.2, 0.2, 1e-3, "1", "both",
              "bench calibration of a differential pressure sensor, 3 % of dynamic pressure"),
     Nuisance("airspeed_alpha", 0.0, 0.08, 0.0, -1.0, 1.0, 5e-3, "1/rad", "longitudinal",
@@ -91,7 +93,7 @@ PRIORS: tuple[Nuisance, ...] = (
 
 # A log that says where the surfaces were leaves only its own stamp open.
 POSITION: dict[str, tuple[float, float]] = {"servo_delay": (0.0, 0.010)}
-POSITION_FIXED = ("servo_lag", "servo_backlash")
+POSITION_FIXED = ("servo_lag", "servo_backlash", "command_rounding")
 
 # Standard deviation of thrust by the propeller's speed: curves of other samples of a propeller, measured in a wind
 # tunnel and not behind a nose (Brandt & Selig, AIAA 2011-1255: a tenth between propellers of one name).

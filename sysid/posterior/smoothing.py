@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
-from sysid.signals.outliers import MAD_TO_SIGMA
+from sysid.numerics.statistics import white_noise_std
 
 # Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
 # that go with one of these, then with those that go with what was found; by what change the likelihood's bend is read.
@@ -74,7 +74,7 @@ def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
     smooth = smoothed(time_s, values, grid, half)
     if values.size < _FEWEST:
         return smooth
-    sigma = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0)
+    sigma = white_noise_std(values)
     passed = smoothed(time_s, np.random.default_rng(0).standard_normal(values.size), grid, half)
     middle, step = float(smooth.mean()), float(grid[1] - grid[0])
     Z, of_noise = (_there_and_back(one) for one in (smooth - middle, sigma * passed))

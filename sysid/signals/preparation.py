@@ -15,7 +15,7 @@ from sysid.arrays import Array
 from sysid.errors import SegmentError, SignalError
 from sysid.signals.calibration import Calibration
 from sysid.signals.flight import FlightData, FlightSignals, repeats
-from sysid.signals.record import SURFACES, Record, has_positions, make_records
+from sysid.signals.record import SURFACES, Record, make_records, positions_of
 from sysid.signals.redundant_sensors import combined_sensors
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
@@ -139,7 +139,7 @@ def prepare(
     """
     signals = _with_values(signals)
     signals.require(*NEEDED)
-    data = resample(signals, moving=SURFACES if has_positions(vehicle) else ())
+    data = resample(signals, moving=positions_of(vehicle))
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_sensors(_without_dead(data, segments), vehicle)

@@ -346,6 +346,11 @@ def position_doubt(values: Array, control: Control | None) -> Array:
     return np.sqrt((np.maximum(jump - 2.0 * step, 0.0) ** 2 + step**2) / 12.0)
 
 
+def positions_of(vehicle: Vehicle) -> dict[str, Control | None]:
+    """Signals of the surfaces with what the vehicle file says of each, where the log holds their positions."""
+    return {name: vehicle.controls.get(_CONTROL_OF[name]) for name in SURFACES} if has_positions(vehicle) else {}
+
+
 def has_positions(vehicle: Vehicle) -> bool:
     """Whether the log holds positions of the surfaces, between which they move, instead of commands that are held."""
     return any(one.signal == "position" for name, one in vehicle.controls.items() if name != "throttle")

@@ -7,14 +7,18 @@ all others are interpolated on their own stamps, and a held command is held, not
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
+from sim_vehicle.vehicle.controls import Control
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.signals.flight import FlightData, FlightSignals, Signal
 from sysid.signals.outliers import outliers
+from sysid.signals.rounding import unrounded
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 ANGLES = ("phi", "theta", "psi")
@@ -43,7 +47,7 @@ def resample(
     signals: FlightSignals,
     interval_s: float = 0.02,
     names: Sequence[str] | None = None,
-    moving: Collection[str] = (),
+    moving: Mapping[str, Control | None] = MappingProxyType({}),
 ) -> FlightData:
     """Put the signals of a flight on one uniform time base.
 
@@ -53,7 +57,8 @@ def resample(
 
     signals: signals on their own stamps, s.
     interval_s: step asked for, s.
-    names: signals to take; None takes all. moving: those of the commands that are measured positions, not held.
+    names: signals to take; None takes all. moving: those of the commands that are measured positions, not held,
+    with the control of the vehicle file.
     Returns columns of (N,) values, NaN in gaps longer than 0.1 s (or 2.5 intervals of a slower source). Angles are
     unwrapped, commands held, sources at least twice as fast low-pass filtered without phase, GPS left at its
     own samples with NaN between.
@@ -73,6 +78,10 @@ def resample(
     if base is None:
         base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
     grid, interval = _grid(signals.name, base_name, base, interval_s, warnings)
+    for name, control in moving.items():
+        if name in clean:
+            one = clean[name]
+            clean[name] = replace(one, values=unrounded(one.time_s, one.values, control))
     columns = {name: _on_grid(name, clean[name], grid, interval, name in moving) for name in wanted}
     missing: dict[int, list[str]] = {}
     for name, values in columns.items():

@@ -5,14 +5,14 @@ import pytest
 from scipy import signal
 
 from sysid.arrays import Array
-from sysid.posterior.inputs import InputSignal, in_steps, input_signal, interval_means, servo, swing
+from sysid.posterior.inputs import InputSignal, in_steps, input_signal, interval_means, servo, surface_signal, swing
 
 TIMES = np.arange(0.0, 4.0, 0.02)
 
 
 def commanded(time_s: Array, values: Array, held: bool = False) -> InputSignal:
     """The command of a loop that has no other."""
-    return input_signal(time_s, values, False, in_steps([values]), held)
+    return input_signal(time_s, values, in_steps([values]), held)
 
 
 def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve() -> None:
@@ -32,13 +32,14 @@ def test_a_command_that_steps_is_held_and_one_that_never_rests_is_a_smooth_curve
 def test_a_measured_position_is_a_curve_that_keeps_what_lines_lose_and_does_not_overshoot() -> None:
     slow = np.arange(0.0, 4.0, 0.05)
     between = np.arange(0.5, 3.5, 0.001)
-    wave = input_signal(slow, np.sin(2.0 * np.pi * 2.0 * slow), True, True)
+    wave = surface_signal(slow, np.sin(2.0 * np.pi * 2.0 * slow), None, position=True, stepping=True)
     line = InputSignal(wave.time_s, wave.values, "joined")
     gain = [
         2.0 * np.mean(one.at(between) * np.sin(2.0 * np.pi * 2.0 * between)) for one in (wave, line)
     ]  # whole periods
     assert abs(gain[0] - 1.0) < 0.25 * abs(gain[1] - 1.0)
-    step = input_signal(slow, np.where(slow > 2.0, 0.1, 0.0), True, True).at(between)
+    stick = np.where(slow > 2.0, 0.1, 0.0)
+    step = surface_signal(slow, stick, None, position=True, stepping=True).at(between)
     assert step.min() >= 0.0
     assert step.max() <= 0.1
 

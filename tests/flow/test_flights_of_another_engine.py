@@ -1,0 +1,66 @@
+"""Flights that JSBSim flew, logged in whole microseconds, against the coefficients that flew them."""
+
+from __future__ import annotations
+
+import json
+import lzma
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli import main
+
+FLIGHTS = Path(__file__).parents[1] / "data" / "flights"
+# Standard errors that an estimate may be off by: of some 25 numbers a flight none is beyond, but for one in 15 flights.
+MOST = 3.0
+
+
+def identified(name: str, method: str, folder: Path) -> dict[str, Any]:
+    """The result of `gcs identify` of a flight."""
+    place = FLIGHTS / name
+    log, result = folder / "flight.tlog", folder / "result.json"
+    log.write_bytes(lzma.decompress((place / "flight.tlog.xz").read_bytes()))
+    vehicle = str(place / "vehicle.toml")
+    assert main(["identify", str(log), "--vehicle", vehicle, "--method", method, "-o", str(result), "--quiet"]) == 0
+    found: dict[str, Any] = json.loads(result.read_text())
+    return found
+
+
+def misses(name: str, result: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Coefficient -> how far it is off, in standard errors and as a share of the truth."""
+    truth = json.loads((FLIGHTS / name / "truth.json").read_text())["coefficients"]
+    return {
+        one: (
+            (entry["value"] - truth[one]) / entry["std"],
+            abs(entry["value"] / truth[one] - 1.0) if truth[one] else 0.0,
+        )
+        for one, entry in result["model"]["coefficients"].items()
+        if "value" in entry and one in truth
+    }
+
+
+@pytest.mark.parametrize("name", ["commands-ideal-servo", "multisine", "stall-manoeuvres"])
+def test_every_bar_holds_by_the_default(name: str, tmp_path: Path) -> None:
+    result = identified(name, "auto", tmp_path)
+    off = misses(name, result)
+    assert len(off) >= 20
+    assert max(abs(z) for z, _ in off.values()) < MOST, off
+    # Of a surface that moved by less than a fifth of a degree as well.
+    assert {"Cl_da", "Cl_p", "Cm_de"} <= off.keys()
+    assert all(one["value"] >= 0.0 for one in result["nuisances"] if one["name"] == "servo_delay")
+
+
+def test_rounded_commands_make_no_lag_of_an_ideal_servo(tmp_path: Path) -> None:
+    result = identified("commands-ideal-servo", "map", tmp_path)
+    off = misses("commands-ideal-servo", result)
+    assert max(off[one][1] for one in ("Cm_alpha", "Cm_q", "Cm_de")) < 0.03
+    lags = [one for one in result["nuisances"] if one["name"] == "servo_lag"]
+    assert all(one["value"] < 0.02 for one in lags)
+
+
+def test_positions_go_with_their_own_samples_in_equation_error(tmp_path: Path) -> None:
+    off = misses("multisine", identified("multisine", "ee", tmp_path))
+    assert (
+        max(off[one][1] for one in ("Cl_beta", "Cl_p", "Cl_da", "Cm_alpha", "Cm_q", "Cm_de", "Cn_beta", "Cn_r")) < 0.02
+    )
