@@ -141,6 +141,17 @@ def effective_count(values: Array) -> float:
 
 
 def white_noise_std(values: Array) -> float:
-    """Standard deviation of white noise in a smooth series (N,), N >= 4, by its third differences, in its unit."""
+    """Standard deviation of white noise in a smooth series, by its third differences.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Evenly spaced samples of any unit.
+
+    Returns
+    -------
+    float
+        Standard deviation, in the unit of `values`; 0 for fewer than four samples.
+    """
     # Of a normal distribution, the standard deviation over the median distance; 1 9 9 1 is what they add up to.
     return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0) if values.size > 3 else 0.0

@@ -21,14 +21,24 @@ _BAND_HZ = 0.8
 _FEWEST_LEVELS = 8
 # Largest share of the samples that may be levels of their own: where nothing is rounded, hardly two are alike.
 _MOST_LEVELS = 0.9
-# Decimals to which levels are told apart.
+# Decimals to which levels are distinguished.
 _DECIMALS = 9
 
 
 def rounding_step(values: Array, control: Control | None) -> float:
-    """Step to which samples (N,) of a surface are rounded, rad; 0 where none shows.
+    """Step to which samples of a surface are rounded.
 
-    control: what the vehicle file says of it: a pulse's microsecond is the largest step that rounding makes.
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        Positions or commands as logged, rad.
+    control : Control or None
+        The surface in the vehicle file: a pulse's microsecond is the largest step that rounding makes.
+
+    Returns
+    -------
+    float
+        Step, rad; 0 where none shows.
     """
     levels = np.unique(np.round(values, _DECIMALS))
     if not 2 <= levels.size <= _MOST_LEVELS * values.size:
