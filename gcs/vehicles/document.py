@@ -14,6 +14,7 @@ from tomlkit import TOMLDocument
 
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import CONTROL_NAMES
+from sim_vehicle.vehicle.toml_bounds import check_bounds
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 # Numbers of the form, and where they stand in the file.
@@ -140,6 +141,7 @@ def _with_third(numbers: Mapping[str, float]) -> dict[str, float]:
 
 def answers_of(text: str) -> Answers:
     """What a form shows of a vehicle file. VehicleFileError where it holds what the form cannot show."""
+    check_bounds(text, "vehicle file")
     try:
         data = tomllib.loads(text)
         numbers = {
@@ -156,7 +158,7 @@ def answers_of(text: str) -> Answers:
             for name, entry in data.get("calibration", {}).items()
         }
         return Answers(str(data.get("name", "")), numbers, controls, places, bench)
-    except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise VehicleFileError(f"vehicle file: it cannot be shown as a form ({error}); edit its text") from error
 
 
@@ -183,9 +185,10 @@ def renamed(text: str, name: str) -> str:
 
 
 def _parsed(text: str) -> TOMLDocument:
+    check_bounds(text, "vehicle file")
     try:
         return tomlkit.parse(text)
-    except (ValueError, RecursionError) as error:  # tomlkit's own errors are ValueErrors
+    except ValueError as error:  # tomlkit's own errors are ValueErrors
         raise VehicleFileError(f"vehicle file: is not a TOML file: {error}") from error
 
 

@@ -27,6 +27,7 @@ from sim_vehicle.vehicle.sensors import (
     read_timing,
 )
 from sim_vehicle.vehicle.strict_toml import Known, Table
+from sim_vehicle.vehicle.toml_bounds import check_bounds
 
 # Wing loading, N/m^2, of aircraft of up to that span, m: from indoor flyers to jets; a wrong unit is off by 10 or more.
 _WING_LOADING, _SMALL_SPAN = (5.0, 500.0), 2.0
@@ -132,12 +133,11 @@ def vehicle_from_text(text: str, path: Path, *, tables_in: Path | None = None) -
     tables_in: the folder of the bench tables that it names; None where it may name none, as in a text from elsewhere.
     Raises VehicleFileError, one line naming the key.
     """
+    check_bounds(text, str(path))
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
-    except RecursionError as error:
-        raise VehicleFileError(f"{path}: is not a vehicle file: its lists are nested too deep") from error
     return _read(Table(data, str(path)), path, tables_in)
 
 

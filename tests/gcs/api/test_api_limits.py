@@ -218,3 +218,45 @@ def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(
                 return ask(another, "/api/live/stream").startswith(b"HTTP/1.1 200")
 
         wait_until(follows)
+
+
+def test_who_logs_in_sends_a_token_and_no_more(client: httpx.Client) -> None:
+    large = b'{"token": [' + 1_320_000 * b"{}," + b"{}]}"
+    for body in (large, (large[i : i + 65536] for i in range(0, len(large), 65536))):
+        answer = client.post("/api/login", content=body, headers={"Content-Type": "application/json"})
+        assert problem(answer, 413) == "the body is larger than 4 kB, the most that is taken here"
+    assert client.post("/api/login", json={"token": "x"}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "said"),
+    [
+        (b'{"prior": [' + 1_000_000 * b"{}," + b"{}]}", 413, "more than 100000 values and brackets"),
+        (b"[" + 1_900_000 * b"1," + b"1]", 413, "more than 100000 values and brackets"),
+        (b'"\\"", ' + 1_000_000 * b"[],", 413, "more than 100000 values and brackets"),
+        (1_900_000 * b'"', 413, "more than 100000 values and brackets"),
+        (1000 * b"[" + 1000 * b"]", 422, "nested more than 64 deep"),
+        (('["\u2200", ' + 300_000 * "{}," + "{}]").encode("utf-16"), 422, "no JSON in UTF-8"),
+    ],
+)
+def test_json_of_more_parts_than_anybody_has_to_say_is_refused_unread(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch, body: bytes, status: int, said: str
+) -> None:
+    monkeypatch.setattr("json.loads", lambda *_, **__: pytest.fail("it was read"))
+    answer = client.post("/api/flights/x/jobs", content=body, headers={"Content-Type": "application/json"})
+    monkeypatch.undo()
+    assert said in problem(answer, status)
+
+
+def test_brackets_in_texts_are_none(client: httpx.Client) -> None:
+    body = b'{"kind": "identify", "prior": "' + 200_000 * b'[{,\\"' + b'"}'
+    answer = client.post("/api/flights/x/jobs", content=body, headers={"Content-Type": "application/json"})
+    assert "no flight" in problem(answer, 404)
+
+
+def test_an_aircraft_whose_key_has_49000_dots_is_said_to_be_none(client: httpx.Client) -> None:
+    text = ".".join(49_000 * "a") + "=1"
+    for draft in ({"toml": text}, {"toml": text, "form": {"name": "a"}}):
+        said = client.post("/api/vehicles/check", json=draft).json()["problem"]
+        assert said == "vehicle file: is not a vehicle file: a key has more than 8 dots in line 1; take that out"
+        assert said == problem(client.post("/api/vehicles", json=draft), 422)
