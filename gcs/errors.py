@@ -16,6 +16,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── SignalMapError             a signal whose message or field does not exist
 ├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
+│   └── BusyError              what the service does for so many others already that one more has to come again
 ├── StationError               a station asked over REST that does not answer, or refuses
 └── SettingsError              a setting, of the command line or the environment, that is missing or impossible
 """
@@ -79,6 +80,10 @@ class SignalMapError(GcsError):
 
 class ServiceError(GcsError):
     """The service cannot have its data folder or its port."""
+
+
+class BusyError(ServiceError):
+    """The service does as much of this for others as it can."""
 
 
 class ReportError(GcsError):

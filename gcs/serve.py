@@ -196,7 +196,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live, views)
             config = _configuration(app, settings, protocol)
             log_sparingly()  # behind the configuration, which makes handlers of its own
-            server = Server(config, live, Supervisor(), lambda: station.alive, tls)
+            server = Server(config, live, Supervisor(), lambda: station.alive, app.state.service.stop, tls)
             scheme = "http" if tls is None else "https"
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):

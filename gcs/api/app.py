@@ -64,8 +64,7 @@ def create_app(
             yield
         finally:
             watching.cancel()
-            service.uploads.close()
-            service.views.close()
+            service.stop()
             feed.stop()
             recorder.stop()
             jobs.stop()

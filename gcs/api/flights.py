@@ -143,7 +143,7 @@ def _midnight_ns(day: date, later: int) -> int:
 @router.post(
     "/api/flights",
     status_code=201,
-    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 507: _PROBLEM},
+    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM, 507: _PROBLEM},
     openapi_extra=_UPLOAD_BODY,
 )
 async def upload(
@@ -158,7 +158,12 @@ async def upload(
 
     A form with the part `file`, or the file itself with `?name=`.
     """
-    async with receive_upload(request, service.settings, name) as (path, original):
+    with service.uploads.place():
+        return await _taken_in(request, service, name, columns)
+
+
+async def _taken_in(request: Request, service: Service, name: str, columns: str) -> Uploaded:
+    async with receive_upload(request, service, name) as (path, original):
         flight = await run_in_threadpool(service.uploads.take_in, path, original, columns)
         service.views.prepare(flight)
         same = await run_in_threadpool(service.catalogue.same_flight, flight)

@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 
 from gcs.api.schemas import JobChanges
 from gcs.errors import (
+    BusyError,
     CatalogueError,
     CatalogueFileError,
     ExportError,
@@ -47,6 +48,8 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (SysidError, 422),
     (SimVehicleError, 422),
 )
+# When to come again where others are served, s.
+_LATER = {"Retry-After": "30"}
 _AN_OBJECT = "send a JSON object{example}, with the header Content-Type: application/json"
 
 
@@ -62,7 +65,7 @@ def problem_response(
 
 def _named(request: Request, error: Exception) -> Response:
     status = next(status for kind, status in _STATUS if isinstance(error, kind))
-    return problem_response(status, str(error))
+    return problem_response(status, str(error), _LATER if isinstance(error, BusyError) else None)
 
 
 def _http(request: Request, error: Exception) -> Response:

@@ -18,7 +18,7 @@ class Server(uvicorn.Server):
     """Ends the streams of events when it is asked to stop: it waits for every answer to be complete.
 
     tls: None for plain HTTP. supervisor: hears when it serves and when it ends, and in between that it lives, for as
-    long as this loop goes round and `works` says that the recording does.
+    long as this loop goes round and `works` says that the recording does. stop: ends what requests wait for.
     """
 
     def __init__(
@@ -27,12 +27,14 @@ class Server(uvicorn.Server):
         live: LiveFeed,
         supervisor: Supervisor,
         works: Callable[[], bool],
+        stop: Callable[[], None],
         tls: ssl.SSLContext | None = None,
     ) -> None:
         super().__init__(config)
         config.load()
         config.ssl = tls
         self._live, self._supervisor, self._works = live, supervisor, works
+        self._stop = stop
         self._signs: asyncio.Task[None] | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -50,6 +52,7 @@ class Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Say that it ends, and end."""
         self._supervisor.stopping()
+        self._stop()
         if self._signs is not None:
             self._signs.cancel()
         await super().shutdown(sockets)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol, cast
@@ -32,7 +33,8 @@ class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
     live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
-    following: how many follow the stream of events. map: what lies beneath the track.
+    following: how many follow the stream of events. stopping: set once the service is to end. map: what lies beneath
+    the track.
     """
 
     settings: Settings
@@ -47,11 +49,18 @@ class Service:
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
     following: int = 0
+    stopping: asyncio.Event = field(default_factory=asyncio.Event)
     map: MapTiles | None = field(init=False)
 
     def __post_init__(self) -> None:
         self.uploads = Uploads(self.settings, self.catalogue)
         self.map = None if self.settings.map is None else MapTiles(self.settings.map)
+
+    def stop(self) -> None:
+        """Let nobody wait any longer for a file that comes or is read. To be called in the loop of events."""
+        self.stopping.set()
+        self.uploads.close()
+        self.views.close()
 
 
 async def _service(request: Request) -> Service:  # without a thread of its own, which there may be none for

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import tempfile
 from collections.abc import AsyncIterator
@@ -12,7 +13,11 @@ from fastapi import HTTPException, Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
 
+from gcs.api.service import Service
+from gcs.errors import ServiceError
+from gcs.jobs.one_shot_process import STOPPED
 from gcs.settings import Settings
 from gcs.text.sizes import size_text
 
@@ -20,11 +25,12 @@ _WRITE_BYTES = 1 << 20
 
 
 @asynccontextmanager
-async def receive_upload(request: Request, settings: Settings, name: str) -> AsyncIterator[tuple[Path, str]]:
+async def receive_upload(request: Request, service: Service, name: str) -> AsyncIterator[tuple[Path, str]]:
     """A temporary file with the upload, and the name that its sender gives it; the file is gone afterwards.
 
     The name is only ever shown and asked for its ending; no part of it reaches the file system.
     """
+    settings = service.settings
     settings.flights.mkdir(parents=True, exist_ok=True)
     declared = request.headers.get("content-length", "")
     if declared.isdecimal() and int(declared) > settings.max_upload_bytes:
@@ -36,7 +42,7 @@ async def receive_upload(request: Request, settings: Settings, name: str) -> Asy
             target = _Target(request, name)
             received = 0
             pending = bytearray()
-            async for chunk in request.stream():
+            async for chunk in _chunks(request, service.stopping):
                 received += len(chunk)
                 if received > settings.max_upload_bytes:
                     raise _too_large(settings)
@@ -52,6 +58,29 @@ async def receive_upload(request: Request, settings: Settings, name: str) -> Asy
         # It is kept as a recording of about its own size.
         _leave_reserve(settings, path.stat().st_size)
         yield path, target.name
+
+
+async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[bytes]:
+    """The body as it comes. HTTP 400 where it breaks off, ServiceError once the service is to end: it waits no more."""
+    stop = asyncio.ensure_future(stopping.wait())
+    body = request.stream()
+    coming: asyncio.Future[bytes] | None = None
+    try:
+        while True:
+            coming = asyncio.ensure_future(anext(body, b""))
+            await asyncio.wait((coming, stop), return_when=asyncio.FIRST_COMPLETED)
+            chunk = coming.result() if coming.done() else b""
+            if stop.done():
+                raise ServiceError(STOPPED)
+            if not chunk:  # its end
+                return
+            yield chunk
+    except ClientDisconnect:
+        raise HTTPException(400, "the connection ended before the file did; send it again") from None
+    finally:
+        stop.cancel()
+        if coming is not None:
+            coming.cancel()
 
 
 def _too_large(settings: Settings) -> HTTPException:

@@ -23,7 +23,7 @@ from gcs.api.vehicle_schemas import (
     VehicleView,
 )
 from gcs.catalogue.aircraft_rule import STATION
-from gcs.errors import ServiceError, VehicleError
+from gcs.errors import BusyError, VehicleError
 from gcs.text.utctext import utc_text
 from gcs.vehicles.document import answers_of, with_answers
 from gcs.vehicles.figures import figures
@@ -44,12 +44,12 @@ _PLACES = threading.BoundedSemaphore(2)
 
 
 def _text(draft: VehicleDraft, before: str = "") -> str:
-    """The text that a draft makes; a form alone is put into what was there before. ServiceError while others do."""
+    """The text that a draft makes; a form alone is put into what was there before. BusyError while others do."""
     text = before if draft.toml is None else draft.toml
     if draft.form is None:
         return text
     if not _PLACES.acquire(blocking=False):  # a large text takes seconds of the processor
-        raise ServiceError("other aircraft are being described; ask again in a moment")
+        raise BusyError("other aircraft are being described; ask again in a moment")
     try:
         return with_answers(text, draft.form.answers())
     finally:

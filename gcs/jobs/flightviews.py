@@ -16,12 +16,14 @@ import sys
 import tempfile
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from gcs.catalogue.flight_table import Flight
 from gcs.errors import (
+    BusyError,
     CatalogueError,
     CatalogueFileError,
     RecordingDeletedError,
@@ -188,6 +190,7 @@ class FlightViews:
             if flight.state == "recording":
                 raise SignalMapError("fields of messages can be seen when the flight is over")
             with (
+                self._place(),
                 self._turn(flight.id),
                 tempfile.TemporaryDirectory(prefix="reading-", dir=self._settings.views) as made,
             ):
@@ -231,18 +234,23 @@ class FlightViews:
         folder = self._settings.views / f"{flight.id}-{key}"
         found = self._remembered(key, folder)
         if found is None:
-            if not self._places.acquire(blocking=False):
-                raise ServiceError("other flights are being read; ask again in a minute")
-            try:
-                with self._turn(flight.id):
-                    found = self._remembered(key, folder) or self._read_once(key, flight, paths, folder, over)
-            finally:
-                self._places.release()
+            with self._place(), self._turn(flight.id):
+                found = self._remembered(key, folder) or self._read_once(key, flight, paths, folder, over)
             with self._lock:
                 self._kept[key] = found
                 while len(self._kept) > _KEPT_SUMMARIES:
                     self._kept.popitem(last=False)
         return found, folder
+
+    @contextmanager
+    def _place(self) -> Iterator[None]:
+        """Held by each thread that reads a flight or waits for its turn. BusyError where so many do."""
+        if not self._places.acquire(blocking=False):
+            raise BusyError("other flights are being read; ask again in a minute")
+        try:
+            yield
+        finally:
+            self._places.release()
 
     def _turn(self, flight_id: str) -> threading.Lock:
         """Held while a flight is read, so that those who ask for it meanwhile read it once."""

@@ -20,6 +20,7 @@ from gcs.text.jsontext import dumps
 
 # What a file says of itself comes in the answer; the service keeps that in memory.
 _LONGEST_ANSWER = 4_000_000
+STOPPED = "the service is being stopped; ask again when it is back"
 
 
 class AskedOnce:
@@ -69,7 +70,7 @@ class AskedOnce:
         """Run the program; its exit code."""
         with self._lock:
             if self._closed:
-                raise ServiceError("the service is being stopped; ask again when it is back")
+                raise ServiceError(STOPPED)
             process = subprocess.Popen(
                 self._command,
                 stdin=subprocess.PIPE,
@@ -94,5 +95,5 @@ class AskedOnce:
             with self._lock:
                 self._process = None
         if self._closed:
-            raise ServiceError("the service is being stopped; ask again when it is back")
+            raise ServiceError(STOPPED)
         return code

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from gcs.errors import ReportError, ServiceError
+from gcs.errors import BusyError, ReportError, ServiceError
 from gcs.jobs.runner import python_path
 from gcs.text.jsontext import dumps
 
@@ -28,10 +28,10 @@ class Reports:
     def page(self, result: dict[str, Any]) -> str:
         """The result as one HTML page.
 
-        Raises ReportError where it cannot be shown, ServiceError where others are still waiting for theirs.
+        Raises ReportError where it cannot be shown, BusyError where others are still waiting for theirs.
         """
         if not self._places.acquire(blocking=False):
-            raise ServiceError("other reports are being made; ask again in a minute")
+            raise BusyError("other reports are being made; ask again in a minute")
         try:
             with self._free:
                 return self._made(result)

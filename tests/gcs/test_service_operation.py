@@ -13,6 +13,7 @@ import httpx
 import pytest
 from patience import PATIENCE_S
 from processes import run, service, start
+from traffic import Vehicle, wait_until
 
 from gcs.api.tls import tls_context
 from gcs.errors import SettingsError
@@ -68,6 +69,34 @@ def test_a_supervisor_hears_that_it_serves_lives_and_ends_and_the_log_is_json(tm
     assert access["request_id"] == "from-the-test"
     assert access["ms"] > 0.0
     assert "secret" not in errors
+
+
+@pytest.mark.whole_flight
+@pytest.mark.parametrize("whole", [False, True])
+def test_an_upload_that_a_stop_cuts_off_is_told_so_in_a_line(tmp_path: Path, whole: bool) -> None:
+    data, body = tmp_path / "data", b"".join(bytes(8) + frame for frame in 500 * Vehicle().second())
+    with start("gcs", ("serve", "--port", 0, "--data", data)) as process:
+        assert process.stdout is not None
+        try:
+            port = int(process.stdout.readline().rpartition(":")[2])
+            with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as connection:
+                head = f"POST /api/flights?name=a.tlog HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}"
+                connection.sendall(f"{head}\r\n\r\n".encode() + body[: None if whole else 1000])
+                # `answer` is of the process that reads it.
+                assert wait_until(lambda: list(data.glob("upload-*/answer" if whole else "upload-*/upload")))
+                process.terminate()
+                answer = b"".join(iter(lambda: connection.recv(65536), b"")).decode()
+            out, errors = process.communicate(timeout=PATIENCE_S)
+        finally:
+            if process.poll() is None:
+                process.kill()
+    assert answer.startswith("HTTP/1.1 503")
+    assert "the service is being stopped; ask again when it is back" in answer
+    assert (process.returncode, out) == (0, "")
+    assert "Traceback" not in errors
+    assert len(errors.splitlines()) <= 1
+    assert not list(data.glob("upload-*"))
+    assert not list((data / "flights").glob("*"))
 
 
 @pytest.mark.whole_flight

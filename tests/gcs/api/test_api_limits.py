@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
 import httpx
@@ -21,6 +24,7 @@ from traffic import wait_until
 
 from gcs.api import live
 from gcs.api.connections import limited
+from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
 
 
@@ -129,6 +133,44 @@ def test_a_recording_of_after_2262_is_refused_in_words(bench: Bench, client: htt
     answer = client.post("/api/flights?name=late.mcap", content=path.read_bytes())
     assert problem(answer, 422)
     assert not bench.catalogue.flights()
+
+
+def test_uploads_have_so_many_places_and_leave_threads_to_others(bench: Bench, client: httpx.Client) -> None:
+    service = bench.app.state.service
+    service.uploads = Uploads(bench.settings, bench.catalogue, (sys.executable, "-c", "import time; time.sleep(600)"))
+
+    def send(_: int) -> httpx.Response:
+        return httpx.post(f"{client.base_url}/api/flights?name=a.tlog", content=b"x", timeout=PATIENCE_S)
+
+    with ThreadPoolExecutor(45) as pool:
+        sent = [pool.submit(send, number) for number in range(45)]
+        wait_until(lambda: sum(one.done() for one in sent) == 37)
+        assert client.get("/api/flights").json()["flights"] == []
+        refused = [one.result() for one in sent if one.done()]
+        service.uploads.close()
+        answers = [one.result() for one in sent]
+    for one in refused:
+        assert "8 other files are being taken in; send this one again" in problem(one, 503)
+        assert one.headers["retry-after"] == "30"
+    assert Counter(problem(one, 503).partition(";")[0] for one in answers)["the service is being stopped"] == 8
+    assert bench.catalogue.flights() == []
+    assert not list(bench.settings.data.glob("upload-*"))
+    # A place that is left is free.
+    service.uploads = Uploads(bench.settings, bench.catalogue)
+    for _ in range(9):
+        assert problem(send(0), 422)
+
+
+def test_an_upload_whose_client_leaves_leaves_nothing_behind(
+    bench: Bench, client: httpx.Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    with connect(client) as connection:
+        connection.sendall(b"POST /api/flights?name=a.tlog HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99\r\n\r\nx")
+        wait_until(lambda: list(bench.settings.data.glob("upload-*")))
+    wait_until(lambda: not list(bench.settings.data.glob("upload-*")))
+    client.get("/api/health")
+    assert "Traceback" not in caplog.text
+    assert bench.catalogue.flights() == []
 
 
 def test_health_answers_while_every_thread_is_taken(bench: Bench, client: httpx.Client) -> None:
