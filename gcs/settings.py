@@ -97,6 +97,11 @@ class Settings:
         return self.data / "audit.jsonl"
 
     @property
+    def refusals(self) -> Path:
+        """The log of what was refused."""
+        return self.data / "refusals.jsonl"
+
+    @property
     def database(self) -> Path:
         """The catalogue's file."""
         return self.data / "catalogue.sqlite"

@@ -77,9 +77,13 @@ def tokens(request: Request) -> list[TokenEntry]:
 
 
 @router.get("/api/audit")
-def audit(request: Request, limit: Annotated[int, Query(ge=1, le=10_000)] = 200) -> list[AuditLine]:
-    """Who did what, the newest first: requests that changed something, and those that were refused for their token."""
-    return [AuditLine.model_validate(line) for line in _access(request).audit.last(limit)]
+def audit(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=10_000)] = 200,
+    changes: Annotated[bool, Query(description="Those alone that changed something")] = False,
+) -> list[AuditLine]:
+    """Who did what, the newest first: requests that changed something, and those that were refused."""
+    return [AuditLine.model_validate(line) for line in _access(request).audit.last(limit, changes)]
 
 
 def _me(identity: Identity) -> Me:

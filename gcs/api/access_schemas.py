@@ -50,7 +50,7 @@ class TokenEntry(BaseModel):
 
 
 class AuditLine(BaseModel):
-    """Who did what. who: empty where the token was none."""
+    """Who did what. who: empty where the token was none. count: of how many refusals of that minute it is the last."""
 
     time: str
     who: str
@@ -59,3 +59,4 @@ class AuditLine(BaseModel):
     method: str
     path: str
     status: int
+    count: int = 1

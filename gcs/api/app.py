@@ -65,6 +65,7 @@ def create_app(
         finally:
             watching.cancel()
             service.stop()
+            app.state.access.audit.close()
             feed.stop()
             recorder.stop()
             jobs.stop()

@@ -46,7 +46,7 @@ class Access:
         self.tokens = TokenFile(settings.tokens)
         self.shares = Shares(settings.share_key)
         self.failures = Failures()
-        self.audit = Audit(settings.audit)
+        self.audit = Audit(settings.audit, settings.refusals)
         self._good: set[bytes] = set()
 
     @property

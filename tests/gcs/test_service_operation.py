@@ -106,7 +106,7 @@ def test_where_a_request_is_from_says_the_proxy_that_is_believed_and_nobody_else
         data = tmp_path / believed
         with service("--data", data, GCS_TOKEN="right-one", FORWARDED_ALLOW_IPS=believed) as url:
             assert httpx.get(f"{url}/api/flights", headers=told, timeout=PATIENCE_S).status_code == 401
-        (line,) = map(json.loads, (data / "audit.jsonl").read_text().splitlines())
+        (line,) = map(json.loads, (data / "refusals.jsonl").read_text().splitlines())
         assert line["address"] == address
 
 

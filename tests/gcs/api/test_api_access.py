@@ -211,14 +211,50 @@ def test_looking_at_a_link_ends_no_session(bench: Bench, guarded: httpx.Client) 
 
 
 def test_strangers_cannot_push_out_what_others_did(tmp_path: Path) -> None:
-    audit = Audit(tmp_path / "audit.jsonl")
+    audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl")
     audit.note("anna", "operator", "1", "DELETE", "/api/flights/x", 200)
-    for _ in range(5000):
-        audit.note("", "", "2", "POST", "/api/" + "x" * 60_000, 401)
-    assert (tmp_path / "audit.jsonl").stat().st_size < 50_000
+    for number in range(20_000):
+        audit.note("", "", str(number), "POST", "/api/" + "x" * 60_000, 401)
+    assert len((tmp_path / "audit.jsonl").read_text().splitlines()) == 1
+    assert (tmp_path / "refusals.jsonl").stat().st_size < 50_000
     with (tmp_path / "audit.jsonl").open("a") as file:
         file.write('{"who": "an')
     assert audit.last(1000)[-1]["who"] == "anna"
+
+
+def test_refusals_of_a_minute_have_a_few_lines_and_a_count(tmp_path: Path) -> None:
+    now = [0.0]
+    audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl", lambda: now[0])
+
+    def told() -> list[tuple[str, int, int]]:
+        lines = [json.loads(line) for line in (tmp_path / "refusals.jsonl").read_text().splitlines()]
+        return [(one["who"], one["status"], one.get("count", 1)) for one in lines]
+
+    for _ in range(1000):
+        audit.note("link to x", "viewer", "2", "DELETE", "/api/flights/x", 403)
+    audit.note("olga", "operator", "1", "DELETE", "/api/flights/nope", 404)
+    assert told() == [("link to x", 403, 1)] * 5 + [("olga", 404, 1)]
+    now[0] = 61.0
+    audit.note("link to x", "viewer", "2", "POST", "/api/logout", 204)
+    assert told()[6:] == [("link to x", 403, 995), ("link to x", 204, 1)]
+    for _ in range(10):
+        audit.note("link to x", "viewer", "2", "POST", "/api/logout", 204)
+    audit.close()
+    assert told()[12:] == [("link to x", 204, 6)]
+
+
+def test_a_link_cannot_push_changes_out_of_the_log(bench: Bench, guarded: httpx.Client) -> None:
+    flight = bench.record(1, 3, 10**18)
+    link = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(TOKEN)).json()["path"].rpartition("/")[2]
+    for _ in range(100):
+        problem(guarded.delete(f"/api/flights/{flight}", headers=by(link)), 403)
+        assert guarded.post("/api/logout", headers=by(link)).status_code == 204
+    assert len(bench.settings.audit.read_text().splitlines()) == 1
+    assert len(bench.settings.refusals.read_text().splitlines()) == 5
+    shown = guarded.get("/api/audit", headers=by(TOKEN)).json()
+    assert [one["path"].rpartition("/")[2] for one in shown][-1] == "share"
+    (change,) = guarded.get("/api/audit?changes=true", headers=by(TOKEN)).json()
+    assert (change["path"], change["count"]) == (f"/api/flights/{flight}/share", 1)
 
 
 def test_wrong_tokens_have_to_wait(bench: Bench, guarded: httpx.Client) -> None:
