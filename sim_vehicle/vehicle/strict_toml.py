@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from sim_vehicle.errors import VehicleFileError
 
 # Alike enough to be a slip: "mas" is "mass" (0.86), "Ixz" is not "Ixx" (0.67).
 _NEAR = 0.75
+_LARGEST = sys.float_info.max
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Table:
         return value
 
     def _finite(self, key: str, value: object) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
             raise self.error(key, f"is {value!r}; it must be a finite number")
         return float(value)
 

@@ -15,7 +15,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
 from sim_vehicle.vehicle.mass_properties import MASS_KEYS, Geometry, MassProperties, read_geometry, read_mass
-from sim_vehicle.vehicle.plausibility import impossible
+from sim_vehicle.vehicle.plausibility import extreme, impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
 from sim_vehicle.vehicle.sensors import (
     CalibrationSource,
@@ -136,9 +136,12 @@ def vehicle_from_text(text: str, path: Path, *, tables_in: Path | None = None) -
     check_bounds(text, str(path))
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits
         raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
-    return _read(Table(data, str(path)), path, tables_in)
+    top = Table(data, str(path))
+    if problem := extreme(data):
+        raise top.error(*problem)
+    return _read(top, path, tables_in)
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -264,8 +267,7 @@ def _doubted_equipment(vehicle: Vehicle, *, rest_on_mass: bool) -> list[str]:
     density = vehicle.environment.air_density
     if density is not None and not 0.1 < density < 1.7:
         lines.append(f"environment.air_density: {density:g} kg/m^3 is not the lower atmosphere's")
-    # Divided by nothing, a speed as good as 0 needs a coefficient beyond all bounds.
-    CL = lift / max(0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S, 1e-300)
+    CL = lift / (0.5 * (density or SEA_LEVEL_DENSITY) * vehicle.flight.airspeed**2 * geometry.S)
     if rest_on_mass and not 0.01 < CL < 4.0:
         lines.append(f"flight.airspeed: {vehicle.flight.airspeed:g} m/s needs a lift coefficient of {CL:.3g}: km/h?")
     return lines

@@ -234,6 +234,7 @@ def test_a_flight_without_a_known_aircraft_shows_its_signals_all_the_same(tmp_pa
         "[mass]\nmass=1\n[geometry]\nb=1e200\nS=1\nc=1\n",
         f"[mass]\nmass=1\n[geometry]\nb={'9' * 400}\nS=1\nc=1\n",
         f"[mass]\nmass={'9' * 5000}\n",
+        "[mass]\nmass=1\nIxx=0.02\nIyy=0.03\nIzz=0.045\n[geometry]\nS=0.2\nb=1\nc=0.2\n[flight]\nairspeed=1e-320\n",
     ],
 )
 def test_a_text_that_no_aircraft_has_is_a_sentence(tmp_path: Path, toml: str) -> None:

@@ -149,6 +149,15 @@ IMPOSSIBLE = {
     "geometry.b is 1e+300 m, a span that no aircraft has": BASE.replace("b = 1.0", "b = 1e300"),
     "geometry.c is 1e+200 m, which is impossible": BASE.replace("c = 0.2", "c = 1e200"),
     "mass.Ixx is 1e+100 kg m^2": BASE.replace("0.02", "1e100").replace("0.03", "1e100").replace("0.045", "1e100"),
+    "mass.mass is 999": BASE.replace("mass = 1.0", f"mass = {'9' * 400}"),
+    "mass.Ixz is 1e+308, which is impossible": BASE.replace("[geometry]", "Ixz = 1e308\n[geometry]"),
+    "flight.airspeed is 9.99989e-321, which is impossible": BASE + "[flight]\nairspeed = 1e-320\n",
+    "flight.airspeed is 1e+308, which is impossible": BASE + "[flight]\nairspeed = 1e308\n",
+    "flight.altitude is 1e+200, which is impossible": BASE + "[flight]\naltitude = 1e200\n",
+    "environment.gravity is 9.99989e-321, which is impossible": BASE + "[environment]\ngravity = 1e-320\n",
+    "environment.air_density is 1e+308, which is impossible": BASE + "[environment]\nair_density = 1e308\n",
+    "propulsion.max_thrust is 1e+308, which is impossible": BASE + "[propulsion]\nmax_thrust = 1e308\n",
+    "controls.elevator.deflection is 1e-308, which": BASE + ELEVATOR.replace("-0.4, 0.0, 0.3", "-0.4, 0.0, 1e-308"),
     "environment.air_density is 0": BASE + "[environment]\nair_density = 0\n",
 }
 
