@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eig
 
 from sim_vehicle.errors import TrimError, VehicleFileError
 from sim_vehicle.flight.plant import Plant
@@ -39,6 +40,9 @@ _STILL = np.zeros(3)
 _STEP = 1e-5
 _COEFFICIENT_STEP = 1e-4
 _ROUNDING = 1e-10
+# Cosine between an eigenvalue's left and right eigenvector, 0 where it coincides with another one's and has no slope;
+# rounding makes it the square root of its own size.
+_COINCIDE = 1e-6
 RESPONSES = (("de", "q"), ("de", "az"), ("de", "alpha"), ("da", "p"), ("dr", "r"), ("dr", "beta"))
 RESPONSE_HZ = tuple(np.geomspace(0.05, 10.0, 41).tolist())
 
@@ -125,17 +129,17 @@ class LinearModel:
     known: tuple[bool, bool]
 
     def modes(self) -> list[Mode]:
-        """Modes of the motion that is known, longitudinal ones first, each group fastest first."""
-        values, right = np.linalg.eig(self.system.A)
-        left = np.linalg.inv(right)
-        shares = np.abs(right * left.T)
-        longitudinal = shares[_LONGITUDINAL].sum(axis=0) > shares[4:].sum(axis=0)
+        """Modes of the motion that is known, longitudinal ones first, each group fastest first.
+
+        Modes that coincide, as rolling and banking do without any roll damping, are left out (`left_out`).
+        """
+        values, right, left, longitudinal, alone = self._eigen()
         modes = []
         for is_known, chosen, namer in (
             (self.known[0], longitudinal, _longitudinal_names),
             (self.known[1], ~longitudinal, _lateral_names),
         ):
-            places = [i for i in np.flatnonzero(chosen) if values[i].imag >= 0.0]
+            places = [i for i in np.flatnonzero(chosen & alone) if values[i].imag >= 0.0]
             places.sort(key=lambda i: -abs(values[i]))
             if is_known:
                 names = namer([complex(values[i]) for i in places])
@@ -143,6 +147,31 @@ class LinearModel:
                     self._mode(name, values[i], right[:, i], left[i]) for name, i in zip(names, places, strict=True)
                 ]
         return modes
+
+    def left_out(self) -> list[str]:
+        """Which modes of motion that is known are left out and why, a line each."""
+        _, _, _, longitudinal, alone = self._eigen()
+        groups = (("longitudinal", self.known[0], longitudinal), ("lateral", self.known[1], ~longitudinal))
+        return [
+            f"{np.count_nonzero(chosen & ~alone)} {name} modes coincide, as they do where coefficients that were"
+            " refused count as 0, and are left out: excite what was refused"
+            for name, is_known, chosen in groups
+            if is_known and np.any(chosen & ~alone)
+        ]
+
+    def _eigen(self) -> tuple[Complex, Complex, Complex, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Eigenvalues (8,), right eigenvectors in columns and left ones in rows with w v = 1, which are longitudinal,
+        and which coincide with no other.
+        """
+        found: Any = eig(self.system.A, left=True, right=True)
+        values, columns, right = found
+        left = columns.conj().T
+        cosines = np.sum(left * right.T, axis=1)
+        alone = np.abs(cosines) > _COINCIDE
+        left = left / np.where(alone, cosines, 1.0)[:, None]
+        shares = np.abs(right * left.T)
+        size = np.where(alone, shares, np.abs(right))
+        return values, right, left, size[_LONGITUDINAL].sum(axis=0) > size[4:].sum(axis=0), alone
 
     def _mode(self, name: str, value: complex, right: Complex, left: Complex) -> Mode:
         slopes = np.array([left @ dA @ right for dA, _, _, _ in self.slopes], dtype=np.complex128).reshape(-1)

@@ -61,7 +61,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         **_series(found),
         "refused": [vars(refusal) for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
-        "warnings": list(found.warnings),
+        "warnings": [*found.warnings, *(found.linear.left_out() if not isinstance(found.linear, str) else ())],
     }
     clean: dict[str, Any] = finite_json(result)
     return clean

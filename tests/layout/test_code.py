@@ -28,7 +28,7 @@ NAMED_BESIDE = {
 # Inverses outside sysid.numerics: of triangular factors, of scaled matrices, of what has a prior in every direction.
 INVERSE = re.compile(r"linalg\.inv\(|pinvh?\(")
 INVERT = {
-    *("sysid/design/multisine_spectrum.py", "sysid/identification/linear_model.py", "sysid/signals/calibration.py"),
+    *("sysid/design/multisine_spectrum.py", "sysid/signals/calibration.py"),
     *("sysid/compatibility/gauss_newton.py", "sysid/live/recursive/spectral_least_squares.py"),
     *("sysid/equation_error/frequency_domain.py", "sysid/equation_error/least_squares.py"),
     *("sysid/equation_error/coefficient_tables.py", "sysid/posterior/smoothing.py", "sysid/posterior/likelihood.py"),

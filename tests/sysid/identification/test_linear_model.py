@@ -154,3 +154,18 @@ def test_a_response_that_is_not_there_is_none(linear: LinearModel) -> None:
     base, gain_std, _ = linear.response("de", "beta", np.array([0.5, 1.0]))
     assert np.isnan(base).all()
     assert np.isnan(gain_std).all() or not linear.names
+
+
+def test_motions_that_coincide_have_no_modes_and_take_none_from_the_others() -> None:
+    refused = {
+        name: Coefficient(None, refused="no aileron moved") if name.startswith("Cl_") else e
+        for name, e in MODEL.coefficients.items()
+    }
+    linear = linearise(VEHICLE, replace(MODEL, coefficients=refused), SPEED, DENSITY)
+    sure = {mode.name: mode for mode in linearise(VEHICLE, MODEL, SPEED, DENSITY).modes()}
+    modes = linear.modes()
+    assert [mode.name for mode in modes][:2] == ["short period", "phugoid"]
+    assert modes[0].eigenvalue == pytest.approx(sure["short period"].eigenvalue, rel=1e-3)
+    (line,) = linear.left_out()
+    assert "lateral modes coincide" in line
+    assert not linearise(VEHICLE, MODEL, SPEED, DENSITY).left_out()
