@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.importers import messages as make
-from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, read_dataflash
+from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, boots, read_dataflash
 from gcs.importers.synthesis import (
     ImportedLog,
     Ints,
     Progress,
     Series,
+    one_after_another,
     utc_offset,
     whole,
     without_strays,
@@ -44,7 +45,8 @@ _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), 
 
 def import_dataflash(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
     """Write a .bin log as a recording, called `name` there. ImportFileError where there is nothing in it to use."""
-    write_recording(_Mapping(read_dataflash(source)).log(), source, target, progress, name)
+    logs = [_Mapping(part).log() for part in boots(read_dataflash(source))]
+    write_recording(one_after_another(logs), source, target, progress, name)
 
 
 def _utc_us(week: NDArray[Any], milliseconds: NDArray[Any]) -> Ints:

@@ -8,7 +8,7 @@ counts only where the next one, or the file's end, follows right behind it; ever
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,9 @@ FMT_TYPE, FMT_LENGTH = 0x80, 89
 #: Messages that describe others.
 DESCRIPTIONS = frozenset({"FMT", "FMTU", "UNIT", "MULT"})
 _HEAD = 3
+# The clock begins anew where this many messages on both sides agree that it went back by more than messages overtake
+# one another; fewer are damaged stamps.
+_AGREE, _BACK_US = 15, 1_000_000
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -68,11 +71,14 @@ def _find_messages(data: Bytes, lengths: Ints, offset: Ints, kind: Bytes) -> tup
 
 @dataclass(frozen=True)
 class Table:
-    """All N messages of one type: (N,) structured, in the order of the file, and each field's factor."""
+    """All N messages of one type: (N,) structured, in the order of the file, each field's factor, and (N,) places in
+    the file.
+    """
 
     name: str
     rows: NDArray[Any]
     factors: Mapping[str, float]
+    places: Ints
 
     def __len__(self) -> int:
         return int(self.rows.size)
@@ -106,7 +112,7 @@ class Table:
 
     def only(self, keep: NDArray[np.bool_]) -> Table:
         """The messages chosen by a mask."""
-        return Table(self.name, self.rows[keep], self.factors)
+        return Table(self.name, self.rows[keep], self.factors, self.places[keep])
 
 
 @dataclass(frozen=True)
@@ -121,6 +127,30 @@ class DataflashLog:
     skipped: int
     unfinished: int
     unreadable: tuple[str, ...]
+
+
+def boots(log: DataflashLog) -> list[DataflashLog]:
+    """The log in parts, each of one run of the clock since boot; what carries no time belongs to every part."""
+    timed = [table for table in log.tables.values() if table.is_timed]
+    places = np.concatenate([table.places for table in timed]) if timed else np.empty(0, np.int64)
+    order = np.argsort(places)
+    cuts = [0]
+    if timed:
+        times = np.concatenate([table.time_us for table in timed])[order]
+        for at in (np.flatnonzero(times[1:] < times[:-1] - _BACK_US) + 1).tolist():
+            before, after = times[max(at - _AGREE, cuts[-1]) : at], times[at : at + _AGREE]
+            if min(before.size, after.size) == _AGREE and np.median(after) < np.median(before) - _BACK_US:
+                cuts.append(at)
+    edges = [*places[order][cuts[1:]].tolist(), np.iinfo(np.int64).max]
+    parts, start = [], -1
+    for end in edges:
+        tables = {
+            name: table.only((table.places >= start) & (table.places < end)) if table.is_timed else table
+            for name, table in log.tables.items()
+        }
+        parts.append(replace(log, tables=tables))
+        start = end
+    return parts
 
 
 def read_dataflash(path: Path) -> DataflashLog:
@@ -173,7 +203,7 @@ def _table(data: Bytes, places: Ints, name: str, length: int, letters: str, colu
         return None
     bodies = data[places[:, None] + np.arange(_HEAD, length)]
     factors = {column: FORMAT_TO_STRUCT[letter][1] or 1.0 for column, letter in zip(columns, letters, strict=True)}
-    return Table(name, np.ascontiguousarray(bodies).view(layout)[:, 0], factors)
+    return Table(name, np.ascontiguousarray(bodies).view(layout)[:, 0], factors, places)
 
 
 def _numpy_type(letter: str) -> str:
@@ -185,4 +215,4 @@ def _numpy_type(letter: str) -> str:
 _TYPES = {letter: _numpy_type(letter) for letter in FORMAT_TO_STRUCT}
 
 
-__all__ = ["DESCRIPTIONS", "DataflashLog", "Table", "read_dataflash"]
+__all__ = ["DESCRIPTIONS", "DataflashLog", "Table", "boots", "read_dataflash"]

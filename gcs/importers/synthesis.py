@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ _STRAY_US = 3_600_000_000
 _USUAL_SHARE = 0.01
 _WEEK_US = 7 * 24 * 3_600_000_000
 _NO_TIME_US = 1 << 53
+# Between the boots of one log whose UTC does not tell how long the pause was.
+_PAUSE_US = 10_000_000
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -38,12 +40,14 @@ class Series:
     """N messages of one type.
 
     time_us: (N,) the log's own clock. fields: name in lower case -> (N,) or (N, array length), in the message's
-    units; a field not named is 0.
+    units; a field not named is 0. late_us: how much later than by that clock they are received, as those of a later
+    boot are.
     """
 
     message: str
     time_us: Ints
     fields: Mapping[str, NDArray[Any]]
+    late_us: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,10 +113,35 @@ def utc_offset(time_us: Ints, utc_us: Ints) -> int | None:
     return offset if 0 <= offset < _NO_TIME_US // 2 else None
 
 
+def one_after_another(logs: Sequence[ImportedLog]) -> ImportedLog:
+    """Several boots of one log as one: each is received after the one before, at its own UTC where it knows it."""
+    logs = [log for log in logs if any(entry.time_us.size for entry in log.series)] or list(logs[:1])
+    first = logs[0]
+    if len(logs) == 1:
+        return first
+    base = first.utc_offset_us or 0
+    series: list[Series] = []
+    ends = 0
+    for number, log in enumerate(logs):
+        times = np.concatenate([entry.time_us for entry in log.series])
+        late = 0 if log.utc_offset_us is None or first.utc_offset_us is None else log.utc_offset_us - base
+        if number and int(times.min()) + late < ends + _PAUSE_US:
+            late = ends + _PAUSE_US - int(times.min())
+        ends = int(times.max()) + late
+        series += [replace(entry, late_us=late) for entry in log.series]
+    notes = {
+        key: "; ".join(dict.fromkeys(log.notes[key] for log in logs if key in log.notes))
+        for key in dict.fromkeys(key for log in logs for key in log.notes)
+    }
+    notes["boots"] = f"{len(logs)}: the clock of the log goes back; each is a flight of its own"
+    return replace(first, series=series, notes=notes)
+
+
 def _only(series: Series, keep: NDArray[np.bool_]) -> Series:
     if keep.all():
         return series
-    return Series(series.message, series.time_us[keep], {name: part[keep] for name, part in series.fields.items()})
+    kept = {name: part[keep] for name, part in series.fields.items()}
+    return replace(series, time_us=series.time_us[keep], fields=kept)
 
 
 @jit
@@ -176,7 +205,7 @@ def _frames(log: ImportedLog, dialect: Dialect) -> Iterator[tuple[Bytes, Ints]]:
     series = [entry for entry in log.series if entry.time_us.size]
     payloads = [_payloads(entry, dialect) for entry in series]
     kinds = [dialect.by_name[entry.message] for entry in series]
-    times = np.concatenate([entry.time_us for entry in series])
+    times = np.concatenate([entry.time_us + entry.late_us for entry in series])
     counts = [entry.time_us.size for entry in series]
     size = np.repeat([part.shape[1] for part in payloads], counts).astype(np.int64)
     identity = np.repeat([kind.id for kind in kinds], counts).astype(np.int64)

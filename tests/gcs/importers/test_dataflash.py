@@ -15,6 +15,7 @@ from gcs.errors import ImportFileError
 from gcs.flights.signals import extract
 from gcs.formats.conversion import export_file, import_file
 from gcs.importers.dataflash import read_dataflash
+from gcs.inspection.clocks import clocks
 from gcs.jobs.uploads import Uploads
 from gcs.recording.reader import Recording
 from gcs.settings import Settings
@@ -261,6 +262,22 @@ def test_a_log_without_gps_time_keeps_its_own_clock(tmp_path: Path) -> None:
     assert recording.start_ns == BOOT_US * 1000
     assert recording.metadata()["import"]["utc"] == "unknown"
     assert "not in the log" in recording.metadata()["import"]["armed"]
+
+
+def test_a_log_of_two_boots_is_two_flights_one_after_the_other(tmp_path: Path) -> None:
+    log = a_log()
+    second = a_log(6.0)
+    (tmp_path / "two.BIN").write_bytes(log.data + second.data)
+    import_file(tmp_path / "two.BIN", tmp_path / "two.mcap")
+    recording = Recording(tmp_path / "two.mcap")
+    assert recording.metadata()["import"]["boots"].startswith("2: ")
+    (attitude,) = recording.columns("ATTITUDE")
+    assert np.all(np.diff(attitude.log_time) > 0)
+    (clock,) = clocks(recording)
+    assert clock["resets"] == 1
+    flight = extract(recording, load_vehicle("ultrastick25e"))
+    assert flight.signals["p"].time_s.size == 300
+    assert any("the vehicle's clock restarted, 1 times" in line for line in flight.warnings)
 
 
 @pytest.mark.parametrize(

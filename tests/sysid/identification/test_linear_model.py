@@ -158,7 +158,7 @@ def test_a_response_that_is_not_there_is_none(linear: LinearModel) -> None:
 
 def test_motions_that_coincide_have_no_modes_and_take_none_from_the_others() -> None:
     refused = {
-        name: Coefficient(None, refused="no aileron moved") if name.startswith("Cl_") else e
+        name: Coefficient(None, refused="no aileron moved") if name.startswith(("Cl_", "Cn_")) else e
         for name, e in MODEL.coefficients.items()
     }
     linear = linearise(VEHICLE, replace(MODEL, coefficients=refused), SPEED, DENSITY)
