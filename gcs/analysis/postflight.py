@@ -11,7 +11,7 @@ from gcs.analysis.incomplete import cut_off, naming_cuts, with_warnings
 from gcs.analysis.provenance import made
 from gcs.analysis.sameflight import repeated, same
 from gcs.errors import SignalMapError
-from gcs.flights.autopilot_settings import filled, parameters_of
+from gcs.flights.autopilot_settings import flown
 from gcs.flights.signals import extract
 from gcs.flights.streams import sender_of
 from gcs.recording.joined import by_recording
@@ -47,16 +47,25 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
     return flights
 
 
-def load_flown(vehicle: Path, paths: Sequence[Path], system: int | None = None) -> Vehicle:
+def load_flown(
+    vehicle: Path,
+    paths: Sequence[Path],
+    system: int | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+) -> Vehicle:
     """The vehicle of a file, what it leaves out by the parameters of the autopilot that flew the recordings.
+
+    start, stop: s from the flight's first stamp, of the part that counts.
 
     Raises SimVehicleError for the file, GcsError for a recording that cannot be read.
     """
     craft = load_vehicle(str(vehicle))
     for parts in by_recording(paths):
         recording = Recording(parts)
-        if found := parameters_of(recording, sender_of(recording, system).system):
-            return filled(craft, found, recording.messages())
+        sender = sender_of(recording, system).system
+        if found := flown(craft, recording, sender, recording.messages(), start, stop):
+            return found
     return craft
 
 
@@ -90,7 +99,7 @@ def identify(
     from sysid.identify import identify as run
     from sysid.signal_check.corrected_faults import require_searched
 
-    craft = load_flown(vehicle, paths, system)
+    craft = load_flown(vehicle, paths, system, start, stop)
     require_searched([*as_recorded, *craft.as_recorded])
     progress(0.0, "reading the recordings")
     with CompileAhead() as compiling:
@@ -147,7 +156,7 @@ def discrepancy(
     from sysid.discrepancy import discrepancy as run
     from sysid.identification.result_file import finite_json
 
-    craft = load_flown(vehicle, paths, system)
+    craft = load_flown(vehicle, paths, system, start, stop)
     baseline = read_model(model)
     unknown = baseline.refused()
     for name in unknown:  # they are estimated with the others; without a value nothing flies

@@ -7,13 +7,14 @@ EKF2_IMU_POS_*, EKF2_GPS_POS_* (docs.px4.io, "Parameter reference"). No paramete
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from gcs.flights.streams import ColumnSource
+from gcs.errors import SignalMapError
+from gcs.flights.streams import Array, ColumnSource, Stream, load_streams
 from sim_vehicle.vehicle.controls import CONTROL_NAMES, DEFLECTION_SIGNALS, LARGEST_PWM_US, Control, mixing_matrix
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -22,6 +23,11 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 # 35 deg), and what it is known to, 1 sigma.
 USUAL_TRAVEL, USUAL_TRAVEL_STD = float(np.radians(25.0)), 0.3
 _INT32 = 6  # MAV_PARAM_TYPE
+# Messages whose samples say from when to when a flight goes, and how far apart moments are that are one, s.
+_SAMPLES = ("SERVO_OUTPUT_RAW", "HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "ATTITUDE", "SYSTEM_TIME")
+_MOMENT_S = 1e-3
+# Parameters that the autopilot's own reading of airspeed goes by, whatever the vehicle file says.
+_OF_AIRSPEED = ("ARSPD_", "ASPD_", "SENS_DPRES_", "CAL_AIR_")
 _SERVOS = range(1, 17)
 
 Mix = Mapping[str, float]
@@ -47,17 +53,109 @@ _POSITIONS = {
 }
 
 
-def parameters_of(recording: ColumnSource, system: int) -> dict[str, float]:
-    """Every parameter that a recording holds, the last value that was sent; what is no finite number is left out."""
-    found: dict[str, float] = {}
+@dataclass(frozen=True)
+class Change:
+    """A parameter that got another value in flight: when, s, and which one is taken for the whole of it."""
+
+    name: str
+    time_s: float
+    before: float
+    after: float
+    taken: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name} changed from {self.before:g} to {self.after:g} at {self.time_s:.1f} s; {self.taken:g}, which"
+            " held for longest, is taken throughout: identify each part by itself with --from and --to"
+        )
+
+
+def parameters_of(
+    recording: ColumnSource, system: int, start_s: float | None = None, stop_s: float | None = None
+) -> tuple[dict[str, float], list[Change]]:
+    """Every parameter that a recording holds, and changes in flight. start_s, stop_s: the part of it that counts.
+
+    A value counts from when it was sent, the first one before that too; of several in flight the one that held for
+    longest is given. What is no finite number is left out.
+    """
+    first, last, clock = _span(recording, system)
+    first, last = (max(first, start_s or 0.0), last if stop_s is None else min(last, stop_s))
+    sent: dict[str, list[tuple[float, float]]] = {}
     for columns in recording.columns("PARAM_VALUE", system):
         rows = columns.fields
-        for name, value, kind in zip(rows["param_id"], rows["param_value"], rows["param_type"], strict=True):
+        times = clock(Stream("PARAM_VALUE", columns.component, columns.log_time, rows))
+        for time, name, value, kind in zip(
+            times.tolist(), rows["param_id"], rows["param_value"], rows["param_type"], strict=True
+        ):
             text = bytes(name).split(b"\0")[0].decode("ascii", "replace")
             whole = float(np.float32(value).view(np.int32))
             # PX4 sends the bytes of a whole number in the place of the float, ArduPilot its value.
-            found[text] = whole if kind == _INT32 and 0.0 < abs(value) < 1e-30 else float(value)
-    return {name: value for name, value in found.items() if np.isfinite(value)}
+            number = whole if kind == _INT32 and 0.0 < abs(value) < 1e-30 else float(value)
+            if np.isfinite(number):
+                sent.setdefault(text, []).append((time, number))
+    found: dict[str, float] = {}
+    changes: list[Change] = []
+    for name, values in sent.items():
+        found[name], steps = _held(sorted(values, key=lambda one: one[0]), first, last)
+        changes += [Change(name, *step, found[name]) for step in steps]
+    return found, changes
+
+
+def _span(recording: ColumnSource, system: int) -> tuple[float, float, Callable[[Stream], Array]]:
+    """First and last sample of the flight, s, and how messages get onto its clock; without stamps, by reception."""
+    try:
+        streams = load_streams(recording, _SAMPLES, system)
+    except SignalMapError:
+        return -np.inf, np.inf, lambda stream: stream.log_ns / 1e9
+    times = [one.time_s for group in streams.streams.values() for one in group if one.time_s.size]
+    if not times:
+        return -np.inf, np.inf, lambda stream: streams.clock.seconds(stream.stamps)
+    first, last = min(float(one.min()) for one in times), max(float(one.max()) for one in times)
+    return first, last, lambda stream: streams.clock.seconds(stream.stamps)
+
+
+def _held(
+    values: Sequence[tuple[float, float]], first: float, last: float
+) -> tuple[float, list[tuple[float, float, float]]]:
+    """The value that held for longest from first to last, and changes in between: when, before, after.
+
+    values: (time, value) in order of time.
+    """
+    before = [value for time, value in values if time <= first + _MOMENT_S]
+    value, since = before[-1] if before else values[0][1], first
+    held: dict[float, float] = {}
+    steps = []
+    for time, after in values:
+        if first + _MOMENT_S < time < last - _MOMENT_S and after != value:
+            held[value] = held.get(value, 0.0) + time - since
+            steps.append((time, value, after))
+            value, since = after, time
+    held[value] = held.get(value, 0.0) + last - since
+    return max(held, key=lambda one: held[one]), steps
+
+
+def flown(
+    vehicle: Vehicle,
+    recording: ColumnSource,
+    system: int,
+    messages: Collection[str] = (),
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Vehicle | None:
+    """The vehicle `filled` from a recording, None where that holds no parameters; a warning says of each that changed
+    in flight and makes a difference to it.
+    """
+    found, changes = parameters_of(recording, system, start_s, stop_s)
+    if not found:
+        return None
+    craft = filled(vehicle, found, messages)
+
+    def matters(one: Change) -> bool:
+        others = ({**found, one.name: value} for value in (one.before, one.after))
+        return one.name.startswith(_OF_AIRSPEED) or any(filled(vehicle, other, messages) != craft for other in others)
+
+    lines = [str(one) for one in changes if matters(one)]
+    return replace(craft, warnings=(*craft.warnings, *lines))
 
 
 def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collection[str] = ()) -> Vehicle:

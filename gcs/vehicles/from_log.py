@@ -22,7 +22,7 @@ def controls_in(path: Path, log: str) -> dict[str, ControlAnswer]:
     """
     recording = Recording(path)
     system = vehicle_of(recording)
-    parameters = {} if system is None else parameters_of(recording, system)
+    parameters = {} if system is None else parameters_of(recording, system)[0]
     found = filled(Vehicle.unknown(), parameters).controls
     if not found:
         raise VehicleError(

@@ -26,6 +26,20 @@ class UlogWriter:
         packed = struct.pack("<i" if isinstance(value, int) else "<f", value)
         self.definitions += self._message("P", bytes((len(key),)) + key + packed)
 
+    def change(self, name: str, value: int, after_us: int) -> None:
+        """A whole parameter set in flight, so long after the start: behind the last sample that is not later."""
+        key = f"int32_t {name}".encode()
+        change = self._message("P", bytes((len(key),)) + key + struct.pack("<i", value))
+        place = 0
+        at = len(self.data)
+        while place < len(self.data):
+            length, kind = struct.unpack_from("<HB", self.data, place)
+            if kind == ord("D") and struct.unpack_from("<Q", self.data, place + 5)[0] > BOOT_US + after_us:
+                at = place
+                break
+            place += 3 + length
+        self.data = self.data[:at] + change + self.data[at:]
+
     def topic(self, name: str, *fields: str, instances: int = 1) -> None:
         """Fields as "float x" or "float[3] q"; the stamp comes first by itself."""
         declared = ("uint64_t timestamp", *fields)

@@ -10,14 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dataflash import BOOT_US
+from dataflash import a_log as a_dataflash_log
 from field_flight import Plan, fly_plan, textbook
 from field_plant import Air, Hold, Servo
 from field_wire import BOOT, START, write_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, group_delay
+from ulog_writer import a_log as a_px4_log
 
 from gcs.cli import main
-from gcs.flights.autopilot_settings import USUAL_TRAVEL, filled
+from gcs.flights.autopilot_settings import USUAL_TRAVEL, filled, flown
+from gcs.formats.conversion import import_file
+from gcs.recording.reader import Recording
 from sim_vehicle.vehicle.controls import servo_pwm
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
@@ -102,6 +107,39 @@ def test_the_low_pass_of_the_gyros_is_known_to_come_late_where_the_file_says_not
     stated = replace(bare(), timing={"RAW_IMU": Known(0.004, 0.001)})
     assert filled(stated, {"INS_GYRO_FILTER": 20.0}, ("RAW_IMU",)) == stated
     assert filled(bare(), {"INS_GYRO_FILTER": 0.0}, ("RAW_IMU",)) == bare()
+
+
+@pytest.mark.parametrize(("at_s", "turned", "told"), [(4.5, True, False), (3.0, True, True), (1.0, False, True)])
+@pytest.mark.parametrize("kind", ["BIN", "ulg"])
+def test_a_parameter_counts_from_when_it_was_set(
+    tmp_path: Path, kind: str, at_s: float, turned: bool, told: bool
+) -> None:
+    if kind == "BIN":
+        plane = a_dataflash_log()
+        first = plane.message("MODE", BOOT_US, 5, 5, 0)
+        given = b"".join(plane.message("PARM", BOOT_US, name, float(value)) for name, value in PLANE.items())
+        plane.data = plane.data.replace(first, first + given)
+        plane.add("PARM", BOOT_US + round(1e6 * at_s), "SERVO2_REVERSED", 0.0)
+        data, name = plane.data, "SERVO2_REVERSED changed from 1 to 0"
+    else:
+        wing = a_px4_log()
+        for name, number in (("PWM_MAIN_FUNC2", 201), ("CA_SV_CS0_TYPE", 3), ("PWM_MAIN_REV", 2)):
+            wing.parameter(name, number)
+        wing.change("PWM_MAIN_REV", 0, round(1e6 * at_s))
+        data, name = wing.bytes(), "PWM_MAIN_REV changed from 2 to 0"
+    (tmp_path / f"a.{kind}").write_bytes(data)
+    import_file(tmp_path / f"a.{kind}", tmp_path / "a.mcap")
+    recording = Recording(tmp_path / "a.mcap")
+    system = 7 if kind == "BIN" else 9
+    craft = flown(bare(), recording, system)
+    assert craft is not None
+    assert (craft.controls["elevator"].deflection_from_pwm(1900.0) > 0.0) == turned
+    assert [line.startswith(name) for line in craft.warnings if " changed from " in line] == [True] * told
+    # A part by itself has no change, and its own value.
+    part = flown(bare(), recording, system, stop_s=0.5)
+    assert part is not None
+    assert part.controls["elevator"].deflection_from_pwm(1900.0) > 0.0
+    assert not any(" changed from " in line for line in part.warnings)
 
 
 def test_a_log_with_parameters_needs_no_controls_in_the_vehicle_file(tmp_path: Path) -> None:
