@@ -27,7 +27,7 @@ _STRAY_US = 3_600_000_000
 _USUAL_SHARE = 0.01
 _WEEK_US = 7 * 24 * 3_600_000_000
 _NO_TIME_US = 1 << 53
-# Between the boots of one log whose UTC does not tell how long the pause was.
+# From one boot to the next in one log where no UTC says how long that took.
 _PAUSE_US = 10_000_000
 
 Bytes = NDArray[np.uint8]
