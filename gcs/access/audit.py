@@ -1,6 +1,6 @@
 """The log of who did what: a line of JSON for each request that changed something, and in a file of their own refusals.
 
-What was refused, and what changes nothing, is told of sparingly, so that nobody can push out what others did.
+What was refused, and what changes nothing, is written sparingly, so that nobody can push out what others did.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 # Of one file; the one before is kept beside it.
 _MOST_BYTES = 5_000_000
 _LONGEST = 200  # characters of a path
-# Of one who asks so many refusals have a line in each minute, and so many who ask are told apart; one line counts the
+# Of one who asks so many refusals have a line in each minute, and so many who ask are distinguished; one line counts the
 # rest.
 _FIRST, _MOST_ASKING = 5, 60
 _MINUTE_S = 60.0

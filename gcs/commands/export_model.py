@@ -45,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
     others = drawn(model, args.samples, args.seed) if args.samples else []
     for note in writers[args.to](model, path):
         print(f"left out: {note}", file=sys.stderr)
+    if model.doubt:
+        print(model.doubt, file=sys.stderr)
     print(path)
     for one, beside in zip(others, besides, strict=True):
         writers[args.to](one, beside)

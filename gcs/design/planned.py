@@ -32,7 +32,7 @@ def planned(
 
     names = [str(name) for name in asked.get("manoeuvres") or ()]
     known = read_model(model)
-    unknown = known.refused()
+    unknown = known.unknown()
     request = Request(
         manoeuvres=names or ["multisine"],
         duration=asked.get("duration"),

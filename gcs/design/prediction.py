@@ -160,9 +160,9 @@ def _settled(vehicle: Vehicle, model: Model, request: Request) -> tuple[Vehicle,
         raise SettingsError("--set sensors: the sensors' noise stands in the vehicle file, under [sensors]")
     for name, value in settings.coefficients.items():
         model = model.with_coefficient(name, value)
-    if model.refused():
-        demand = " ".join(f"--set {name}=VALUE" for name in model.refused())
-        raise SettingsError(f"the model has no value for {', '.join(model.refused())}; give {demand}")
+    if unknown := model.unknown():
+        demand = " ".join(f"--set {name}=VALUE" for name in unknown)
+        raise SettingsError(f"the model has no value for {', '.join(unknown)}; give {demand}")
     return replace(vehicle, flight=replace(vehicle.flight, **settings.flight)), model, settings.manoeuvre
 
 

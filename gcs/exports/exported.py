@@ -36,8 +36,15 @@ class Exported:
 
     @property
     def title(self) -> str:
-        """One line: which model, of which vehicle, by what."""
-        return one_line(f"{self.model.name}, identified model of {self.vehicle.name}, exported by gcs {VERSION}")
+        """One line: which model, of which vehicle, by what, and which of its numbers no flight identified."""
+        doubt = f"; {self.doubt}" if self.doubt else ""
+        return one_line(f"{self.model.name}, identified model of {self.vehicle.name}, exported by gcs {VERSION}{doubt}")
+
+    @property
+    def doubt(self) -> str:
+        """Which coefficients fly by the mean of an estimate that was refused; "" where none does."""
+        names = self.model.not_identified()
+        return f"not identified, there by the mean of a refused estimate: {', '.join(names)}" if names else ""
 
     @property
     def estimates(self) -> dict[str, Coefficient]:
@@ -73,8 +80,8 @@ class Exported:
         """What no form holds: effects of sensors and air, refused coefficients."""
         every = [one.name for one in self.model.effects if EFFECTS[one.name].stage in (Stage.SENSOR, Stage.ENVIRONMENT)]
         lines = [f"{name} is no part of the aircraft" for name in every]
-        refused = self.model.refused()
-        return [*lines, *([f"refused, taken as 0: {', '.join(refused)}"] if refused else [])]
+        unknown = self.model.unknown()
+        return [*lines, *([f"refused, taken as 0: {', '.join(unknown)}"] if unknown else [])]
 
 
 def estimates_of(model: Model) -> dict[str, Coefficient]:

@@ -67,7 +67,7 @@ def _elements(model: Exported) -> tuple[dict[str, dict[str, float]], list[str]]:
     found: dict[str, dict[str, float]] = {"": {}, **{surface: {} for surface in _JOINTS}}
     lost = []
     geometry = model.vehicle.geometry
-    for name, value in model.model.values().items():
+    for name, value in model.model.flown().items():
         axis, _, by = name.partition("_")
         if name in _NONE:
             lost.append(name)

@@ -297,7 +297,7 @@ def _by_advance(vehicle: Vehicle, curve: Curve) -> _Node:
 def _aerodynamics(model: Exported, effects: dict[str, dict[str, float]]) -> _Node:
     vehicle, geometry = model.vehicle, model.vehicle.geometry
     node = ElementTree.Element("aerodynamics")
-    terms = [(parse_term(name), value) for name, value in model.model.values().items()]
+    terms = [(parse_term(name), value) for name, value in model.model.flown().items()]
     # Here, where airspeed and density are those of the step; JSBSim's forces from outside come after.
     if vehicle.propulsion is not None:
         node.append(_function(_THRUST, _sum(_thrust(vehicle, effects))))

@@ -39,11 +39,12 @@ def write(model: Exported, path: Path) -> list[str]:
         "coefficients": {key: float(entry.value or 0.0) for key, entry in estimates.items()},
         "std": {key: np.nan if entry.std is None else entry.std for key, entry in estimates.items()},
         "names": np.array(names, dtype=object),
+        "not_identified": {_identifier(name): model.model.flown()[name] for name in model.model.not_identified()},
         "mass": {key: getattr(mass, key) for key in ("mass", "Ixx", "Iyy", "Izz", "Ixz")},
         "geometry": {key: getattr(geometry, key) for key in ("S", "b", "c")},
         "airspeed": vehicle.flight.airspeed,
     }
-    if (known := known_from(model.model)[0]) is not None:
+    if (known := known_from(model.model, flown=True)[0]) is not None:
         content |= {"covariance": known.covariance, "covariance_names": np.array(known.names, dtype=object)}
     try:
         linear = state_space(model)
@@ -87,7 +88,7 @@ def _function(model: Exported, name: str) -> str:
     ]
     for axis in AXES:
         # Drag by lift follows lift.
-        terms = [(parse_term(key), value) for key, value in model.model.values().items()]
+        terms = [(parse_term(key), value) for key, value in model.model.flown().items()]
         sums = [
             " .* ".join([f"({value!r})", *(_RATES.get(factor, factor) for factor in term.factors)])
             for term, value in terms

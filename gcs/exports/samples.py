@@ -18,7 +18,7 @@ def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
 
     Parameters of effects stay within the catalogue's ranges. Raises ExportError for a model without correlations.
     """
-    known, _ = known_from(model.model)
+    known, _ = known_from(model.model, flown=True)
     if known is None:
         raise ExportError(
             f"{model.model.name}: no models can be drawn from it: its file has no correlations of estimates, without"
@@ -31,7 +31,14 @@ def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
 def _with(model: Exported, values: dict[str, float], number: int) -> Exported:
     """A model drawn is one that may be the true one, so that its values have no errors."""
     coefficients = {
-        name: Coefficient(values.get(name, entry.value), refused=entry.refused)
+        name: replace(
+            entry,
+            value=None if entry.value is None else values.get(name, entry.value),
+            std=None,
+            mean=None if entry.mean is None else values.get(name, entry.mean),
+            mean_std=None,
+            extra={},
+        )
         for name, entry in model.model.coefficients.items()
     }
     effects = []

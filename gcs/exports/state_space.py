@@ -21,7 +21,7 @@ def state_space(model: Exported) -> dict[str, Any]:
     """Matrices, names, trim and modes at the vehicle file's airspeed and height. Raises SimVehicleError for no trim."""
     flight, stated = model.vehicle.flight, model.vehicle.environment.air_density
     air = float(density(np.array(flight.altitude))) if stated is None else stated
-    known, _ = known_from(model.model)
+    known, _ = known_from(model.model, flown=True)
     covariance = None if known is None else (known.names, known.covariance)
     linear = linearise(model.vehicle, model.model, flight.airspeed, air, covariance)
     modes = [mode.to_json() for mode in linear.modes()]
@@ -36,7 +36,7 @@ def write(model: Exported, path: Path) -> list[str]:
     """Write them as JSON. Returns what the form does not hold, a line each."""
     require_new(path)
     model.require_values()
-    found = {"title": model.title, **state_space(model)}
+    found = {"title": model.title, "not_identified": model.model.not_identified(), **state_space(model)}
     write_whole(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
     return [*model.left_out, *(f"{name} is no part of eight states" for name in _not_held(model))]
 

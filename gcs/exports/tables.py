@@ -35,6 +35,9 @@ def write_csv(model: Exported, path: Path) -> list[str]:
         value, std = float(entry.value or 0.0), entry.std
         bars = ("", "", "") if std is None else (std, value - Z95 * std, value + Z95 * std)
         rows.writerow((name, value, *bars, _unit(name), described(name)))
+    for name in model.model.not_identified():
+        entry = model.model.coefficients[name]
+        rows.writerow((name, entry.mean, entry.mean_std, "", "", _unit(name), f"not identified: {entry.refused}"))
     write_whole(path, text.getvalue())
     if model.model.correlation is not None:
         text = io.StringIO()

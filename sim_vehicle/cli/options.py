@@ -132,8 +132,7 @@ def model_of(given: argparse.Namespace, vehicle: Vehicle, settings: Settings) ->
             model = model.with_effect(effect, values)
     except SimVehicleError as error:
         raise UsageError(str(error)) from None
-    if model.refused():
-        names = model.refused()
+    if names := model.unknown():
         reason = model.coefficients[names[0]].refused
         demand = " ".join(f"--set {name}=VALUE" for name in names)
         raise ModelFileError(f"the model has no value for {', '.join(names)} ({reason}); give {demand}")

@@ -23,6 +23,8 @@ class Coefficient:
 
     value: the coefficient, per radian, rates nondimensional; None if refused.
     std: statistical standard error; None if it is not an estimate.
+    mean, mean_std: of an estimate that is refused: what flies in its place, for zero is no better known; None where
+    there was none.
     extra: further keys of the file (ci95, systematic), kept as they came.
     """
 
@@ -30,10 +32,23 @@ class Coefficient:
     std: float | None = None
     refused: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)
+    mean: float | None = None
+    mean_std: float | None = None
+
+    @property
+    def flown(self) -> float | None:
+        """What flies: the value, or where that is refused the mean of its estimate."""
+        return self.mean if self.value is None else self.value
+
+    @property
+    def flown_std(self) -> float | None:
+        """Standard error of what flies."""
+        return self.mean_std if self.value is None else self.std
 
     def to_json(self) -> dict[str, Any]:
         if self.value is None:
-            return {"refused": self.refused, **self.extra}
+            means = {"mean": self.mean, "mean_std": self.mean_std}
+            return {"refused": self.refused, **{k: v for k, v in means.items() if v is not None}, **self.extra}
         entry: dict[str, Any] = {"value": self.value}
         if self.std is not None:
             entry["std"] = self.std
@@ -91,9 +106,21 @@ class Model:
         """Coefficient values; a coefficient without one is left out."""
         return {name: entry.value for name, entry in self.coefficients.items() if entry.value is not None}
 
+    def flown(self) -> dict[str, float]:
+        """What flies: values, and means of estimates that are refused; a coefficient without either is left out."""
+        return {name: entry.flown for name, entry in self.coefficients.items() if entry.flown is not None}
+
     def refused(self) -> list[str]:
         """Names of the coefficients that have no value."""
         return [name for name, entry in self.coefficients.items() if entry.value is None]
+
+    def not_identified(self) -> list[str]:
+        """Names of the coefficients that fly by the mean of an estimate that is refused."""
+        return [name for name in self.refused() if self.coefficients[name].mean is not None]
+
+    def unknown(self) -> list[str]:
+        """Names of the coefficients of which nothing is known that could fly."""
+        return [name for name in self.refused() if self.coefficients[name].mean is None]
 
     def effect(self, name: str) -> dict[str, float] | None:
         """Parameter values of an effect, None where the model does not have it."""
@@ -144,9 +171,12 @@ def _entry(where: str, data: Any) -> Coefficient:
         data = {"value": data}
     if not isinstance(data, dict):
         raise ModelFileError(f'{where}: expected {{"value": number}}, got {data!r}')
-    extra = {key: item for key, item in data.items() if key not in ("value", "std", "refused")}
+    extra = {key: item for key, item in data.items() if key not in ("value", "std", "refused", "mean", "mean_std")}
     if "refused" in data:
-        return Coefficient(None, None, str(data["refused"]), extra)
+        means = (
+            None if data.get(key) is None else _finite(f"{where}: {key}", data[key]) for key in ("mean", "mean_std")
+        )
+        return Coefficient(None, None, str(data["refused"]), extra, *means)
     value = _finite(f"{where}: value", data.get("value"))
     std = None if data.get("std") is None else _finite(f"{where}: std", data["std"])
     if std is not None and std < 0.0:

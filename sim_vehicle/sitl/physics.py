@@ -61,7 +61,7 @@ class AutopilotFlight:
         self._speed = float(trim.state.work[Aux.V])
         _, self._rest, _ = euler_angles(*trim.state.x[6:10])
         self._rest = max(float(self._rest), 0.0)
-        rudder = plant.model.values().get("Cn_dr", 0.0)
+        rudder = plant.model.flown().get("Cn_dr", 0.0)
         self._steering = math.copysign(_STEERING, rudder) if rudder else 0.0
         self.restart()
 

@@ -91,11 +91,11 @@ def _kind(term: Term) -> int:
 
 def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
     """Vehicle and model for the compiled code. Raises ModelFileError where a coefficient has no value."""
-    refused = model.refused()
-    if refused:
+    unknown = model.unknown()
+    if unknown:
         raise ModelFileError(
-            f"model {model.name}: {', '.join(refused)} could not be identified from the flight; "
-            f"give one, as --set {refused[0]}=VALUE"
+            f"model {model.name}: {', '.join(unknown)} could not be identified from the flight; "
+            f"give one, as --set {unknown[0]}=VALUE"
         )
     for effect in model.effects:
         if effect.refused():
@@ -104,7 +104,7 @@ def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
                 f"model {model.name}: {key} of effect {effect.name} could not be identified from the flight; "
                 f"give one, as --effect {effect.name}:{key}=VALUE"
             )
-    values = model.values()
+    values = model.flown()
     terms = sorted((parse_term(name) for name in values), key=lambda term: AXES.index(term.axis))
     F = np.full((len(terms), MAX_FACTORS), -1, dtype=np.int64)
     for i, term in enumerate(terms):

@@ -19,11 +19,19 @@ MAX_CORRELATION = 0.95
 
 @dataclass(frozen=True)
 class Refusal:
-    """A quantity that the flight cannot identify, why, and the manoeuvre that would."""
+    """A quantity that the flight cannot identify, why, and the manoeuvre that would.
+
+    flies: whether the mean of its estimate, where there is one, is what simulations fly all the same.
+    """
 
     name: str
     reason: str
     manoeuvre: str
+    flies: bool = True
+
+    def to_json(self) -> dict[str, str]:
+        """It as an entry of `refused` in a result file (schema identification/1)."""
+        return {"name": self.name, "reason": self.reason, "manoeuvre": self.manoeuvre}
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Limits:
 
 def prior_linear(vehicle: Vehicle, model: Model, names: Sequence[str], airspeed: float, density: float) -> LinearModel:
     """The linearised prior model with its slopes by the coefficients `names`."""
-    values = model.values()
+    values = model.flown()
     entries = {name: Coefficient(values.get(name, 0.0), usual_size(name)) for name in names}
     kept = {name: Coefficient(value) for name, value in values.items() if name in model.coefficients}
     return linearise(vehicle, replace(model, coefficients=kept | entries), airspeed, density)

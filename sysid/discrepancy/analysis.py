@@ -104,28 +104,32 @@ def _between(begin: float, end: float, asked: Asked) -> Asked:
 
 def _result(found: Outcome, vehicle: Vehicle, progress: Progress, generator: np.random.Generator) -> dict[str, Any]:
     progress(_COMPARED, "the gap on the flights used")
+    verdict, explained = found.verdict.name, found.verdict.explained
     shown = ("before", "after") if found.named else ("given", "before")
     sets = {"estimation": found.used} | ({} if found.judged is None else {"validation": found.judged})
     gaps, series = {}, {}
     for name, of in sets.items():
         if name == "validation":
             progress(0.88, "the gap on the other flights")
-        gaps[name] = stage_gaps(of.motion, of.flights, of.stages, of.compatible, of.air, generator)
+        gaps[name] = stage_gaps(of, generator)
         series[name] = simulation_series(of.flights, of.stages, shown)
     # What coefficients fitted again explain is not where an effect is missing.
-    stage_before = "given" if found.verdict == "parameter_error" else "before"
-    where = _where(found.used, vehicle, stage_before) if found.verdict != "none" else []
+    stage_before = "given" if verdict == "parameter_error" else "before"
+    where = _where(found.used, vehicle, stage_before) if verdict != "none" else []
     progress(1.0, "done")
     quality = found.quality
-    if found.verdict == "unexplained":
+    if verdict == "unexplained":
         quality = replace(quality, reasons=(*quality.reasons, Reason(CARE, _NOTHING_NAMED)))
     result = {
         "schema": "discrepancy/1",
         "flights": [flight.data.name for flight in found.used.flights],
         "method": found.method,
         "ruled_out": sorted(found.ruled_out),
-        "verdict": found.verdict,
-        "reasons": list(found.reasons),
+        "verdict": verdict,
+        "complete": explained.complete,
+        "left": explained.left_json(),
+        "nearest": explained.nearest_json() if verdict == "unexplained" else None,
+        "reasons": list(found.verdict.reasons),
         "where": where,
         "effects": [effect_json(named) for named in found.named],
         "gap": gaps,

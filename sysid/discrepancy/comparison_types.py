@@ -9,6 +9,7 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.identified_effect import Named
+from sysid.discrepancy.naming_rule import Judgement
 from sysid.numerics.dryden import Turbulence
 from sysid.problem.estimation_problem import Motion
 from sysid.problem.free_run import Fixed
@@ -51,13 +52,12 @@ class Compared:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was found. method: "fe" or "map". verdict, reasons, turbulence: of schema discrepancy/1. model: with what
+    """What was found. method: "fe" or "map". turbulence: of schema discrepancy/1. model: with what
     was named. used: the flights that were fitted; judged: those held out.
     """
 
     method: str
-    verdict: str
-    reasons: tuple[str, ...]
+    verdict: Judgement
     named: tuple[Named, ...]
     model: Model
     ruled_out: frozenset[str]

@@ -13,11 +13,12 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.packed_model import flatten
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.numerics.dryden import Turbulence
+from sysid.discrepancy.comparison_types import Compared
+from sysid.discrepancy.naming_rule import WIDER
 from sysid.numerics.smoothing import noise_sigma
-from sysid.problem.estimation_problem import Estimates, Motion, Problem, split_runs
+from sysid.problem.estimation_problem import Estimates, Problem, split_runs
 from sysid.problem.free_run import Fixed, gap, noise_floor
-from sysid.signals.preparation import MAX_STRETCH_S, Prepared
+from sysid.signals.preparation import MAX_STRETCH_S
 from sysid.signals.record import OUTPUTS, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
@@ -33,50 +34,64 @@ def fixed_model(problem: Problem, model: Model, result: Estimates, compatible: C
     return Fixed(flatten(problem.vehicle, model), errors, problem.command_first)
 
 
-def widening(
-    prepared: Sequence[Prepared], before: Fixed, after: Fixed, outputs: Collection[str] | None = None
-) -> float:
-    """How many times as wide as before the gap on these flights is after: the quadratic mean over the outputs, or over
-    those given.
+def widening(compared: Compared, outputs: Collection[str] | None = None) -> float:
+    """How many times as wide as "before" the gap on these flights is "after": the quadratic mean over the outputs, or
+    over those given.
+
+    Where it is wider than names may leave it, gaps within what noise alone makes count as that: a part of the motion
+    that hardly moves says nothing of a name by its noise.
     """
-    records = [stretch.record for flight in prepared for stretch in flight.stretches]
-    least, most = (gap(records, prepared[0].layout, model) for model in (before, after))
-    ratios = [
-        most[name] / value
-        for name, value in least.items()
-        if value > 0.0 and math.isfinite(value) and (outputs is None or name in outputs)
-    ]
+    records, layout = _records(compared), compared.flights[0].layout
+    before, after = (gap(records, layout, compared.stages[stage]) for stage in ("before", "after"))
+    shown = {name for name in before if outputs is None or name in outputs}
+    wider = _times_as_wide(before, after, dict.fromkeys(shown, 0.0))
+    if wider < WIDER:
+        return wider
+    floor = _noise_floor(compared, compared.stages["after"], np.random.default_rng(0))
+    return _times_as_wide(before, after, {name: floor.get(name, 0.0) for name in shown})
+
+
+def _times_as_wide(before: Mapping[str, float], after: Mapping[str, float], floor: Mapping[str, float]) -> float:
+    pairs = [(max(before[name], least), max(after[name], least)) for name, least in floor.items()]
+    ratios = [most / least for least, most in pairs if least > 0.0 and math.isfinite(least)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
 
 
-def stage_gaps(
-    motion: Motion,
-    prepared: Sequence[Prepared],
-    stages: Mapping[str, Fixed],
-    compatible: CompatibilityResult,
-    air: Turbulence,
-    generator: np.random.Generator,
-) -> dict[str, dict[str, float]]:
-    """Gap of every stage on these flights, and the noise floor of the last in air of this turbulence."""
-    stretches = [stretch for flight in prepared for stretch in flight.stretches]
-    records = [stretch.record for stretch in stretches]
-    layout = prepared[0].layout
+def stage_gaps(compared: Compared, generator: np.random.Generator) -> dict[str, dict[str, float]]:
+    """Gap of every stage on these flights, and the noise floor of the last in air of their turbulence."""
+    records, layout = _records(compared), compared.flights[0].layout
     found: dict[str, dict[str, float]] = {}
-    for stage, fixed in stages.items():
-        found[stage] = {name: value for name, value in gap(records, layout, fixed).items() if math.isfinite(value)}
+    for stage, fixed in compared.stages.items():
+        found[stage] = _finite(gap(records, layout, fixed))
+    found["noise_floor"] = _noise_floor(compared, list(compared.stages.values())[-1], generator)
+    return found
+
+
+def _records(compared: Compared) -> list[Record]:
+    return [stretch.record for flight in compared.flights for stretch in flight.stretches]
+
+
+def _finite(gaps: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in gaps.items() if math.isfinite(value)}
+
+
+def _noise_floor(compared: Compared, fixed: Fixed, generator: np.random.Generator) -> dict[str, float]:
+    """The gap that a model has on flights of its own, by noise of sensors and inputs and by gusts."""
+    stretches = [stretch for flight in compared.flights for stretch in flight.stretches]
+    records = [stretch.record for stretch in stretches]
     thrust_noise = [noise_sigma(s.data["thrust"], s.data.interval_s) for s in stretches if "thrust" in s.data]
     thrust_sigma = 0.0 if not thrust_noise else float(np.median(thrust_noise)) * _thrust_noise_left(records)
     runs, starts = [], []
-    for stretch, states in zip(stretches, compatible.states, strict=True):
+    for stretch, states in zip(stretches, compared.compatible.states, strict=True):
         full = dict(states)
         full.setdefault("psi", stretch.data.columns.get("psi", np.zeros(stretch.record.length)))
-        part_runs, paths = split_runs(stretch.record, full, motion, MAX_STRETCH_S)
+        part_runs, paths = split_runs(stretch.record, full, compared.motion, MAX_STRETCH_S)
         runs += [replace(run, imposed_states=np.zeros((0, 9))) for run in part_runs]
         starts += [path[0] for path in paths]
-    last = list(stages.values())[-1]
-    floor = noise_floor(runs, starts, layout, last, _output_noise(records), thrust_sigma, air, generator)
-    found["noise_floor"] = {name: value for name, value in floor.items() if math.isfinite(value)}
-    return found
+    layout = compared.flights[0].layout
+    return _finite(
+        noise_floor(runs, starts, layout, fixed, _output_noise(records), thrust_sigma, compared.air, generator)
+    )
 
 
 def _thrust_noise_left(records: Sequence[Any]) -> float:

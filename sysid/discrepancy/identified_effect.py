@@ -66,6 +66,11 @@ def nearly(effect: str, significance: Significance, tried: int) -> str:
     )
 
 
+def beside_first(effect: str, gain: float, first: str) -> str:
+    """That a further effect is no name beside the first, in words."""
+    return f"{effect}: gains {gain:.0f}, no more than {first} may leave"
+
+
 def effect_json(named: Named) -> dict[str, Any]:
     """It as an entry of `effects` in a result file (schema discrepancy/1)."""
     effect = named.candidate.effect

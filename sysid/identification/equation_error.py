@@ -186,11 +186,11 @@ def _refusals(joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEst
     refused = []
     for name, (value, std) in joint.entries().items():
         usual = usual_size(name)
-        reason = not_believed(name, value)
+        reason = beyond = not_believed(name, value)
         if reason is None and name in bands:
             reason = refusal(value, bands[name])
         if reason is None and std > REFUSED_SHARE * max(abs(value), usual):
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
         if name in names and reason is not None:
-            refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+            refused.append(Refusal(name, reason, helpful_manoeuvre(name), flies=beyond is None))
     return refused

@@ -237,7 +237,8 @@ def linearise(
 ) -> LinearModel:
     """The model about steady level flight, with the standard errors of its coefficients.
 
-    A coefficient that was refused counts as 0 with its usual size as standard error.
+    A coefficient that was refused counts by the mean and standard error of its estimate; without one it counts as 0,
+    with its usual size as standard error.
 
     Parameters
     ----------
@@ -274,7 +275,7 @@ def linearise(
     whole = replace(
         model,
         coefficients={
-            name: _stand_in(name, motion_known[is_longitudinal(name)]) if entry.value is None else entry
+            name: _stand_in(name, entry, motion_known[is_longitudinal(name)]) if entry.value is None else entry
             for name, entry in model.coefficients.items()
         },
     )
@@ -290,7 +291,7 @@ def linearise(
     spread = np.diag([float(whole.coefficients[name].std or 0.0) ** 2 for name in names])
     if covariance is not None:
         known = {name: i for i, name in enumerate(covariance[0])}
-        here = [i for i, name in enumerate(names) if name in known and model.coefficients[name].value is not None]
+        here = [i for i, name in enumerate(names) if name in known and model.coefficients[name].flown is not None]
         there_places = [known[names[i]] for i in here]
         spread[np.ix_(here, here)] = covariance[1][np.ix_(there_places, there_places)]
     # Both sides of a difference take the same steps, so that what a coefficient does not touch cancels to the last bit.
@@ -314,11 +315,13 @@ def _any_thrust(vehicle: Vehicle) -> Propulsion:
     return replace(vehicle.propulsion, max_thrust=enough, CT=(), CQ=())
 
 
-def _stand_in(name: str, motion_known: bool) -> Coefficient:
-    """What stands for a coefficient that was refused: 0 within its usual size.
+def _stand_in(name: str, entry: Coefficient, motion_known: bool) -> Coefficient:
+    """What stands for a coefficient that was refused: the mean of its estimate, or 0 within its usual size.
 
     Where nothing is known of a motion, its modes are not given, and usual coefficients only let it be trimmed.
     """
+    if motion_known and entry.mean is not None:
+        return Coefficient(entry.mean, entry.mean_std)
     return Coefficient(0.0, usual_size(name)) if motion_known else Coefficient(usual_size(name))
 
 

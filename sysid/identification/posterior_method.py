@@ -25,6 +25,7 @@ from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, THRUST_ARM
 from sysid.posterior.stated_priors import unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
+from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
 from sysid.signals.flight import FlightSignals
@@ -212,11 +213,12 @@ def refusals_of(
         if name not in structure.coefficients:
             continue
         value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
+        beyond = not_believed(name, value) if set(parse_term(name).factors) <= _STATIC else None
         if name.startswith("CD") and not thrust:
             reason = "drag needs thrust: measure it, or give [propulsion] for rpm or throttle"
         elif name in found.not_believed:
             reason = found.not_believed[name]
-        elif set(parse_term(name).factors) <= _STATIC and (beyond := not_believed(name, value)) is not None:
+        elif beyond is not None:
             reason = beyond
         elif (own := np.sqrt(max(std**2 - shared.get(name, 0.0) ** 2, 0.0))) > REFUSED_SHARE * max(
             abs(value), usual_size(name)
@@ -226,7 +228,9 @@ def refusals_of(
             reason = "the flight adds nothing to what was known before"
         else:
             continue
-        refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
+        # What no aircraft has flies nowhere, and a drag without thrust is none.
+        flies = beyond is None and not (name.startswith("CD") and not thrust)
+        refused.append(Refusal(name, reason, helpful_manoeuvre(name), flies))
     lost = [name for name in structure.coefficients if name not in identified and name not in found.unexcited]
     why = "; ".join(found.left_out.values()) or "the measurement that shows it is missing"
     return refused + [Refusal(name, why, helpful_manoeuvre(name)) for name in lost]
@@ -335,13 +339,9 @@ def _model(
     structure: Model, name: str, found: PosteriorEstimate, refused: Sequence[Refusal], parts: Sequence[FlightPart]
 ) -> Model:
     """Model file of the estimate."""
-    reasons = {entry.name: entry.reason for entry in refused}
-    joint = found.joint.of([name for name in found.joint.names if name not in reasons])
+    joint = flying(found.joint, refused)
     entries = {} if joint is None else joint.entries()
-    coefficients = {
-        key: Coefficient(None, refused=reasons[key]) if key in reasons else Coefficient(*entries[key])
-        for key in structure.coefficients
-    }
+    coefficients = coefficient_entries(structure.coefficients, entries, refused)
     return Model(
         name,
         coefficients,

@@ -59,7 +59,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "quality": found.quality.to_json(),
         "validation": _validation(found.validation, found.validation_flights),
         **_series(found),
-        "refused": [vars(refusal) for refusal in found.refused],
+        "refused": [refusal.to_json() for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
         "warnings": [*found.warnings, *(found.linear.left_out() if not isinstance(found.linear, str) else ())],
     }

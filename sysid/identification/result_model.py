@@ -15,6 +15,7 @@ from sysid.equation_error.dead_surfaces import part_of
 from sysid.identification.equation_error import EquationEstimate
 from sysid.identification.linear_model import LinearModel, linearise
 from sysid.identification.output_or_filter_error import MaximumLikelihood
+from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
 from sysid.signals.preparation import Prepared
 
@@ -82,17 +83,8 @@ def equation_model(
     start: Model, found: EquationEstimate, refused: Sequence[Refusal], validity: Mapping[str, tuple[float, float]]
 ) -> Model:
     """The model that equation error estimates."""
-    reasons = {entry.name: entry.reason for entry in refused}
-    joint = found.joint.of([name for name in found.joint.names if name not in reasons])
-    estimated = {} if joint is None else joint.entries()
-    entries = {
-        name: Coefficient(None, refused=reasons[name])
-        if name in reasons
-        else Coefficient(*estimated[name])
-        if name in estimated
-        else entry
-        for name, entry in start.coefficients.items()
-    }
+    joint = flying(found.joint, refused)
+    entries = coefficient_entries(start.coefficients, {} if joint is None else joint.entries(), refused)
     correlation = None if joint is None else joint.correlation()
     return replace(start, coefficients=entries, validity=validity, correlation=correlation)
 

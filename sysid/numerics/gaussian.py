@@ -99,14 +99,15 @@ class Gaussian:
         return {name: (float(m), float(s)) for name, m, s in zip(self.names, self.mean, std, strict=True)}
 
 
-def known_from(model: Model) -> tuple[Gaussian | None, str]:
+def known_from(model: Model, *, flown: bool = False) -> tuple[Gaussian | None, str]:
     """What a model file says as a prior, and a warning where it says less than it seems to.
 
-    Only entries with a standard error that stand in the model's correlation block count.
+    Only entries with a standard error that stand in the model's correlation block count. flown: whether estimates that
+    are refused count too, by which the model flies.
     """
     entries = _entries(model)
     block = model.correlation
-    estimated = [name for name, entry in entries.items() if entry.value is not None and entry.std]
+    estimated = [name for name, entry in entries.items() if (entry.flown_std if flown else entry.std)]
     if block is None or not set(block.names) & set(estimated):
         return None, (
             f"the prior {model.name} has no correlations of its estimates, without which its standard errors claim too "
@@ -117,8 +118,8 @@ def known_from(model: Model) -> tuple[Gaussian | None, str]:
     values, vectors = np.linalg.eigh(np.array(block.matrix)[np.ix_(place, place)])
     # Rounding may have made a nearly singular matrix indefinite; what lies below its error is not known.
     matrix = (vectors * np.maximum(values, len(names) * 10.0**-_DECIMALS)) @ vectors.T
-    std = np.array([entries[name].std for name in names], dtype=np.float64)
-    mean = np.array([entries[name].value for name in names], dtype=np.float64)
+    std = np.array([entries[name].flown_std for name in names], dtype=np.float64)
+    mean = np.array([entries[name].flown for name in names], dtype=np.float64)
     left_out = sorted(set(estimated) - set(names))
     warning = f"the prior's correlations lack {', '.join(left_out)}: start values only" if left_out else ""
     return Gaussian(names, mean, matrix * np.outer(std, std)), warning

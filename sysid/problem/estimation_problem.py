@@ -190,7 +190,7 @@ def start_values(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> dict[str, float]:
     """Where an estimation starts: the model's values, and the sensor errors of the problem."""
-    values = {name: model.values()[name] for name in coefficients}
+    values = {name: model.flown()[name] for name in coefficients}
     values |= {f"{effect}.{name}": (model.effect(effect) or {})[name] for effect, name in effects}
     return values | dict(problem.sensors)
 
@@ -240,7 +240,31 @@ def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
 def unbelieved(result: Estimates, names: Sequence[str]) -> list[Refusal]:
     """Coefficients with a value that no aircraft has; the others were estimated beside it."""
     reasons = ((name, not_believed(name, result.value(name))) for name in names)
-    return [Refusal(name, why, helpful_manoeuvre(name)) for name, why in reasons if why is not None]
+    return [Refusal(name, why, helpful_manoeuvre(name), flies=False) for name, why in reasons if why is not None]
+
+
+def flying(joint: Gaussian | None, refused: Sequence[Refusal]) -> Gaussian | None:
+    """What is known of coefficients that fly, those refused for want of information included."""
+    grounded = {entry.name for entry in refused if not entry.flies}
+    return None if joint is None else joint.of([name for name in joint.names if name not in grounded])
+
+
+def coefficient_entries(
+    base: Mapping[str, Coefficient], values: Mapping[str, tuple[float, float]], refused: Sequence[Refusal]
+) -> dict[str, Coefficient]:
+    """Entries of a model file: estimates, what is refused with what flies in its place, and what stays as it was.
+
+    base: the entries before. values: means and standard errors of all that flies.
+    """
+    reasons = {entry.name: entry.reason for entry in refused}
+    return {
+        name: Coefficient(None, None, reasons[name], {}, *values.get(name, (None, None)))
+        if name in reasons
+        else Coefficient(*values[name])
+        if name in values
+        else old
+        for name, old in base.items()
+    }
 
 
 def model_of(
@@ -258,20 +282,12 @@ def model_of(
     known: what was known before; coefficients that the flight did not move stay as known, updated by their
     correlations.
     """
-    reasons = {entry.name: entry.reason for entry in refused}
     unknowns = [*coefficients, *(f"{effect}.{key}" for effect, key in effects)]
-    joint = estimated(result, [name for name in unknowns if name not in reasons])
+    joint = flying(estimated(result, unknowns), refused)
     if joint is not None and known is not None:
         joint = known.updated(joint)
     values = {} if joint is None else joint.entries()
-    entries: dict[str, Coefficient] = {}
-    for key, old in base.coefficients.items():
-        if key in reasons:
-            entries[key] = Coefficient(None, refused=reasons[key])
-        elif key in values:
-            entries[key] = Coefficient(*values[key])
-        else:
-            entries[key] = old
+    entries = coefficient_entries(base.coefficients, values, refused)
     model_effects = []
     for effect in base.effects:
         parameters = dict(effect.parameters)

@@ -26,8 +26,10 @@ def comparison(
     errors: Mapping[str, tuple[float, float, str]],
     command_first: float,
 ) -> ModelComparison:
-    """Flights beside the model, refused coefficients counting as zero, effects with refused parameters as absent."""
-    estimated = {name: entry for name, entry in model.coefficients.items() if entry.value is not None}
+    """Flights beside the model as it flies: coefficients that are refused by the mean of their estimate, those without
+    one as zero, effects with refused parameters as absent.
+    """
+    estimated = {name: entry for name, entry in model.coefficients.items() if entry.flown is not None}
     known = replace(model, coefficients=estimated, effects=tuple(e for e in model.effects if not e.refused()))
     axes = sorted({name.partition("_")[0] for name in known.coefficients})
     values = {name: value for name, (value, _, _) in errors.items()}

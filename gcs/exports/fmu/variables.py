@@ -112,7 +112,7 @@ def variables(model: Exported, effects: Mapping[str, Mapping[str, float]]) -> li
         found.append(Variable(name, symbol, "parameter", value, unit, described(name), stds.get(name)))
     found += [
         Variable(name, "", "parameter", value, "", described(name), stds.get(name))
-        for name, value in model.model.values().items()
+        for name, value in model.model.flown().items()
     ]
     return [*found, *(Variable(name, "", "output", None, _UNITS.get(name, ""), _WORDS[name]) for name in OUTPUTS)]
 

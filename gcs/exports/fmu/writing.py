@@ -78,7 +78,7 @@ def _header(model: Exported, found: Sequence[Variable], effects: Mapping[str, Ma
     vehicle = model.vehicle
     propulsion = vehicle.propulsion
     assert propulsion is not None
-    terms = [parse_term(name) for name in model.model.values()]
+    terms = [parse_term(name) for name in model.model.flown()]
     first = next(place for place, one in enumerate(found) if one.causality == "parameter" and not one.symbol)
     places = "\n".join(f"#define {one.symbol} {place}" for place, one in enumerate(found) if one.symbol)
     x, y, z = propulsion.line

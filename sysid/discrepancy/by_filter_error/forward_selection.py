@@ -11,8 +11,10 @@ import numpy as np
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
+from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
-from sysid.discrepancy.identified_effect import Named, nearly, unmodelled_memory_gain
+from sysid.discrepancy.identified_effect import Named, beside_first, nearly, unmodelled_memory_gain
+from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside
 from sysid.discrepancy.significance import (
     Significance,
     by_information_criterion,
@@ -37,7 +39,9 @@ class Search:
     """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
 
     given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
-    ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
+    left: what none of the names explains. taken_back:
+    what the likelihood gains by what is no name. ruled_out: effects that are known not to be there. nearly:
+    in words, what gained too little for a name at last.
     """
 
     problem: Problem
@@ -48,6 +52,8 @@ class Search:
     named: list[Named] = field(default_factory=list)
     given: Mapping[str, float] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
+    left: Mapping[str, LeftOver] = field(default_factory=dict)
+    taken_back: float = 0.0
     ruled_out: frozenset[str] = frozenset()
     nearly: str = ""
 
@@ -104,6 +110,10 @@ def extend(search: Search, progress: Progress) -> bool:
         return False
     probabilities = [(one.candidate.effect.name, w.probability) for one, w in zip(found, significances, strict=True)]
     own = candidate.effect.name
+    if search.named and is_too_little_beside(search.named[0].came_with, best.gain):
+        search.dropped.append(beside_first(own, best.gain, search.named[0].effect))
+        search.taken_back += best.gain
+        return False
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
     search.named.append(
         Named(
@@ -178,6 +188,18 @@ def eliminate_redundant(search: Search) -> None:
             return
         without, one = min(needless, key=lambda item: item[0].gain)
         _leave_out(search, one, without, "not needed beside the others")
+
+
+def settle_names(search: Search) -> None:
+    """See what is left beside all that was named, then take back what the first name may have left of itself."""
+    search.left = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
+    most = max((one.significance.gain for one in search.named), default=0.0)
+    for one in [one for one in search.named if is_too_little_beside(most, one.significance.gain)]:
+        without = _without(search, one)
+        if without is not None:
+            search.taken_back += one.significance.gain
+            words = f"but it gains {one.significance.gain:.0f}, no more than the first may leave of itself"
+            _leave_out(search, one, without, words)
 
 
 def _significance(one: Named, gain: float) -> Significance:

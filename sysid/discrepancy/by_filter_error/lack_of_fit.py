@@ -7,6 +7,7 @@ from scipy import special
 
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
+from sysid.discrepancy.naming_rule import LeftOver
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.filter_error.estimation import build_filter
@@ -21,25 +22,25 @@ _NOISIER, _COLOURED = 1.3, 1.5
 _CHANCE = 1e-4
 
 
-def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, str]:
+def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, LeftOver]:
     """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
     coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
 
     least: gain of an axis (twice its log likelihood) that is no matter.
     """
     result = setting.result
-    found: dict[str, str] = {}
+    found: dict[str, LeftOver] = {}
     noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
     for j, variance in zip(noise.columns, noise.noise, strict=True):
         read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
         colour = float(np.sum(pooled_autocorrelation([one / float(np.nanstd(one)) for one in read])))
         ratio = float(result.sigma[j] / np.sqrt(variance))
         if ratio > _NOISIER and colour > _COLOURED:
-            found[OUTPUTS[j]] = f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike"
+            found[OUTPUTS[j]] = LeftOver(f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike")
     choices = smooth_terms(problem, setting.model)
     gains = filter_gains(problem, setting.model, setting.coefficients, setting.effects, result, choices)
     for choice, (gain, _) in zip(choices, gains, strict=True):
         chance = float(special.chdtrc(len(choice.free), max(gain, 0.0)))
         if chance * len(choices) < _CHANCE and gain > least:
-            found[choice.effect.name] = f"smooth terms gain {gain:.0f}, {chance_text(chance)}"
+            found[choice.effect.name] = LeftOver(f"smooth terms gain {gain:.0f}, {chance_text(chance)}", gain)
     return found

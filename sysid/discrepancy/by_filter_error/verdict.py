@@ -12,28 +12,19 @@ from sysid.discrepancy.by_filter_error.baseline import (
 from sysid.discrepancy.by_filter_error.forward_selection import (
     Search,
 )
-from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
+from sysid.discrepancy.comparison_types import Compared
 from sysid.discrepancy.gap import fixed_model, widening
 from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.naming_rule import CHANCE, WIDER, Explained, Judgement
 from sysid.discrepancy.wording import moved_words
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.normal_equations import inverse
 from sysid.problem.free_run import Fixed
 
-# Chance of coefficients as far from those given, below which those are wrong.
-_CHANCE = 1e-4
-# What names do not widen the gap by more than noise does: right ones have been seen to by 4 %.
-_WIDER = 1.1
 # Turbulence, m/s, from which on gains that are held fixed make standard errors of sideslip's derivatives too small
 # (sysid.discrepancy.by_filter_error.forward_selection.refit_jointly), and what those are multiplied with before
 # coefficients are called wrong.
 _GUSTS, _FIXED_GAINS = 0.02, 2.0
-
-
-def _left(base: Baseline, search: Search) -> str:
-    """What the search's model leaves unexplained, in words; empty for nothing."""
-    found = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
-    return "; ".join(f"{name} ({why})" for name, why in found.items())
 
 
 def is_rough(result: FilterErrorResult) -> bool:
@@ -41,25 +32,28 @@ def is_rough(result: FilterErrorResult) -> bool:
     return max(result.turbulence.vertical, result.turbulence.horizontal) > _GUSTS
 
 
-def verdict_of(used: Flights, base: Baseline, search: Search) -> tuple[str, list[str]]:
-    """Verdict and the tests it rests on, in words."""
+def verdict_of(used: Flights, base: Baseline, search: Search) -> Judgement:
+    """Judgement and the tests it rests on, in words."""
     reasons = [*(reason(named) for named in search.named), *search.dropped, *([search.nearly] if search.nearly else [])]
     if is_rough(search.result):
         gusts = search.result.turbulence
         reasons.append(
             f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
         )
-    left = _left(base, search)
-    if left:
-        return "unexplained", [*reasons, f"beyond noise and gusts: {left}"]
-    if search.named:
-        wider = widening(used.prepared, refitted_model(used, base), found_model(used, search))
-        if wider < _WIDER:
-            return "missing_effect", reasons
-        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
+    explained = Explained({one.effect: one.significance.gain for one in search.named}, search.taken_back, search.left)
+    reasons += explained.reasons()
+    if explained.is_right:
+        stages = {"before": refitted_model(used, base), "after": found_model(used, search)}
+        air = search.result.turbulence
+        wider = widening(Compared(tuple(used.prepared), base.problem.motion, stages, used.compatible, air))
+        if wider < WIDER:
+            return Judgement("missing_effect", reasons, explained)
+        reasons.append(f"with what was named the gap on these flights is {wider:.2f} times as wide")
+    if search.left or search.named:
+        return Judgement("unexplained", reasons, explained)
     moved, chance = _moved(base)
     reasons.append(moved_words(moved, len(base.names) + len(base.effects), chance))
-    return ("parameter_error" if chance < _CHANCE else "none"), reasons
+    return Judgement("parameter_error" if chance < CHANCE else "none", reasons, explained)
 
 
 def refitted_model(used: Flights, base: Baseline) -> Fixed:

@@ -35,12 +35,14 @@ from sysid.discrepancy.by_filter_error.forward_selection import (
     eliminate_redundant,
     extend,
     refit_jointly,
+    settle_names,
     update_estimate,
 )
 from sysid.discrepancy.by_filter_error.verdict import found_model, is_rough, refitted_model, verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import fixed_model
 from sysid.discrepancy.identified_effect import Named
+from sysid.discrepancy.naming_rule import Judgement
 from sysid.errors import EstimationError, SysidError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
@@ -66,10 +68,11 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
     search = _searched(used, base)
-    verdict, reasons = verdict_of(used, base, search)
-    if verdict == "unexplained" and (other := _proposed(used, base, propose)) is not None:
-        search, (verdict, reasons) = other, verdict_of(used, base, other)
-    if verdict == "unexplained" and search.named:
+    settle_names(search)
+    verdict = verdict_of(used, base, search)
+    if verdict.name == "unexplained" and (other := _proposed(used, base, propose)) is not None:
+        search, verdict = other
+    if verdict.name == "unexplained" and search.named:
         # A wrong name is worse than none.
         search = _without(base)
     stages = {
@@ -84,7 +87,7 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
         models = {"given": model, "before": base.refitted, "after": search.model}
         judged = _held_out(held_out, search.problem, models)
     return Outcome(
-        "fe", verdict, tuple(reasons), tuple(search.named), search.model, base.ruled_out,
+        "fe", verdict, tuple(search.named), search.model, base.ruled_out,
         Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
         max(air.horizontal, air.vertical),
         flights_quality([one.signals for one in read.fitted], prepared, vehicle, used.compatible.gust_sigma),
@@ -126,8 +129,8 @@ def _searched(used: Flights, base: Baseline) -> Search:
     return search
 
 
-def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Named]]) -> Search | None:
-    """Effects that were found elsewhere; None where there are none, or they leave something unexplained here too."""
+def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Named]]) -> tuple[Search, Judgement] | None:
+    """Effects that were found elsewhere; None where there are none, or they are not what is missing here too."""
     search = _without(base)
     with suppress(SysidError):
         named = propose()
@@ -135,7 +138,9 @@ def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Name
             _with_bench(used, search)
             if is_rough(search.result) and not search.result.together:
                 refit_jointly(search)
-            return search if verdict_of(used, base, search)[0] == "missing_effect" else None
+            settle_names(search)
+            verdict = verdict_of(used, base, search)
+            return (search, verdict) if verdict.name == "missing_effect" else None
     return None
 
 

@@ -20,7 +20,8 @@ from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
-from sysid.discrepancy.identified_effect import Named, nearly
+from sysid.discrepancy.identified_effect import Named, beside_first, nearly
+from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside
 from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
@@ -32,9 +33,9 @@ class Found:
     """State of the search.
 
     given: values of the model's coefficients and parameters of effects before anything was fitted. aliases: whether
-    effects that coefficients all but imitate are looked at. left: axis -> what
-    smooth terms of it would still gain, in words, beside `left_gain`. seen: by group its fit, and what it was promised
-    by each candidate.
+    effects that coefficients all but imitate are looked at. left: axis -> what smooth terms of it would still gain.
+    taken_back: what the likelihood gains by what is no name. seen: by group its fit, and what it was promised by each
+    candidate.
     """
 
     problem: Problem
@@ -45,8 +46,8 @@ class Found:
     aliases: bool = False
     named: list[Named] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    left: dict[str, str] = field(default_factory=dict)
-    left_gain: float = 0.0
+    left: dict[str, LeftOver] = field(default_factory=dict)
+    taken_back: float = 0.0
     seen: dict[str, tuple[GroupFit, dict[str, tuple[Promise, SecondLook | None]]]] = field(default_factory=dict)
 
 
@@ -58,7 +59,6 @@ def search(found: Found, most: int, progress: Progress) -> None:
     _eliminate(found)
     progress(1.0 - 1.0 / (most + 1.0), "what is left without a name")
     _look_at_the_rest(found)
-    _keep_what_is_conclusive(found)
 
 
 def _part_of(progress: Progress, done: int, of: float, share: float, text: str) -> None:
@@ -113,10 +113,9 @@ def _extend(found: Found, progress: Progress) -> bool:
         if is_unlikely(significance, len(choices)):
             found.notes.append(nearly(best.candidate.effect.name, significance, len(choices)))
         return False
-    if found.named and best.gain < RULES.companion_share * found.named[0].came_with:
-        found.notes.append(
-            f"{best.candidate.effect.name}: gains {best.gain:.0f}, no more than {found.named[0].effect} may leave"
-        )
+    if found.named and is_too_little_beside(found.named[0].came_with, best.gain):
+        found.notes.append(beside_first(best.candidate.effect.name, best.gain, found.named[0].effect))
+        found.taken_back += best.gain
         return False
     own = best.candidate.effect.name
     every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, each, strict=True)]
@@ -237,14 +236,6 @@ def _eliminate(found: Found) -> None:
         _leave_out(found, named, groups, "not needed beside the others")
 
 
-def _keep_what_is_conclusive(found: Found) -> None:
-    """Take out what was named beside the first and explains less than what is left without a name asks for."""
-    for named in found.named[1:]:
-        groups = _without(found, named)
-        if named.came_with * RULES.left_share < found.left_gain and groups is not None:
-            _leave_out(found, named, groups, f"but it gains {named.came_with:.0f}, no more than what is left")
-
-
 def _without(found: Found, named: Named) -> dict[str, GroupFit] | None:
     """All groups without an effect that was named; None where one is lost."""
     rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
@@ -285,7 +276,5 @@ def _look_at_the_rest(found: Found) -> None:
             )
             significance = with_full_bars(trial, Significance(1.0, gain, 0.0))
             if significance.p_value * len(terms) < NAMING_P_VALUE:
-                found.left[one.effect.name] = (
-                    f"smooth terms gain {significance.gain:.0f}, {chance_text(significance.p_value)}"
-                )
-                found.left_gain = max(found.left_gain, gain)
+                words = f"smooth terms gain {significance.gain:.0f}, {chance_text(significance.p_value)}"
+                found.left[one.effect.name] = LeftOver(words, gain)

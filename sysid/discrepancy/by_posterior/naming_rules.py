@@ -14,12 +14,7 @@ class Rules:
     least_second_look, most_second_looks: the same from elsewhere, where nothing is at its best, in each group of
     axes. evidence: log evidence that a name needs (150 to 1: "very strong", Kass & Raftery, J. Am. Stat. Assoc. 90,
     1995). absent: standard errors about its default in which a parameter that an effect does without is left out.
-    borne_out: times Wald's statistic that a gain may be. companion_share: of what the first name gains, below which
-    a further one may be what that leaves of itself: sizes and shapes of effects are never flown to the per cent.
-    left_share: of what a name gains, from which on what is left without a name says that the name is not what is
-    missing. chance: of coefficients as far from those given, below which those are wrong. wider: times as wide as
-    without names the gap may be with them.
-    """
+    borne_out: times Wald's statistic that a gain may be."""
 
     least_promise: float = 12.0
     promise_share: float = 0.1
@@ -29,10 +24,6 @@ class Rules:
     evidence: float = 5.0
     absent: float = 2.0
     borne_out: float = 4.0
-    companion_share: float = 0.1
-    left_share: float = 0.5
-    chance: float = 1e-4
-    wider: float = 1.1
 
 
 RULES = Rules()

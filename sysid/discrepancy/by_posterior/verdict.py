@@ -7,10 +7,10 @@ from scipy import special
 
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_posterior.forward_selection import Found
-from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.comparison_types import Asked, Compared
 from sysid.discrepancy.gap import widening
 from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.naming_rule import CHANCE, WIDER, Explained, Judgement
 from sysid.discrepancy.wording import moved_words
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.estimates import PosteriorEstimate
@@ -32,26 +32,24 @@ _BESIDE = {
 }
 
 
-def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> tuple[str, list[str]]:
-    """Verdict, and what it rests on in words: rules of sysid.discrepancy.by_posterior.naming_rules."""
+def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> Judgement:
+    """Judgement, and what it rests on in words."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
-    if found.left:
-        reasons.append("left without a name: " + "; ".join(f"{axis} ({why})" for axis, why in found.left.items()))
-    if found.named:
-        if found.left_gain > RULES.left_share * found.named[0].came_with:
-            return "unexplained", reasons
+    explained = Explained({one.effect: one.came_with for one in found.named}, found.taken_back, found.left)
+    reasons += explained.reasons()
+    if explained.is_right:
         # Airspeed and attitude were imposed, and what they are off by was not asked for.
         asked_of = {name for fit in found.groups.values() for name in fit.posterior.model.outputs}
-        wider = widening(used.flights, used.stages["before"], used.stages["after"], asked_of)
-        if wider < RULES.wider:
-            return "missing_effect", reasons
-        return "unexplained", [*reasons, f"with what was named the gap on these flights is {wider:.2f} times as wide"]
-    if found.left:
-        return "unexplained", reasons
+        wider = widening(used, asked_of)
+        if wider < WIDER:
+            return Judgement("missing_effect", reasons, explained)
+        reasons.append(f"with what was named the gap on these flights is {wider:.2f} times as wide")
+    if found.left or found.named:
+        return Judgement("unexplained", reasons, explained)
     distance, count = _moved(asked.model, base)
     chance = float(special.chdtrc(count, distance)) if count else 1.0
     reasons.append(moved_words(distance, count, chance))
-    return ("parameter_error" if chance < RULES.chance else "none"), reasons
+    return Judgement("parameter_error" if chance < CHANCE else "none", reasons, explained)
 
 
 def _moved(model: Model, base: PosteriorEstimate) -> tuple[float, int]:

@@ -86,8 +86,8 @@ def _searched(
     before, after = _updated(model, base), _updated(found.model, best)
     signals = [one.signals for one in read.fitted]
     used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
-    verdict, reasons = verdict_of(asked, base, found, used)
-    if verdict == "unexplained":
+    verdict = verdict_of(asked, base, found, used)
+    if verdict.name == "unexplained":
         # A wrong name is worse than none: what was likeliest stands in the reasons.
         found.named, after = [], before
         used = replace(used, stages={**used.stages, "after": used.stages["before"]})
@@ -100,7 +100,7 @@ def _searched(
         )  # fmt: skip
     warnings = [*seen.warnings, *(one.sentence for one in read.mistakes()), *read.judged_warnings(), *base.warnings]
     return Outcome(
-        "map", verdict, tuple(reasons), tuple(found.named), after, found.ruled_out, used, judged,
+        "map", verdict, tuple(found.named), after, found.ruled_out, used, judged,
         seen.compatible.gust_sigma,
         flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma), tuple(warnings),
     )  # fmt: skip

@@ -296,3 +296,37 @@ def test_what_the_vehicle_file_lacks_is_said(tmp_path: Path) -> None:
     idle = replace(model.vehicle, propulsion=replace(model.vehicle.propulsion, max_thrust=None))
     with pytest.raises(ExportError, match="nothing gives thrust by the throttle"):
         jsbsim.write(Exported(model.model, idle), tmp_path / "a")
+
+
+def test_what_is_refused_is_there_by_its_mean_and_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = estimated().model
+    told = model.coefficients["Cm_0"]
+    refused = Coefficient(None, refused="says nothing", mean=told.value, mean_std=told.std)
+    bare = replace(model, coefficients={**model.coefficients, "Cm_0": refused}, effects=(), correlation=None)
+    whole = replace(model, effects=(), correlation=None)
+    monkeypatch.chdir(tmp_path)
+    for name, one in (("whole", whole), ("bare", bare)):
+        one.write(f"{name}.json")
+        for form in ("csv", "mat", "latex", "statespace", "jsbsim", "gazebo"):
+            place = f"{name}-{form}"
+            assert main(["export-model", f"{name}.json", "--vehicle", "iitb-mav", "--to", form, "-o", place]) == 0
+    said = capsys.readouterr().err
+    assert "not identified, there by the mean of a refused estimate: Cm_0" in said
+    assert "Cm_0" not in "".join(line for line in said.splitlines() if line.startswith("left out"))
+    mark = "not identified, there by the mean of a refused estimate: Cm_0"
+    rows = {row["name"]: row for row in csv.DictReader(Path("bare-csv").read_text().splitlines())}
+    assert float(rows["Cm_0"]["value"]) == told.value
+    assert rows["Cm_0"]["meaning"] == "not identified: says nothing"
+    spaces = [json.loads(Path(f"{name}-statespace").read_text()) for name in ("whole", "bare")]
+    np.testing.assert_array_equal(spaces[0]["A"], spaces[1]["A"])
+    assert spaces[1]["not_identified"] == ["Cm_0"]
+    functions = [next(Path().glob(f"{name}_mat_coefficients.m")).read_text() for name in ("whole", "bare")]
+    assert mark in functions[1]
+    assert functions[0].splitlines()[3:] != []
+    sums = [[line for line in text.splitlines() if line.startswith("Cm =")] for text in functions]
+    assert sorted(sums[0][0]) == sorted(sums[1][0])
+    assert mark in Path("bare-latex").read_text()
+    for folder in ("bare-jsbsim", "bare-gazebo"):
+        assert any(mark in one.read_text() for one in Path(folder).rglob("*") if one.is_file())

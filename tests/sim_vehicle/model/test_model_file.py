@@ -239,3 +239,24 @@ def test_correlations_of_the_estimates_are_kept() -> None:
 def test_impossible_correlations_are_named(names: list[str], matrix: list[list[Any]], told: str) -> None:
     with pytest.raises(ModelFileError, match=told):
         model_from_json(correlated(names=names, matrix=matrix))
+
+
+def test_what_is_refused_flies_by_the_mean_of_its_estimate_and_is_never_a_value() -> None:
+    told = read_model("iitb-mav")
+    entry = told.coefficients["Cm_0"]
+    refused = Coefficient(None, refused="the error says nothing", mean=entry.value, mean_std=0.01)
+    model = replace(told, coefficients={**told.coefficients, "Cm_0": refused})
+    read = model_from_json(json.loads(json.dumps(model.to_json(), allow_nan=False)))
+    assert read == model
+    assert read.to_json()["coefficients"]["Cm_0"] == {
+        "refused": "the error says nothing", "mean": entry.value, "mean_std": 0.01,
+    }  # fmt: skip
+    assert "Cm_0" not in read.values()
+    assert read.not_identified() == read.refused() == ["Cm_0"]
+    vehicle = load_vehicle("iitb-mav")
+    np.testing.assert_array_equal(flatten(vehicle, read).C, flatten(vehicle, told).C)
+    assert Plant(vehicle, read).trim().command[0] == Plant(vehicle, told).trim().command[0]
+    nothing = replace(told, coefficients={**told.coefficients, "Cm_0": Coefficient(None, refused="no motion")})
+    assert nothing.unknown() == ["Cm_0"]
+    with pytest.raises(ModelFileError, match="--set Cm_0=VALUE"):
+        flatten(vehicle, nothing)

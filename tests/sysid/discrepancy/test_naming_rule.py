@@ -1,0 +1,69 @@
+"""Names by the share of the explainable: gains that were seen on flights of another engine, with the truth beside."""
+
+import pytest
+
+from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside
+
+
+def explained(gains: dict[str, float], *left: float, taken_back: float = 0.0) -> Explained:
+    axes = ("CL", "CD", "Cm", "Cl", "Cn", "CY")
+    return Explained(
+        gains, taken_back, {axis: LeftOver("smooth terms", gain) for axis, gain in zip(axes, left, strict=False)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("gains", "left", "taken_back"),
+    [
+        ({"actuator_lag": 34356.0}, (139.0, 455.0, 306.0, 426.0), 243.0),
+        ({"asymmetry": 9034967.0}, (44.0, 38.0), 54.0),
+        ({"propwash_elevator": 10195.0}, (43.0, 111.0, 39.0, 103.0), 69.0),
+        ({"stall": 111896.0}, (500.0, 1619.0, 290.0, 238.0, 288.0), 4627.0 + 1367.0),
+    ],
+)
+def test_a_right_name_is_kept_whatever_is_left_beside_it(
+    gains: dict[str, float], left: tuple[float, ...], taken_back: float
+) -> None:
+    found = explained(gains, *left, taken_back=taken_back)
+    assert found.is_right
+    assert not found.complete
+    assert 0.9 < found.share <= 1.0
+    assert found.nearest_json() == {"name": found.first, "share": found.share}
+    entries = found.left_json()
+    assert sum(float(str(one["share"])) for one in entries) == pytest.approx(sum(left) / found.total)
+
+
+@pytest.mark.parametrize(
+    ("gains", "left"),
+    [
+        # A ripple in lift and an oscillating moment, which no effect of the catalogue is.
+        ({"lift_alpha_elevator": 1552.0}, (650.0,)),
+        ({"downwash_lag": 9884.0}, (3000.0, 1100.0)),
+        ({"vane_upwash": 300.0}, (250.0, 400.0)),
+    ],
+)
+def test_the_nearest_name_of_what_has_none_is_told_and_not_given(
+    gains: dict[str, float], left: tuple[float, ...]
+) -> None:
+    found = explained(gains, *left)
+    assert not found.is_right
+    assert "too little for a name (90%)" in found.reasons()[-1]
+    assert found.nearest_json() is not None
+
+
+def test_where_nothing_is_left_several_names_stand() -> None:
+    both = explained({"stall": 900.0, "vane_lag": 500.0})
+    assert both.complete
+    assert both.is_right
+    assert both.reasons() == []
+    # In noise alone it shows too, without a gain.
+    noisy = Explained({"stall": 900.0, "vane_lag": 500.0}, 0.0, {"p": LeftOver("noise 1.5 times the sensor's")})
+    assert not noisy.is_right
+    assert not Explained({}).is_right
+    assert Explained({}).nearest_json() is None
+
+
+def test_what_the_first_name_may_leave_of_itself_is_no_companion() -> None:
+    assert is_too_little_beside(9034967.0, 54.0)
+    assert is_too_little_beside(111896.0, 4627.0)
+    assert not is_too_little_beside(900.0, 500.0)
