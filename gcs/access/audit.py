@@ -25,8 +25,8 @@ _log = logging.getLogger(__name__)
 # Of one file; the one before is kept beside it.
 _MOST_BYTES = 5_000_000
 _LONGEST = 200  # characters of a path
-# Of one who asks so many refusals have a line in each minute, and so many who ask are distinguished; one line counts the
-# rest.
+# Of one who asks so many refusals have a line in each minute, and so many who ask are distinguished; one line counts
+# the rest.
 _FIRST, _MOST_ASKING = 5, 60
 _MINUTE_S = 60.0
 _CHANGING = (Role.OPERATOR.word, Role.ADMIN.word)
