@@ -174,18 +174,19 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
             "[controls] is not given, and the servos of the log's parameters cannot be distinguished: give it"
         )
         more = {}
+    guessed = [name for name in more if name != "throttle"]
     for name, control in more.items():
         controls[name] = control
         servos = ", ".join(
             f"{n} ({low[0]:.0f} to {low[-1]:.0f} us)" for n, low in zip(control.servos, control.pwm, strict=True)
         )
-        line = f"[controls.{name}] is not given: servo {servos} by the log's parameters"
-        if name != "throttle":
-            line += (
-                f"; that it moves by {np.degrees(USUAL_TRAVEL):.0f} deg is assumed, to {USUAL_TRAVEL_STD:.0%}, down and"
-                " left positive: measure its travel"
-            )
-        warnings.append(line)
+        warnings.append(f"[controls.{name}] is not given: servo {servos} by the log's parameters")
+    if guessed:
+        warnings.append(
+            f"travel of {', '.join(guessed)} is not in the log: {np.degrees(USUAL_TRAVEL):.0f} deg is taken, down and"
+            f" left positive, and their derivatives are known to {100.0 * USUAL_TRAVEL_STD:.0f} %; measure it and write"
+            " it to [controls]"
+        )
     moved: dict[str, Any] = {}
     for sensor, names in _POSITIONS.items():
         place = _position(parameters, names)

@@ -13,7 +13,7 @@ import tomlkit
 from tomlkit import TOMLDocument
 
 from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle.controls import CONTROL_NAMES
+from sim_vehicle.vehicle.controls import CONTROL_NAMES, GUESSED_TRAVEL_STD
 from sim_vehicle.vehicle.toml_bounds import check_bounds
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -47,10 +47,15 @@ class ServoAnswer:
 
 @dataclass(frozen=True)
 class ControlAnswer:
-    """A control: its servos, and whether SERVO_OUTPUT_RAW carries their command or their measured position."""
+    """A control: its servos, and whether SERVO_OUTPUT_RAW carries their command or their measured position.
+
+    guessed_to: what a travel that nobody has measured is taken to be known to, 1 sigma, share of it; None where that is
+    not asked, and the file's own word stays.
+    """
 
     servos: tuple[ServoAnswer, ...]
     signal: str = "command"
+    guessed_to: float | None = None
 
 
 @dataclass(frozen=True)
@@ -239,6 +244,22 @@ def _set_control(controls: Any, name: str, answer: ControlAnswer | None) -> None
         _put(entry, "deflection", travel[0] if one else travel)
         mix = [_plain(servo.mix) for servo in servos]
         _put(entry, "mix", (None if mix[0] == 1.0 else mix[0]) if one else mix)
+    if answer.guessed_to is not None:
+        guess = tomlkit.item(answer.guessed_to)
+        guess.comment("the travel is guessed: measure it, and write here how well")
+        entry["gain_std"] = guess
+    elif before is not None and _travels(before) != _travels(answer) and _is_guessed(_bare(entry)):
+        # Who writes another travel than the guessed one has measured it.
+        del entry["gain_std"]
+
+
+def _is_guessed(entry: Any) -> bool:
+    std = entry.get("gain_std")
+    return isinstance(std, int | float) and std >= GUESSED_TRAVEL_STD
+
+
+def _travels(answer: ControlAnswer) -> list[tuple[float, ...]]:
+    return [servo.travel for servo in answer.servos]
 
 
 def _control_or_none(name: str, entry: Any) -> ControlAnswer | None:

@@ -15,7 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
 def controls_in(path: Path, log: str) -> dict[str, ControlAnswer]:
-    """By name, each with the travel that is usual: no parameter says how far a surface moves.
+    """By name, each with the travel that is usual, marked as a guess: no parameter says how far a surface moves.
 
     log: the name by which the user knows the recording.
     Raises RecordingError, and VehicleError where the recording holds no such parameters.
@@ -36,5 +36,5 @@ def controls_in(path: Path, log: str) -> dict[str, ControlAnswer]:
             ServoAnswer(servo, xs, tuple(round(factor * y, 2) for y in ys), weight)
             for servo, xs, ys, weight in zip(control.servos, control.pwm, control.deflection, control.mix, strict=True)
         )
-        answers[name] = ControlAnswer(servos, control.signal)
+        answers[name] = ControlAnswer(servos, control.signal, control.gain_std or None)
     return answers

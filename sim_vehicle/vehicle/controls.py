@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 CONTROL_NAMES = ("elevator", "aileron", "rudder", "throttle")
 DEFLECTION_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "throttle"}
+# A linkage that a protractor was held to is known better than this, 1 sigma: its travel was guessed.
+GUESSED_TRAVEL_STD = 0.2
 LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
 
 
@@ -146,8 +148,19 @@ def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
     for name in CONTROL_NAMES:
         table.optional(name)
     table.close()
+    warnings += _guessed_travel(controls)
     _check_shared(table, {name: control for name, control in controls.items() if control.servos})
     return controls
+
+
+def _guessed_travel(controls: Mapping[str, Control]) -> list[str]:
+    """One line of each size of doubt that only a guess has."""
+    loose = {one.gain_std for one in controls.values() if one.gain_std >= GUESSED_TRAVEL_STD}
+    return [
+        f"travel of {', '.join(name for name, one in controls.items() if one.gain_std == std)} is guessed (gain_std ="
+        f" {std:g}), and their derivatives are known to {100.0 * std:.0f} %; measure it and write it to [controls]"
+        for std in sorted(loose)
+    ]
 
 
 def _read_control(table: Table, name: str, warnings: list[str]) -> Control:

@@ -169,7 +169,7 @@ def predict(
         if name not in free
     ]
     errors = dict(zip(known, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    refused = refusals(_Bounds(whole.values(), errors), free)
+    refused = refusals(_Bounds(whole.values(), errors), free, {})
     return Prediction(
         plan.duration,
         _expected([n for n in free if n not in {r.name for r in refused}], whole.values(), known, covariance, {}),

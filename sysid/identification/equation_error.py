@@ -3,7 +3,8 @@
 The regression takes the reconstructed motion as known. What the sensor errors' own uncertainty adds is found by
 regressing again with each of them moved by its standard error: with J the changes and C the covariance of the
 compatibility step, the coefficients' covariance grows by J C J'. What bands of frequency differ by comes on top
-(sysid.equation_error.band_consistency). The prior enters last, on all axes at once.
+(sysid.equation_error.band_consistency), and how well the vehicle file knows its linkages. The prior enters last, on
+all axes at once.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sim_vehicle.vehicle.controls import Control
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, moved_by
@@ -29,7 +31,9 @@ from sysid.problem.model_structure import PRIOR_SHARE, REFUSED_SHARE, helpful_ma
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
-from sysid.uncertainty.systematic import LATE, SHARE, perturbations
+from sysid.uncertainty.bench_errors import linkage_errors
+from sysid.uncertainty.systematic import LATE, SHARE, Perturbation, perturbations
+from sysid.uncertainty.travel import travel_shares, without
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
 _STEP = 0.5
@@ -109,14 +113,18 @@ def estimate_by_equations(
     equations = settled_equations(parts, body_of(vehicle), names, CUTOFF_HZ, command_first, diffuse(names))
     bands = band_estimates(equations, statistical)
     joint = widened(statistical, equations, bands)
+    stated = _from_linkages(step, prepared, vehicle, compatible, make_parts)
+    moved = np.array([[shifts[error] for error in shifts] for shifts in stated.values()])
+    joint = replace(joint, covariance=joint.covariance + moved @ moved.T)
     if known is not None:
         joint = joint.combined(known)
-    effects = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
+    usual = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
+    effects = {name: {**usual.get(name, {}), **shifts} for name, shifts in stated.items()}
     report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
     for axis in report.values():
         for name, term in axis["terms"].items():
             term["bands"] = _bands_json(bands.get(name))
-    refused = tuple(_refusals(joint, names, bands))
+    refused = tuple(_refusals(joint, names, bands, travel_shares(stated)))
     return EquationEstimate(joint, axes, refused, effects, report, (*warnings, *warning(bands)))
 
 
@@ -162,10 +170,42 @@ def _systematic(
     """Change of every coefficient under each perturbation of the vehicle file, as sysid.uncertainty.systematic names
     them.
     """
-    base = step.values(make_parts(prepared, vehicle, compatible), vehicle)
-    moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
     records = [stretch.record for flight in prepared for stretch in flight.stretches]
-    for change, share in [*((one, SHARE) for one in perturbations(records)), (LATE, 1.0)]:
+    changes = [*((one, SHARE) for one in perturbations(vehicle, records)), (LATE, 1.0)]
+    return _moved_by(changes, step, prepared, vehicle, compatible, make_parts)
+
+
+def _from_linkages(
+    step: _Regression,
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    make_parts: MakeParts,
+) -> dict[str, dict[str, float]]:
+    """Change of every coefficient under each error of a linkage that the vehicle file states: of one sigma."""
+    small = replace(vehicle, controls={name: _surer(one) for name, one in vehicle.controls.items()})
+    changes = [(Perturbation(one.source, record=one.record), SHARE) for one in linkage_errors(small)]
+    return _moved_by(changes, step, prepared, vehicle, compatible, make_parts)
+
+
+def _surer(control: Control) -> Control:
+    return replace(control, gain_std=SHARE * control.gain_std, bias_std=SHARE * control.bias_std)
+
+
+def _moved_by(
+    changes: Sequence[tuple[Perturbation, float]],
+    step: _Regression,
+    prepared: Sequence[Prepared],
+    vehicle: Vehicle,
+    compatible: CompatibilityResult,
+    make_parts: MakeParts,
+) -> dict[str, dict[str, float]]:
+    """Change of every coefficient under each of the changes, over the share of it that is made."""
+    moved: dict[str, dict[str, float]] = {name: {} for name in step.names}
+    if not changes:
+        return moved
+    base = step.values(make_parts(prepared, vehicle, compatible), vehicle)
+    for change, share in changes:
         changed = with_records(prepared, change.record)
         other = change.vehicle(vehicle)
         values = step.values(make_parts(changed, other, compatible), other)
@@ -182,14 +222,17 @@ def with_records(prepared: Sequence[Prepared], change: Callable[[Record], Record
     ]
 
 
-def _refusals(joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEstimates]) -> list[Refusal]:
+def _refusals(
+    joint: Gaussian, names: Sequence[str], bands: Mapping[str, BandEstimates], travel: Mapping[str, float]
+) -> list[Refusal]:
+    """travel: share of linkages in standard errors, by which a derivative is known as well as its surface."""
     refused = []
     for name, (value, std) in joint.entries().items():
         usual = usual_size(name)
         reason = beyond = not_believed(name, value)
         if reason is None and name in bands:
             reason = refusal(value, bands[name])
-        if reason is None and std > REFUSED_SHARE * max(abs(value), usual):
+        if reason is None and without(std, travel.get(name, 0.0)) > REFUSED_SHARE * max(abs(value), usual):
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
         if name in names and reason is not None:
             refused.append(Refusal(name, reason, helpful_manoeuvre(name), flies=beyond is None))

@@ -43,6 +43,7 @@ from sysid.signals.record import SURFACES
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors
 from sysid.uncertainty.reconstruction_errors import held_errors
+from sysid.uncertainty.travel import travel_shares
 from sysid.validation.held_out import comparison, validation_of
 from sysid.validation.residual_series import ModelComparison
 from sysid.validation.statistics import Validation
@@ -361,14 +362,22 @@ def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood) -> _Found:
     free_effects = _free_effects(posed)
     problem, result = likeliest.problem, likeliest.estimate
     odd = unbelieved(result, names)
-    unsure = refusals(result, [name for name in names if name not in {entry.name for entry in odd}])
+    unsure = refusals(
+        result,
+        [name for name in names if name not in {entry.name for entry in odd}],
+        travel_shares(likeliest.from_bench),
+    )
     refused = [*posed.refused, *odd, *unsure, *likeliest.refused]
     validity = validity_of(posed.prepared, compatible)
     model = model_of(start, asked.vehicle.name, result, names, free_effects, refused, validity, problem.known)
-    model = with_extra(model, "bench", likeliest.from_bench)
+    curves, linkages = likeliest.bench_shares()
+    model = with_extra(model, "bench", curves)
+    moved: Mapping[str, Mapping[str, float]] = {}
     if asked.systematic:
         asked.progress(0.85, "systematic errors")
-        model = with_extra(model, "systematic", systematic_effects(likeliest, start, names, free_effects))
+        moved = systematic_effects(likeliest, start, names, free_effects)
+    moved = {name: {**moved.get(name, {}), **stated} for name, stated in linkages.items()}
+    model = with_extra(model, "systematic", moved)
     likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
     unclear = {refusal.name for refusal in (*likeliest.refused, *compatible.refused)}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}

@@ -35,9 +35,10 @@ class MaximumLikelihood:
     """An estimate, the problem it solves, and how.
 
     method: "oe" or "fe". refused: sensor errors that the flight cannot identify beside the coefficients. warnings: in
-    words. wider: what was solved in place of `problem` where the flight shows aerodynamics outside the structure.
-    left_over: what output error has not explained, in words; its bars are too small then. linearised: of output error,
-    where the last step started, the noise of the inputs not yet taken out.
+    words. from_bench: parameter -> source -> its share of the standard error. wider: what was solved in place of
+    `problem` where the flight shows aerodynamics outside the structure. left_over: what output error has not explained,
+    in words; its bars are too small then. linearised: of output error, where the last step started, the noise of the
+    inputs not yet taken out.
     """
 
     problem: Problem
@@ -49,6 +50,17 @@ class MaximumLikelihood:
     wider: Widened | None = None
     left_over: str = ""
     linearised: Linearised | None = field(default=None, repr=False)
+
+    def bench_shares(self) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
+        """What the bars hold of the bench, by parameter: of calibration curves, and of linkages, each by its source."""
+        curves, linkages = (
+            {
+                name: {source: share for source, share in shares.items() if source.endswith("_std") is stated}
+                for name, shares in self.from_bench.items()
+            }
+            for stated in (False, True)
+        )
+        return curves, linkages
 
     @property
     def estimate(self) -> Likeliest:

@@ -33,6 +33,7 @@ from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ACCEL
 from sysid.uncertainty.inertia import inertia_shares
+from sysid.uncertainty.travel import travel_shares, without
 
 # Parameter of the effect that a thrust line off the centre of gravity is.
 _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
@@ -208,7 +209,10 @@ def refusals_of(
     joint, identified = found.joint, set(found.joint.names)
     # What is guessed of the inertia moves all moment coefficients of an axis together: their ratios, and the modes, are
     # known all the same, and the bars say the rest.
-    shared = inertia_shares(found.systematic()) if estimated_inertia else {}
+    moved = found.systematic()
+    shared = inertia_shares(moved) if estimated_inertia else {}
+    # So are ratios of what one surface does, whatever its travel.
+    travel = travel_shares(moved)
     for i, name in enumerate(joint.names):
         if name not in structure.coefficients:
             continue
@@ -220,7 +224,7 @@ def refusals_of(
             reason = found.not_believed[name]
         elif beyond is not None:
             reason = beyond
-        elif (own := np.sqrt(max(std**2 - shared.get(name, 0.0) ** 2, 0.0))) > REFUSED_SHARE * max(
+        elif (own := without(std, np.hypot(shared.get(name, 0.0), travel.get(name, 0.0)))) > REFUSED_SHARE * max(
             abs(value), usual_size(name)
         ):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"

@@ -29,6 +29,7 @@ from sysid.problem.model_structure import (
 from sysid.problem.predictor import Predictor
 from sysid.signals.record import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
+from sysid.uncertainty.travel import without
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
 MAX_RUN_S = 20.0
@@ -225,12 +226,15 @@ class Likeliest(Estimates, Protocol):
         """Whether the iteration ended."""
 
 
-def refusals(result: Estimates, names: Sequence[str]) -> list[Refusal]:
-    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size."""
+def refusals(result: Estimates, names: Sequence[str], travel: Mapping[str, float]) -> list[Refusal]:
+    """Coefficients whose standard error exceeds REFUSED_SHARE of both their own and their usual size.
+
+    travel: what linkages have in the standard errors: a derivative is known as well as the travel of its surface.
+    """
     refused = []
     for name in names:
         value, std = result.value(name), result.std(name)
-        if std > REFUSED_SHARE * max(abs(value), usual_size(name)):
+        if without(std, travel.get(name, 0.0)) > REFUSED_SHARE * max(abs(value), usual_size(name)):
             usual = usual_size(name)
             reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
             refused.append(Refusal(name, reason, helpful_manoeuvre(name)))

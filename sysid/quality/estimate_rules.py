@@ -12,6 +12,7 @@ from sysid.problem.model_structure import usual_size
 from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
 from sysid.uncertainty.inertia import inertia_shares
+from sysid.uncertainty.travel import travel_shares
 from sysid.validation.statistics import Validation
 
 # The derivatives that an axis is flown for.
@@ -76,20 +77,23 @@ def _loose(seen: SeenEstimate) -> Iterator[Reason]:
     for axis in AXES:
         wide: list[str] = []
         guessed: list[str] = []
+        travelled: list[str] = []
         for name, entry in seen.main(axis).items():
             if entry.value and entry.std and entry.std > LIMITS.loose * max(abs(entry.value), 0.5 * usual_size(name)):
-                (guessed if _inertia_share(entry) > 0.5 else wide).append(f"{name} to ±{entry.std:.2g}")
+                moved = {"": entry.extra.get("systematic", {})}
+                of_inertia, of_travel = (
+                    (one[""] / entry.std) ** 2 for one in (inertia_shares(moved), travel_shares(moved))
+                )
+                mine = guessed if of_inertia > 0.5 else travelled if of_travel > 0.5 else wide
+                mine.append(f"{name} to ±{entry.std:.2g}")
         if wide:
             yield Reason(CARE, f"poorly known: {', '.join(wide)}", "longer or larger test inputs", (axis,))
         if guessed:
             text = f"poorly known: {', '.join(guessed)}, since the moments of inertia are"
             yield Reason(CARE, text, "swing the aircraft as a pendulum", (axis,))
-
-
-def _inertia_share(entry: Coefficient) -> float:
-    """Share of a coefficient's variance that the moments of inertia have."""
-    of_inertia = inertia_shares({"": entry.extra.get("systematic", {})})[""]
-    return (of_inertia / entry.std) ** 2 if entry.std else 0.0
+        if travelled:
+            text = f"poorly known: {', '.join(travelled)}, since the travel of the surface is"
+            yield Reason(CARE, text, "measure it and write it to [controls]", (axis,))
 
 
 def _no_aircraft(seen: SeenEstimate) -> Iterator[Reason]:

@@ -2,10 +2,11 @@
 
 A calibration curve and a linkage are known from the bench only as well as their points scatter. What the flight itself
 estimates (a vane's scale, a pitot's bias) absorbs its part of such an error; the rest moves the coefficients. Each
-independent part of a bench error, of one standard deviation, moves the estimate by one Gauss-Newton step d; the bench
-and the flight's noise are independent, so the covariance of the estimate grows by the sum of d d' (consider
-covariance: S. F. Schmidt, Advances in Control Systems 3, 1966; B. D. Tapley et al., Statistical Orbit Determination,
-ch. 6).
+independent part of a bench error, of one standard deviation, moves the estimate by one Gauss-Newton step d, that of a
+thousandth of it times a thousand: the travel of a surface may be known to a third alone, over which a simulation is not
+linear, while the estimate follows it in proportion. The bench and the flight's noise are independent, so the covariance
+of the estimate grows by the sum of d d' (consider covariance: S. F. Schmidt, Advances in Control Systems 3, 1966; B. D.
+Tapley et al., Statistical Orbit Determination, ch. 6).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap
 from sysid.signals.redundant_sensors import PAIRS
+from sysid.uncertainty.systematic import SHARE
 
 MEASURED = ("alpha", "beta", "airspeed")
 
@@ -39,7 +41,8 @@ MEASURED = ("alpha", "beta", "airspeed")
 class BenchError:
     """One independent part of a bench error, of one standard deviation.
 
-    source: what was on the bench. record: a record as it would read with the error.
+    source: what was on the bench, for a linkage as `systematic` of a result names it. record: a record as it would read
+    with the error.
     """
 
     source: str
@@ -62,12 +65,18 @@ def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchEr
             continue
         parts = max(len(curve.coefficients) for curve, _ in mine.values())
         found += [BenchError(name, _misread(output, mine, part, vehicle)) for part in range(parts)]
+    return [*found, *linkage_errors(vehicle)]
+
+
+def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
+    """What the vehicle file says of how well each linkage is known: the gain of it, and its zero."""
+    found: list[BenchError] = []
     for name, control in vehicle.controls.items():
         column = (*SURFACES, "throttle").index(DEFLECTION_SIGNALS[name])
         if control.gain_std:
-            found.append(BenchError(name, _moved(column, control.gain_std, 0.0)))
+            found.append(BenchError(f"{name}_gain_std", _moved(column, control.gain_std, 0.0)))
         if control.bias_std:
-            found.append(BenchError(name, _moved(column, 0.0, control.bias_std)))
+            found.append(BenchError(f"{name}_bias_std", _moved(column, 0.0, control.bias_std)))
     return found
 
 
@@ -131,9 +140,27 @@ def _misled(error: BenchError, here: Linearised) -> BenchEffect:
     false = apparent_change(changed, problem)
     if not false.inputs_changed:
         return BenchEffect(error, false, [angle_wrap(change) for change in false.outputs])
-    other = build(changed, here.model, here.coefficients, here.effects, here.result.sigma)
+    little = replace(problem, records=_a_little(changed.records, problem.records))
+    other = build(little, here.model, here.coefficients, here.effects, here.result.sigma)
     after = other.residuals(other.predict(here.result.theta))
-    return BenchEffect(error, false, [angle_wrap(new - old) for new, old in zip(after, here.residuals, strict=True)])
+    pairs = zip(after, here.residuals, strict=True)
+    return BenchEffect(error, false, [angle_wrap(new - old) / SHARE for new, old in pairs])
+
+
+def _a_little(changed: Sequence[Record], records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records with SHARE of a bench error: all that it changes are numbers that it changes in proportion."""
+
+    def between(old: Array, new: Array) -> Array:
+        return old if new is old else old + SHARE * (new - old)
+
+    return tuple(
+        replace(
+            old, z=between(old.z, new.z), thrust=between(old.thrust, new.thrust),
+            commands=between(old.commands, new.commands),
+            imposed_states=between(old.imposed_states, new.imposed_states),
+        )
+        for new, old in zip(changed, records, strict=True)
+    )  # fmt: skip
 
 
 def carry(
@@ -221,7 +248,8 @@ def carry_filtered(
     covariance, white = result.covariance.copy(), result.covariance_white.copy()
     for error in errors:
         changed = replace(problem, records=tuple(map(error.record, problem.records)))
-        step = build_filter(changed, model, coefficients, effects).step_at(result) - unfinished
+        little = replace(problem, records=_a_little(changed.records, problem.records))
+        step = (build_filter(little, model, coefficients, effects).step_at(result) - unfinished) / SHARE
         false = apparent_change(changed, problem).sensors
         for i, parameter in enumerate(result.parameters):
             step[i] -= false.get(parameter.name, 0.0)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.arrays import Array
 from sysid.errors import EstimationError
@@ -78,12 +79,13 @@ def _later_commands(record: Record) -> Record:
     return replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
 
 
-LINEAR = (
+_LINEAR = (
     Perturbation("mass_1pct", vehicle=_heavier),
     Perturbation("inertia_5pct", vehicle=_slower_to_turn),
     Perturbation("density_2pct", record=_denser),
-    Perturbation("linkage_5pct", record=_more_travel),
 )
+# Where the vehicle file does not say how well linkages are known: the bars hold what it says.
+LINKAGE = Perturbation("linkage_5pct", record=_more_travel)
 # Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
 THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
@@ -94,9 +96,16 @@ _REPEATED_S = 60.0
 _LEAST_INFORMATION = 0.3
 
 
-def perturbations(records: Sequence[Record]) -> tuple[Perturbation, ...]:
+def linear(vehicle: Vehicle) -> tuple[Perturbation, ...]:
+    """Those that move the estimate linearly, whatever the thrust came from."""
+    controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES]
+    return _LINEAR if any(one.gain_std or one.bias_std for one in controls) else (*_LINEAR, LINKAGE)
+
+
+def perturbations(vehicle: Vehicle, records: Sequence[Record]) -> tuple[Perturbation, ...]:
     """Those that move the estimate linearly: the thrust's only where it was not measured."""
-    return LINEAR if all(record.thrust_source.measured for record in records) else (*LINEAR, THRUST)
+    measured = all(record.thrust_source.measured for record in records)
+    return linear(vehicle) if measured else (*linear(vehicle), THRUST)
 
 
 def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
@@ -110,7 +119,7 @@ def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
     start = warmed(here.problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
     information, _ = here.normal
-    changes = perturbations(start.records)
+    changes = perturbations(start.vehicle, start.records)
     shifts = []
     for change in changes:
         changed = replace(
@@ -196,7 +205,7 @@ def systematic_in_turbulence(
     # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
     unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
     moved: dict[str, dict[str, float]] = {name: {} for name in names}
-    for change, share in (*((one, SHARE) for one in LINEAR), (LATE, 1.0)):
+    for change, share in (*((one, SHARE) for one in linear(problem.vehicle)), (LATE, 1.0)):
         changed = replace(
             problem, vehicle=change.vehicle(problem.vehicle), records=tuple(map(change.record, problem.records))
         )

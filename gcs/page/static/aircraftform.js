@@ -126,7 +126,7 @@ class Description {
 
   controls() {
     return h('fieldset', { class: 'panel' }, h('legend', {}, 'Controls'),
-      h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log holds the autopilot’s parameters: its servo is then found there, its travel guessed.'),
+      h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log holds the autopilot’s parameters: its servo is then found there, its travel guessed to 30 %, and what it does is known no better.'),
       Object.keys(CONTROLS).map(name => this.control(name)))
   }
 

@@ -48,6 +48,11 @@ def test_servos_of_arduplane_become_controls_with_an_assumed_travel_that_is_said
     assert elevator.gain_std == 0.3
     assert craft.controls["throttle"].deflection_from_pwm(1250.0) == pytest.approx(0.25)
     assert any("[controls.elevator] is not given: servo 2 (1000 to 2000 us)" in line for line in craft.warnings)
+    (told,) = (line for line in craft.warnings if line.startswith("travel of "))
+    assert told == (
+        "travel of elevator, aileron, rudder is not in the log: 25 deg is taken, down and left positive, and their"
+        " derivatives are known to 30 %; measure it and write it to [controls]"
+    )
 
 
 def test_what_the_file_gives_stays() -> None:
@@ -164,12 +169,10 @@ def test_a_log_with_parameters_needs_no_controls_in_the_vehicle_file(tmp_path: P
     for name in ("Cm_alpha", "Cl_p", "Cn_beta"):
         given, assumed = (one["model"]["coefficients"][name]["value"] for one in found.values())
         assert assumed == pytest.approx(given, rel=0.02), name
-    # What hangs on the travel is known no better than that is.
-    refused = {one["name"] for one in found["short"]["refused"]}
-    assert {"Cm_de", "Cl_da"} <= refused or all(
-        found["short"]["model"]["coefficients"][name]["std"]
-        > 0.25 * abs(found["short"]["model"]["coefficients"][name]["value"])
-        for name in ("Cm_de", "Cl_da")
-    )
+    # What hangs on the travel is known no better than that is, and given.
+    for name, source in (("Cm_de", "elevator_gain_std"), ("Cl_da", "aileron_gain_std")):
+        entry = found["short"]["model"]["coefficients"][name]
+        assert entry["std"] == pytest.approx(0.3 * abs(entry["value"]), rel=0.1)
+        assert abs(entry["systematic"][source]) == pytest.approx(0.3 * abs(entry["value"]), rel=0.1)
     assert any("[controls.aileron] is not given" in line for line in found["short"]["warnings"])
     assert np.isfinite(found["wired"]["model"]["coefficients"]["Cm_de"]["value"])

@@ -102,3 +102,15 @@ def test_a_text_that_is_no_vehicle_file_is_one_line(text: str, words: str) -> No
     with pytest.raises(VehicleFileError, match=words) as caught:
         read_text(text)
     assert "\n" not in str(caught.value)
+
+
+def test_a_guessed_travel_stays_marked_until_another_is_written() -> None:
+    guessed = replace(PLANE.controls["elevator"], guessed_to=0.3)
+    text = with_answers("", replace(PLANE, controls={"elevator": guessed}))
+    assert read_text(text).controls["elevator"].gain_std == 0.3
+    shown = answers_of(text)
+    assert with_answers(text, replace(shown, numbers={**shown.numbers, "mass_kg": 1.2})).count("gain_std = 0.3 #") == 1
+    measured = ControlAnswer((ServoAnswer(2, (1100.0, 1500.0, 1900.0), (-18.0, 0.0, 21.0)),))
+    vehicle = read_text(with_answers(text, replace(shown, controls={"elevator": measured})))
+    assert vehicle.controls["elevator"].gain_std == 0.0
+    assert not any("travel" in line for line in vehicle.warnings)

@@ -104,7 +104,9 @@ def parameter(vehicle: Vehicle, name: str, value: float) -> bytes:
     return vehicle.frame(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 1, 0))
 
 
-def test_controls_come_from_the_autopilots_parameters_in_a_log(tmp_path: Path) -> None:
+def test_controls_come_from_the_autopilots_parameters_in_a_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     vehicle = Vehicle()
     settings = {
         "SERVO2_FUNCTION": 19,
@@ -124,3 +126,12 @@ def test_controls_come_from_the_autopilots_parameters_in_a_log(tmp_path: Path) -
     elevator = load_vehicle(path).controls["elevator"]
     assert elevator.pwm == ((1050.0, 1510.0, 1950.0),)
     assert elevator.deflection_from_pwm(1950.0) > 0.0  # reversed: ArduPilot's demand to pitch up is then the low pulse
+    # No parameter says how far it moves: the file marks the guess, and whoever looks at it is told.
+    assert elevator.gain_std == 0.3
+    assert "gain_std = 0.3 # the travel is guessed: measure it" in path.read_text()
+    capsys.readouterr()
+    assert main(["vehicle", "check", str(path)]) == 0
+    assert (
+        "warning: travel of elevator is guessed (gain_std = 0.3), and their derivatives are known to 30 %; measure"
+        in (capsys.readouterr().out)
+    )

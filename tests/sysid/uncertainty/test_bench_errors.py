@@ -115,12 +115,16 @@ def test_what_a_bench_leaves_is_no_mistake_of_another_sensor() -> None:
     assert identify([with_bench(flown, 0)], load_vehicle("iitb-mav"), systematic=False).mistakes == ()
 
 
-def test_a_linkage_that_is_known_to_one_per_cent_widens_what_it_moves_and_nothing_else() -> None:
+@pytest.mark.parametrize(("method", "gain_std"), [("oe", 0.01), ("oe", 0.3), ("ee", 0.3)])
+def test_a_linkage_that_is_known_to_so_much_widens_what_it_moves_and_nothing_else(method: str, gain_std: float) -> None:
     plain = load_vehicle("iitb-mav")
-    elevator = replace(plain.controls["elevator"], gain_std=0.01)
+    elevator = replace(plain.controls["elevator"], gain_std=gain_std)
     unsure = replace(plain, controls={**plain.controls, "elevator": elevator})
     flown, _ = fly_mav("elevator-3211", 22, duration=10.0)
-    sure_model, model = (identify([flown], craft, systematic=False).model for craft in (plain, unsure))
+    found = [identify([flown], craft, method=method, systematic=False) for craft in (plain, unsure)]
+    sure_model, model = (one.model for one in found)
+    # A guessed travel refuses nothing: the derivative is known as well as it is.
+    assert [one.name for one in found[0].refused] == [one.name for one in found[1].refused]
     for name in ("Cm_de", "CL_de", "CL_alpha", "Cm_alpha"):
         before, after = sure_model.coefficients[name], model.coefficients[name]
         assert after.std is not None
@@ -128,6 +132,22 @@ def test_a_linkage_that_is_known_to_one_per_cent_widens_what_it_moves_and_nothin
         assert after.value is not None
         assert after.value == pytest.approx(before.value, rel=1e-9)
         # Deflections 1 % larger than thought make the derivative 1 % smaller.
-        expected = 0.01 * abs(after.value) if name.endswith("_de") else 0.0
-        assert after.extra["bench"]["elevator"] == pytest.approx(expected, rel=0.1, abs=0.0015)
-        assert after.std**2 == pytest.approx(before.std**2 + after.extra["bench"]["elevator"] ** 2, rel=1e-6)
+        expected = gain_std * abs(after.value) if name.endswith("_de") else 0.0
+        share = after.extra["systematic"]["elevator_gain_std"]
+        assert abs(share) == pytest.approx(expected, rel=0.1, abs=0.0015)
+        assert after.std**2 == pytest.approx(before.std**2 + share**2, rel=1e-6)
+
+
+def test_a_filter_carries_a_guessed_travel_in_proportion() -> None:
+    plain = load_vehicle("iitb-mav")
+    flown, _ = fly_mav("elevator-3211", 22, duration=6.0)
+    shares = []
+    for gain_std in (0.003, 0.3):
+        elevator = replace(plain.controls["elevator"], gain_std=gain_std)
+        craft = replace(plain, controls={**plain.controls, "elevator": elevator})
+        model = identify([flown], craft, method="fe", systematic=False).model
+        shares.append(
+            {name: model.coefficients[name].extra["systematic"]["elevator_gain_std"] for name in ("CL_alpha", "Cm_de")}
+        )
+        assert shares[-1]["Cm_de"] == pytest.approx(gain_std * abs(model.coefficients["Cm_de"].value or 0.0), rel=0.1)
+    assert shares[1]["CL_alpha"] == pytest.approx(100.0 * shares[0]["CL_alpha"], rel=0.05, abs=1e-3)
