@@ -27,13 +27,14 @@ from sysid.equation_error.least_squares import RegressionResult
 from sysid.equation_error.report import regression_report
 from sysid.equation_error.time_domain import equation_error, equation_values, settled_equations
 from sysid.numerics.gaussian import Gaussian
+from sysid.numerics.statistics import without
 from sysid.problem.model_structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, not_believed, usual_size
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
 from sysid.uncertainty.bench_errors import linkage_errors
 from sysid.uncertainty.systematic import LATE, SHARE, Perturbation, perturbations
-from sysid.uncertainty.travel import travel_shares, without
+from sysid.uncertainty.travel import travel_shares
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
 _STEP = 0.5

@@ -19,6 +19,7 @@ from sysid.errors import SignalError, SysidError
 from sysid.identification.repaired_flight import Meant, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
+from sysid.numerics.statistics import without
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
@@ -33,7 +34,7 @@ from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ACCEL
 from sysid.uncertainty.inertia import inertia_shares
-from sysid.uncertainty.travel import travel_shares, without
+from sysid.uncertainty.travel import travel_shares
 
 # Parameter of the effect that a thrust line off the centre of gravity is.
 _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -155,3 +156,8 @@ def white_noise_std(values: Array) -> float:
     """
     # Of a normal distribution, the standard deviation over the median distance; 1 9 9 1 is what they add up to.
     return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0) if values.size > 3 else 0.0
+
+
+def without(std: float, share: float) -> float:
+    """What is left of a standard error without an independent part of it."""
+    return math.sqrt(max(std**2 - share**2, 0.0))

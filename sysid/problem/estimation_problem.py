@@ -17,6 +17,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.selection import Refusal
 from sysid.numerics.gaussian import Gaussian
+from sysid.numerics.statistics import without
 from sysid.problem.free_parameters import FreeParameter, coefficient, effect_parameter, sensor_error, thrust_error
 from sysid.problem.model_structure import (
     PRIOR_SHARE,
@@ -29,7 +30,6 @@ from sysid.problem.model_structure import (
 from sysid.problem.predictor import Predictor
 from sysid.signals.record import GROUND, LATERAL, LONGITUDINAL, OUTPUTS, STATES, SURFACES, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
-from sysid.uncertainty.travel import without
 
 # Longest free run between two starts: turbulence and the slow modes carry a longer one away.
 MAX_RUN_S = 20.0

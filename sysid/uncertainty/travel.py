@@ -15,8 +15,3 @@ def travel_shares(systematic: Mapping[str, Mapping[str, float]]) -> dict[str, fl
         name: math.hypot(*(shift for doubt, shift in shifts.items() if doubt.endswith(_GAIN)))
         for name, shifts in systematic.items()
     }
-
-
-def without(std: float, share: float) -> float:
-    """What remains of a standard error without a share of it that is told apart."""
-    return math.sqrt(max(std**2 - share**2, 0.0))
