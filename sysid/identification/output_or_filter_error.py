@@ -21,7 +21,7 @@ from sysid.output_error.structure_error import Widened, widened
 from sysid.problem.estimation_problem import Likeliest, Problem, Progress
 from sysid.problem.formulation import with_unclear_sensors
 from sysid.signals.record import GROUND, OUTPUTS
-from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, misled
+from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, is_of_linkage, misled
 from sysid.uncertainty.systematic import systematic_errors, systematic_in_turbulence
 from sysid.uncertainty.thrust_noise import with_input_noise, with_thrust_by_airspeed
 
@@ -53,13 +53,11 @@ class MaximumLikelihood:
 
     def bench_shares(self) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
         """What the bars hold of the bench, by parameter: of calibration curves, and of linkages, each by its source."""
-        curves, linkages = (
-            {
-                name: {source: share for source, share in shares.items() if source.endswith("_std") is stated}
-                for name, shares in self.from_bench.items()
-            }
-            for stated in (False, True)
-        )
+        curves: dict[str, dict[str, float]] = {}
+        linkages: dict[str, dict[str, float]] = {}
+        for name, shares in self.from_bench.items():
+            curves[name] = {source: abs(share) for source, share in shares.items() if not is_of_linkage(source)}
+            linkages[name] = {source: share for source, share in shares.items() if is_of_linkage(source)}
         return curves, linkages
 
     @property
@@ -117,16 +115,19 @@ def _in_calm_air(
     problem, result = here.problem, here.result
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
-    # What a bench's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own.
+    # What a curve's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own;
+    # the gain and the zero of a linkage do not.
     wider = None
-    if not bench and all(record.thrust_source.measured for record in problem.records):
+    if all(is_of_linkage(one.source) for one in bench) and all(
+        record.thrust_source.measured for record in problem.records
+    ):
         try:
             wider = widened(problem, here.model, here.coefficients, here.effects, result)
         except EstimationError as error:
             text = "the flight shows what the structure does not hold, and the standard errors do not count it"
             warnings.append(f"{text}: {error}")
     if wider is not None:
-        return _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), held)
+        return _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), bench, held)
     problem, result = with_input_noise(here)
     result, shares = carry(misled([*bench, *held], here), here, result)
     return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, linearised=here)
@@ -174,17 +175,19 @@ def _with_misfit(
     wider: Widened,
     effects: Sequence[tuple[str, str]],
     warnings: tuple[str, ...],
+    linkages: Sequence[BenchError],
     held: Sequence[BenchError],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
     here = Linearised(wider.problem, wider.model, wider.coefficients, effects, wider.result)
     corrected, result = with_input_noise(here)
     result, _ = carry(misled(held, here), here, result)
+    result, shares = carry(misled(linkages, here), here, result)
     solved = replace(wider, problem=corrected, result=result)
     nearest = solved.projected(result)
     completed = replace(corrected, known=problem.known)
-    nothing: dict[str, dict[str, float]] = {parameter.name: {} for parameter in nearest.parameters}
-    return MaximumLikelihood(completed, nearest, "oe", (), warnings, nothing, solved, linearised=here)
+    moved = wider.projected_changes(shares)
+    return MaximumLikelihood(completed, nearest, "oe", (), warnings, moved, solved, linearised=here)
 
 
 def systematic(

@@ -34,6 +34,7 @@ from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap
 from sysid.signals.redundant_sensors import PAIRS
 from sysid.uncertainty.systematic import SHARE
 
+_OF_LINKAGE = ("_gain_std", "_bias_std")
 MEASURED = ("alpha", "beta", "airspeed")
 
 
@@ -78,6 +79,11 @@ def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
         if control.bias_std:
             found.append(BenchError(f"{name}_bias_std", _moved(column, 0.0, control.bias_std)))
     return found
+
+
+def is_of_linkage(source: str) -> bool:
+    """Whether a source is one of `linkage_errors`."""
+    return source.endswith(_OF_LINKAGE)
 
 
 def _misread(
@@ -170,7 +176,7 @@ def carry(
 
     here: the estimate, or one so near to `result` that the same slopes hold. A reported sensor error is that of the
     signal as it was used, bench error included, so its own curve's error does not widen it.
-    Returns parameter -> source -> standard deviation beside the result.
+    Returns parameter -> source -> standard deviation beside the result, with its sign where the source has one part.
     """
     shares: dict[str, dict[str, float]] = {parameter.name: {} for parameter in result.parameters}
     if not every:
@@ -182,11 +188,14 @@ def carry(
         step = solve(information, pull)
         for i, parameter in enumerate(result.parameters):
             step[i] -= one.apparent.sensors.get(parameter.name, 0.0)
-            moved = shares[parameter.name].get(one.error.source, 0.0)
-            shares[parameter.name][one.error.source] = float(np.hypot(moved, step[i]))
+            _add(shares[parameter.name], one.error.source, float(step[i]))
         covariance += np.outer(step, step)
         white += np.outer(step, step)
     return replace(result, covariance=covariance, covariance_white=white), shares
+
+
+def _add(shares: dict[str, float], source: str, step: float) -> None:
+    shares[source] = float(np.hypot(shares[source], step)) if source in shares else step
 
 
 @dataclass(frozen=True)
@@ -253,7 +262,6 @@ def carry_filtered(
         false = apparent_change(changed, problem).sensors
         for i, parameter in enumerate(result.parameters):
             step[i] -= false.get(parameter.name, 0.0)
-            moved = shares[parameter.name].get(error.source, 0.0)
-            shares[parameter.name][error.source] = float(np.hypot(moved, step[i]))
+            _add(shares[parameter.name], error.source, float(step[i]))
         covariance, white = covariance + np.outer(step, step), white + np.outer(step, step)
     return replace(result, covariance=covariance, covariance_white=white), shares

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -79,6 +81,26 @@ def test_bars_count_what_the_structure_leaves_over(curved) -> None:
     assert np.median([found.likeliest.estimate.std(name) / plain.std(name) for name in truth]) < 0.1
     assert set(found.model.coefficients) == set(STRUCTURE)
     assert set(found.model.coefficients["Cm_alpha"].extra["systematic"]) >= {"mass_1pct", "timing_10ms"}
+
+
+def test_a_guessed_travel_comes_on_top_of_what_the_structure_leaves_over(curved) -> None:
+    signals, _, vehicle = curved
+    guessed = {
+        name: replace(one, gain_std=0.3 if name == "elevator" else 0.0) for name, one in vehicle.controls.items()
+    }
+    found = [
+        identify([signals], craft, method="oe", systematic=False).model.coefficients
+        for craft in (vehicle, replace(vehicle, controls=guessed))
+    ]
+    for name in ("CL_alpha", "Cm_alpha", "Cm_de", "Cn_dr"):
+        sure, unsure = (one[name] for one in found)
+        assert unsure.value == pytest.approx(sure.value, rel=1e-6)
+        share = unsure.extra["systematic"]["elevator_gain_std"]
+        assert unsure.std**2 == pytest.approx(sure.std**2 + share**2, rel=1e-3)
+        expected = (
+            0.3 * abs(sure.value) if name == "Cm_de" else 0.0
+        )  # further terms of the prior move the rest a little
+        assert abs(share) == pytest.approx(expected, rel=0.05, abs=0.005 * abs(sure.value))
 
 
 def test_a_flight_of_the_structure_itself_keeps_its_estimate() -> None:
