@@ -22,9 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify, write what was asked for, print the result."""
+    """Identify, write what was asked for, print the result: 1 where no coefficient could be told."""
     from gcs.analysis.postflight import identify
-    from gcs.analysis.results import identification_text, write_results
+    from gcs.analysis.results import write_identification
     from gcs.options.flights import open_flights, require_part
 
     require_part(args)
@@ -42,5 +42,4 @@ def run(args: argparse.Namespace) -> int:
             as_recorded=args.as_recorded,
             progress=flights.progress,
         )
-    write_results(result, args.output, args.write_model, as_json=args.json, text=identification_text)
-    return 0
+    return write_identification(result, args.output, args.write_model, as_json=args.json, command=NAME)

@@ -126,7 +126,7 @@ def _mapping(path: Path) -> str:
 
 
 def _identify(station: Station, args: argparse.Namespace) -> int:
-    from gcs.analysis.results import identification_text, write_results
+    from gcs.analysis.results import write_identification
     from gcs.errors import SettingsError, StationError
     from gcs.options.flights import require_part
     from gcs.text.one_line import one_line
@@ -150,8 +150,7 @@ def _identify(station: Station, args: argparse.Namespace) -> int:
     if over.state != "done":
         raise StationError(one_line(f"job {over.id} {over.state}: {over.error or 'nothing came of it'}"))
     result = station.result(over.flight_id, "identify", over.id)
-    write_results(result, args.output, args.write_model, as_json=args.json, text=identification_text)
-    return 0
+    return write_identification(result, args.output, args.write_model, as_json=args.json, command=args.command)
 
 
 def _job(station: Station, args: argparse.Namespace) -> int:

@@ -27,6 +27,7 @@ from sysid.identification.result_model import (
     unique_refusals,
     validity_of,
     with_extra,
+    withheld,
 )
 from sysid.numerics.threads import single_threaded
 from sysid.problem.coefficient_residuals import moment_noise
@@ -200,26 +201,28 @@ def _by_the_books(
     require_thrust(prepared)
     posed = _pose(asked, prepared, known if all(one.whole for one in read.fitted) else None)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
+    compatible = posed.compatible
+    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
+    model, refused = withheld(found.model, found.refused, worth)
+    found = replace(found, model=model, refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
     progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
     judges = [one.as_measured(vehicle) for one in read.judges]
     compared = comparison(judges or prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
-    compatible = posed.compatible
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
     guessed = [_GUESSED_INERTIA] if vehicle.mass.estimated else []
     seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, [*sentences, *guessed])
-    signals = [one.signals for one in read.fitted]
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         linear_model(vehicle, found.model, prepared, compatible, found.likeliest),
         tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
-        compared, None, with_estimate(flights_quality(signals, prepared, vehicle, compatible.gust_sigma), seen),
+        compared, None, with_estimate(worth, seen),
     )  # fmt: skip
 
 
@@ -233,6 +236,9 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
+    worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma)
+    model, refused = withheld(found.model, found.refused, worth)
+    found = replace(found, model=model, refused=tuple(refused))
     # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
@@ -259,8 +265,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
         tuple(flight.name for flight in asked.validate_on), None, None,
         linear_model(vehicle, found.model, found.prepared, found.compatible, None),
         tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
-        with_estimate(flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma), seen),
-        tuple(flown),
+        with_estimate(worth, seen), tuple(flown),
     )  # fmt: skip
 
 

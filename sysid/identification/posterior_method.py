@@ -100,7 +100,7 @@ def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResul
         parts, vehicle, structure, effects, before, asked.systematic, dead, asked.within(0.3, 0.8).progress
     )
     given = {} if before is None else before.entries()
-    refused = refusals_of(found, structure, _thrust_known(parts, vehicle), vehicle.mass.estimated, tuple(given))
+    refused = refusals_of(found, structure, thrust_known(parts, vehicle), vehicle.mass.estimated, tuple(given))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     model = with_thrust_line(model, found)
     words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(found, given)]
@@ -336,8 +336,9 @@ def _require_plausible(parts: Sequence[FlightPart], vehicle: Vehicle) -> None:
             )
 
 
-def _thrust_known(parts: Sequence[FlightPart], vehicle: Vehicle) -> bool:
-    return vehicle.propulsion is not None or any(np.any(part.thrust != 0.0) for part in parts)
+def thrust_known(parts: Sequence[FlightPart], vehicle: Vehicle) -> bool:
+    """Whether a part has thrust: one that is measured as 0 throughout is known where the file has a propulsion."""
+    return any(np.any(part.thrust != 0.0) or (vehicle.propulsion and part.thrust_from) for part in parts)
 
 
 def _model(

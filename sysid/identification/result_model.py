@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from sim_vehicle.errors import SimVehicleError
-from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.model.aerodynamic_terms import parse_term
+from sim_vehicle.model.model_file import Coefficient, Correlation, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal
 from sysid.equation_error.dead_surfaces import part_of
@@ -17,12 +18,44 @@ from sysid.identification.linear_model import LinearModel, linearise
 from sysid.identification.output_or_filter_error import MaximumLikelihood
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
+from sysid.quality.flight_quality import Quality
 from sysid.signals.preparation import Prepared
 
 
 def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object]) -> tuple[Refusal, ...]:
     """Every refusal once, and none of what another method could estimate after all."""
     return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in estimated}.values())[::-1]
+
+
+def withheld(model: Model, refused: Sequence[Refusal], flown: Quality) -> tuple[Model, list[Refusal]]:
+    """Model and refusals without the numbers that no bar makes true, as the flights are too poor for their axes.
+
+    Every method's result passes here: the fault is the recording's, whatever was made of it. flown: what the flights
+    are worth, before what was estimated.
+    """
+    found = {name: flown.refusal(parse_term(name).axis) for name in model.coefficients}
+    reasons = {name: why for name, why in found.items() if why}
+    entries = {name: Coefficient(None, refused=why) for name, why in reasons.items()}
+    return (
+        replace(
+            model,
+            coefficients={**model.coefficients, **entries},
+            correlation=_without(model.correlation, reasons),
+        ),
+        [
+            *(Refusal(name, why, "") for name, why in reasons.items()),
+            *(one for one in refused if one.name not in reasons),
+        ],
+    )
+
+
+def _without(known: Correlation | None, names: Container[str]) -> Correlation | None:
+    """The correlations of the others; None where there are no others."""
+    if known is None:
+        return None
+    place = [i for i, name in enumerate(known.names) if name not in names]
+    rows = tuple(tuple(known.matrix[i][k] for k in place) for i in place)
+    return Correlation(tuple(known.names[i] for i in place), rows) if place else None
 
 
 def linear_model(

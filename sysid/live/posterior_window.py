@@ -21,7 +21,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.identification.posterior_method import flown, refusals_of
+from sysid.identification.posterior_method import flown, refusals_of, thrust_known
 from sysid.identification.repaired_flight import prepared_flight, without_dead
 from sysid.live.recursive.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
@@ -106,8 +106,8 @@ def estimate_window(
         found = estimate(parts, vehicle, structure, systematic=False, near=near, fine=False)
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
-    thrust = vehicle.propulsion is not None or any(np.any(part.thrust != 0.0) for part in parts)
-    refused = {one.name: one for one in refusals_of(found, structure, thrust, vehicle.mass.estimated)}
+    known = thrust_known(parts, vehicle)
+    refused = {one.name: one for one in refusals_of(found, structure, known, vehicle.mass.estimated)}
     std = np.sqrt(np.diag(found.joint.covariance))
     values = dict(zip(found.joint.names, zip(found.joint.mean.tolist(), std.tolist(), strict=True), strict=True))
     statuses = {}

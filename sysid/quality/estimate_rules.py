@@ -53,7 +53,9 @@ def with_estimate(before: Quality, seen: SeenEstimate) -> Quality:
     """The verdict of the flight with what was estimated from it. before: that of the flight alone."""
     axes = tuple(axis for axis in AXES if any(parse_term(name).axis == axis for name in seen.model.coefficients))
     lost = {axis for one in before.not_flown for axis in one.axes}
-    found = [reason for rule in RULES for reason in rule(seen)]
+    # Of axes without numbers the flight has said why; what was refused for it, and was made of it, says no more.
+    silent = {axis for axis in axes if before.refusal(axis)}
+    found = [one for rule in RULES for one in rule(seen) if not one.axes or set(one.axes) - silent]
     kept = [one for one in (*before.reasons, *found) if not one.axes or set(one.axes) & set(axes) - lost]
     return replace(before, reasons=once(kept), axes=axes)
 

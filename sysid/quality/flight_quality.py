@@ -18,19 +18,25 @@ class Reason:
     """One thing that speaks against a flight.
 
     verdict: "care" or "poor". text: what is so. advice: what to do better next time. axes: those that it concerns,
-    empty for all of them.
+    empty for all of them. no_numbers: whether no bar says how wrong the coefficients of these axes are, so that none is
+    reported.
     """
 
     verdict: str
     text: str
     advice: str = ""
     axes: tuple[str, ...] = ()
+    no_numbers: bool = False
+
+    @property
+    def cure(self) -> str:
+        """Text and advice in one line."""
+        return f"{self.text}{f'; {self.advice}' if self.advice else ''}"
 
     @property
     def sentence(self) -> str:
-        """Text and advice in one line."""
-        where = f"{', '.join(self.axes)}: " if self.axes else ""
-        return f"{where}{self.text}{f'; {self.advice}' if self.advice else ''}"
+        """Axes, text and advice in one line."""
+        return f"{', '.join(self.axes)}: {self.cure}" if self.axes else self.cure
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,11 @@ class Quality:
         if any(axis in one.axes for one in self.not_flown):
             return POOR
         return _worst(one.verdict for one in self.reasons if not one.axes or axis in one.axes)
+
+    def refusal(self, axis: str) -> str:
+        """Why no number of that axis is reported, and what to do; "" where they are."""
+        every = (one.cure for one in self.reasons if one.no_numbers and (not one.axes or axis in one.axes))
+        return next(every, "")
 
     @property
     def verdict(self) -> str:
@@ -67,11 +78,7 @@ class Quality:
             "axes": {
                 axis: {
                     "verdict": self.of_axis(axis),
-                    "reasons": [
-                        Reason(one.verdict, one.text, one.advice).sentence
-                        for one in (*self.reasons, *self.not_flown)
-                        if axis in one.axes
-                    ],
+                    "reasons": [one.cure for one in (*self.reasons, *self.not_flown) if axis in one.axes],
                 }
                 for axis in self.axes
             },

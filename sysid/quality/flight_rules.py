@@ -1,4 +1,12 @@
-"""What a recording is worth before anything is estimated: rates, gaps, timing, vibration, excitation, sensors, air."""
+"""What a recording is worth before anything is estimated: rates, gaps, timing, vibration, excitation, sensors, air.
+
+Of what makes an axis too poor, that is marked `no_numbers` which moves the estimates without widening their bars: an
+IMU sampled too seldom for the motion, and a sideslip reconstructed from one that is slow. The rest leaves the numbers
+to the estimator, whose own rules know more: it refuses what no surface moved unless a prior model knows it, and drag
+without thrust; samples that were lost are missing information, which widens the bars; thrust that repeats one value is
+a dead sensor's or a glider's; and the file of another aircraft scales the numbers without being a fault of the
+recording.
+"""
 
 from __future__ import annotations
 
@@ -88,11 +96,17 @@ def _rate(seen: SeenFlight, name: str) -> float:
     return 1.0 / float(np.median(steps)) if steps.size else 0.0
 
 
+def _slowest(seen: SeenFlight) -> float:
+    """Rate of the slowest of gyros and accelerometers, Hz."""
+    return min((_rate(seen, name) for name in _IMU if name in seen.signals.signals), default=0.0)
+
+
 def _rates(seen: SeenFlight) -> Iterator[Reason]:
-    slowest = min((_rate(seen, name) for name in _IMU if name in seen.signals.signals), default=0.0)
+    slowest = _slowest(seen)
     if slowest < LIMITS.imu_hz - 0.5:
-        verdict = POOR if slowest < LIMITS.imu_least_hz - 0.2 else CARE
-        yield Reason(verdict, f"gyros and accelerometers come at {slowest:.0f} Hz", "have them sent at 50 Hz or more")
+        poor = slowest < LIMITS.imu_least_hz - 0.2
+        text, advice = f"gyros and accelerometers come at {slowest:.0f} Hz", "have them sent at 50 Hz or more"
+        yield Reason(POOR if poor else CARE, text, advice, no_numbers=poor)
     for names, least, words in (
         (("alpha", "beta"), LIMITS.vane_hz, "vanes"),
         (("de", "da", "dr"), LIMITS.command_hz, "commands"),
@@ -174,9 +188,27 @@ def _excitation(seen: SeenFlight) -> Iterator[Reason]:
         yield Reason(CARE, f"{_SURFACES[still]} did not move", f"fly test inputs on {_SURFACES[still]}", LATERAL)
 
 
-def _sensors(seen: SeenFlight) -> Iterator[Reason]:
+def _sideslip(seen: SeenFlight) -> Iterator[Reason]:
+    """Whether there is a sideslip at all: the kinematics smear one that gusts bring within a few of their samples, and
+    all lateral coefficients are estimated together.
+    """
+    slowest = _slowest(seen)
+    if "beta" not in _measured(seen) and slowest < LIMITS.sideslip_hz - 0.5:
+        text = (
+            f"sideslip is reconstructed from {slowest:.0f} Hz signals: below {LIMITS.sideslip_hz:.0f} Hz its error is"
+            " larger than the bars can say"
+        )
+        yield Reason(POOR, text, "log the IMU at 50 Hz or fit a beta vane", LATERAL, no_numbers=True)
+
+
+def _measured(seen: SeenFlight) -> set[str]:
+    """Signals that a sensor measures and that change."""
     signals = seen.signals.signals.items()
-    there = {name for name, one in signals if _is_alive(one.values) and one.source != BY_ATTITUDE}
+    return {name for name, one in signals if _is_alive(one.values) and one.source != BY_ATTITUDE}
+
+
+def _sensors(seen: SeenFlight) -> Iterator[Reason]:
+    there = _measured(seen)
     for name, axes in _SHOWN_BY.items():
         if name not in there:
             text = f"no {'accelerometer' if name.startswith('a') else 'gyro'} {name[-1]}: it is done without"
@@ -255,5 +287,5 @@ def _slope(angle: Array, lift: Array) -> tuple[float, float] | None:
 
 
 RULES: tuple[Callable[[SeenFlight], Iterator[Reason]], ...] = (
-    _aircraft, _rates, _gaps, _vibration, _excitation, _sensors, _air,
+    _aircraft, _rates, _sideslip, _gaps, _vibration, _excitation, _sensors, _air,
 )  # fmt: skip

@@ -11,6 +11,8 @@ class QualityLimits:
 
     imu_hz, imu_least_hz: rate of gyros and accelerometers below which a flight is used with care, and is too poor: 20
     and 5 samples over the period of a short-period mode of 2 Hz (25 times the mode are usual: Klein & Morelli, ch. 9).
+    sideslip_hz: the same below which a sideslip without a vane is too poor: at 10 Hz in gusts lateral derivatives were
+    15 and more of their bars off.
     vane_hz, command_hz, air_hz: the same of vanes, commands and airspeed, with care.
     lost, lost_most: share of time without samples of the IMU.
     uneven: middle 80 % of its intervals over the median one.
@@ -33,6 +35,7 @@ class QualityLimits:
 
     imu_hz: float = 40.0
     imu_least_hz: float = 10.0
+    sideslip_hz: float = 20.0
     vane_hz: float = 15.0
     command_hz: float = 20.0
     air_hz: float = 5.0

@@ -270,3 +270,18 @@ def test_without_any_thrust_all_but_drag_is_told(
     code, result, said = identify(capsys, log, "--vehicle", folder / "heron.toml", "--method", "oe")
     assert (code, result) == (1, {})
     assert "thrust is unknown: the flight has neither" in said
+
+
+def test_a_log_too_slow_for_any_number_is_written_with_its_refusals(
+    folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, model = folder / "slow.tlog", folder / "slow.model.json"
+    every = round(1.0 / (4.0 * (other_aircraft.DURATION_S / len(rows))))
+    write_tlog(log, rows[::every], "HIGHRES_IMU", 0.0)
+    code, result, said = identify(capsys, log, "--vehicle", folder / "heron.toml", "--write-model", model)
+    reason = "gyros and accelerometers come at 4 Hz; have them sent at 50 Hz or more"
+    assert (code, said) == (1, f"gcs identify: no coefficient could be told: {reason}\n")
+    assert {name: one["refused"] for name, one in result["model"]["coefficients"].items()} == dict.fromkeys(
+        result["model"]["coefficients"], reason
+    )
+    assert json.loads(model.read_text(encoding="utf-8")) == result["model"]

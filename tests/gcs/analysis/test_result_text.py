@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from gcs.analysis import postflight
-from gcs.analysis.results import discrepancy_text, identification_text
+from gcs.analysis.results import discrepancy_text, identification_text, write_identification
 from sim_vehicle.model.model_file import BUILT_IN
 
 GRAMS = "mass.mass: 1000 kg on a span of 1 m is hardly possible: grams?"
@@ -69,3 +70,20 @@ def test_what_is_doubtful_in_the_vehicle_file_is_told_with_a_discrepancy(
     result = postflight.discrepancy([], craft, BUILT_IN / "iitb-mav.model.json")
     assert "grams" in result["warnings"][0]
     assert result["warnings"][-1] == "rpm: slow"
+
+
+@pytest.mark.parametrize(("value", "code", "said"), [
+    ({"refused": "it was dark"}, 1, "gcs identify: no coefficient could be told: it was dark\n"),
+    ({"value": 0.1, "std": 0.01}, 0, ""),
+])  # fmt: skip
+def test_a_result_without_coefficients_is_written_all_the_same(
+    value: dict[str, Any], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    coefficients = {"CL_0": {"refused": "it was dark"}, "CL_alpha": value}
+    result = {"flights": ["first"], "model": {"name": "own", "coefficients": coefficients}}
+    files = tmp_path / "result.json", tmp_path / "model.json"
+    assert write_identification(result, *files, as_json=False, command="identify") == code
+    shown = capsys.readouterr()
+    assert shown.err == said
+    assert "refused it was dark" in shown.out
+    assert [json.loads(one.read_text(encoding="utf-8")) for one in files] == [result, result["model"]]
