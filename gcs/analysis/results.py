@@ -221,21 +221,21 @@ def _gap_lines(gap: dict[str, dict[str, Any]], added: bool) -> list[str]:
     return lines
 
 
-def nothing_told(result: dict[str, Any]) -> str:
+def no_values(result: dict[str, Any]) -> str:
     """That an identification has no coefficient with a value, and the first reason, in a line; "" where it has one."""
     entries = result["model"]["coefficients"].values()
     if any(entry.get("value") is not None for entry in entries):
         return ""
     reason = next((entry["refused"] for entry in entries if entry.get("refused")), "the model has none")
-    return f"no coefficient could be told: {reason}"
+    return f"no coefficient could be identified: {reason}"
 
 
 def write_identification(
     result: dict[str, Any], output: Path | None, model: Path | None, *, as_json: bool, command: str
 ) -> int:
-    """Print and write an identification. The exit code: 1, with a line on standard error, where it tells nothing."""
+    """Print and write an identification. The exit code: 1, with a line on standard error, where none has a value."""
     write_results(result, output, model, as_json=as_json, text=identification_text)
-    if words := nothing_told(result):
+    if words := no_values(result):
         print(f"gcs {command}: {words}", file=sys.stderr)
     return 1 if words else 0
 

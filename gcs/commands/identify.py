@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify, write what was asked for, print the result: 1 where no coefficient could be told."""
+    """Identify, write what was asked for, print the result: 1 where no coefficient could be identified."""
     from gcs.analysis.postflight import identify
     from gcs.analysis.results import write_identification
     from gcs.options.flights import open_flights, require_part

@@ -280,7 +280,7 @@ def test_a_log_too_slow_for_any_number_is_written_with_its_refusals(
     write_tlog(log, rows[::every], "HIGHRES_IMU", 0.0)
     code, result, said = identify(capsys, log, "--vehicle", folder / "heron.toml", "--write-model", model)
     reason = "gyros and accelerometers come at 4 Hz; have them sent at 50 Hz or more"
-    assert (code, said) == (1, f"gcs identify: no coefficient could be told: {reason}\n")
+    assert (code, said) == (1, f"gcs identify: no coefficient could be identified: {reason}\n")
     assert {name: one["refused"] for name, one in result["model"]["coefficients"].items()} == dict.fromkeys(
         result["model"]["coefficients"], reason
     )

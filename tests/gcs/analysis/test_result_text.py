@@ -73,7 +73,7 @@ def test_what_is_doubtful_in_the_vehicle_file_is_told_with_a_discrepancy(
 
 
 @pytest.mark.parametrize(("value", "code", "said"), [
-    ({"refused": "it was dark"}, 1, "gcs identify: no coefficient could be told: it was dark\n"),
+    ({"refused": "it was dark"}, 1, "gcs identify: no coefficient could be identified: it was dark\n"),
     ({"value": 0.1, "std": 0.01}, 0, ""),
 ])  # fmt: skip
 def test_a_result_without_coefficients_is_written_all_the_same(

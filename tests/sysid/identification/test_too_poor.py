@@ -83,3 +83,11 @@ def test_axes_that_nothing_flew_have_no_number(method: str) -> None:
     found = identify([fly_mav("elevator-3211", 2)[0]], VEHICLE, method=method, systematic=False)
     assert not told(found, longitudinal=False)
     assert told(found, longitudinal=True)
+
+
+def test_a_law_of_thrust_with_nothing_to_put_into_it_leaves_drag_unknown(flight: FlightSignals) -> None:
+    assert VEHICLE.propulsion is not None
+    found = identify([without(flight, "thrust", "throttle", "rpm")], VEHICLE, method="map", systematic=False)
+    entries = {name: entry for name, entry in found.model.coefficients.items() if name.startswith("CD")}
+    assert all("drag needs thrust" in entry.refused for entry in entries.values())
+    assert told(found, longitudinal=True)
