@@ -54,7 +54,10 @@ _ANGLES = ("alpha", "beta")
 _FEWEST = 10  # samples of a signal
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
-_SERVO = ("servo_delay", "servo_lag")
+# Nuisances that make up how late a surface follows its command, and the sign by which each counts.
+_SERVO = {"servo_delay": 1.0, "servo_lag": 1.0, "command_clock": -1.0}
+# Times as uncertain as the servos were known, up to which a newer window's word of them counts.
+_AS_SURE = 2.0
 # Standard errors of a window and of what was known, beyond which the two are not of one aircraft.
 _AGREES = 4.0
 _SCALE = {"alpha_scale": "alpha_scale", "beta_scale": "beta_scale", "airspeed_error": "airspeed_scale"}
@@ -258,7 +261,7 @@ class SlidingWindow:
         A window that lies across a change of the aircraft is neither's: it says nothing of servos.
         """
         return {
-            surface: sum(one.value for one in every if one.name in _SERVO)
+            surface: sum(_SERVO[one.name] * one.value for one in every if one.name in _SERVO)
             for group, every in self._of_servos.items()
             for surface in SURFACES_OF[group]
         }
@@ -281,9 +284,17 @@ class SlidingWindow:
         self.found = found
         for group in SURFACES_OF:
             own = [one for one in found.nuisances if one.group == group]
-            if own and self._is_as_before(group, found.coefficients):
+            if own and self._is_as_before(group, found.coefficients) and self._is_as_sure(group, own):
                 self._of_servos[group] = tuple(own)
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
+
+    def _is_as_sure(self, group: str, now: Sequence[NuisanceEstimate]) -> bool:
+        """Whether a window knows about as well as one before how late the surfaces follow.
+
+        One that lies across a change may be right in what it still knows, and explain the change by servos.
+        """
+        before = self._of_servos.get(group, ())
+        return not before or _servo_std(now) <= _AS_SURE * _servo_std(before)
 
     def _doubted(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
         """An estimate, not known where it contradicts what was known and no change has been found.
@@ -328,3 +339,8 @@ class SlidingWindow:
             if inside.any():
                 cut[name] = (stamps[inside], np.concatenate([v for _, v in kept])[inside])
         return cut
+
+
+def _servo_std(every: Sequence[NuisanceEstimate]) -> float:
+    """Standard error of how late surfaces follow, s."""
+    return hypot(*(one.std for one in every if one.name in _SERVO))

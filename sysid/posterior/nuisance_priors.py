@@ -61,7 +61,7 @@ class Nuisance:
 
 # Sizes of what hobby-grade parts do; each is one standard deviation of the population of aircraft.
 PRIORS: tuple[Nuisance, ...] = (
-    Nuisance("servo_delay", 0.045, 0.030, 0.0, 0.0, 0.25, 1e-3, "s", "both",
+    Nuisance("servo_delay", 0.045, 0.030, 0.0, -0.03, 0.25, 1e-3, "s", "both",
              "frame of 20 ms, its place in the log, the servo's own controller"),
     Nuisance("servo_lag", 0.035, 0.020, 0.0, 0.0, 0.20, 1e-3, "s", "both",
              "0.06 to 0.15 s per 60 deg of hobby servos, small strokes"),

@@ -194,7 +194,9 @@ def settle_names(search: Search) -> None:
     """See what is left beside all that was named, then take back what the first name may have left of itself."""
     search.left = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
     most = max((one.significance.gain for one in search.named), default=0.0)
-    for one in [one for one in search.named if is_too_little_beside(most, one.significance.gain)]:
+    for effect in [one.effect for one in search.named if is_too_little_beside(most, one.significance.gain)]:
+        # What stays is estimated anew each time.
+        one = next(one for one in search.named if one.effect == effect)
         without = _without(search, one)
         if without is not None:
             search.taken_back += one.significance.gain

@@ -11,9 +11,15 @@ import pytest
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error import forward_selection
-from sysid.discrepancy.by_filter_error.forward_selection import Search, eliminate_insignificant, eliminate_redundant
+from sysid.discrepancy.by_filter_error.forward_selection import (
+    Search,
+    eliminate_insignificant,
+    eliminate_redundant,
+    settle_names,
+)
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.identified_effect import Named
+from sysid.discrepancy.naming_rule import LeftOver
 from sysid.discrepancy.significance import Significance
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
@@ -127,3 +133,31 @@ def test_what_a_memory_gains_beside_the_others_does_not_hide_them(monkeypatch: p
     found = searched({"unsteady_lift.tau": (0.05, 0.001), "thrust_scale.scale": (0.5, 0.01)}, together=True)
     eliminate_redundant(found)
     assert names_of(found) == ["unsteady_lift", "thrust_scale"]
+
+
+def test_companions_that_the_first_may_leave_of_itself_are_taken_back_and_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[list[str]] = []
+
+    def left_over(problem: object, setting: object, least: float) -> dict[str, LeftOver]:
+        seen.append(names_of(found))
+        return {"CL": LeftOver("smooth terms", 300.0)}
+
+    monkeypatch.setattr(forward_selection, "left_over", left_over)
+    Costs(monkeypatch, {
+        frozenset({"mass_error", "thrust_scale"}): -999.0, frozenset({"mass_error"}): -998.0,
+    })  # fmt: skip
+    found = searched({"mass_error.scale": (0.5, 0.01), "density_error.scale": (0.1, 0.01),
+                      "thrust_scale.scale": (0.1, 0.01)}, together=True)  # fmt: skip
+    gains = (9000.0, 50.0, 80.0)
+    found.named = [
+        replace(one, significance=replace(one.significance, gain=gain))
+        for one, gain in zip(found.named, gains, strict=True)
+    ]
+    settle_names(found)
+    # What is left is seen beside all of them: what they explain is not counted twice.
+    assert seen == [["mass_error", "density_error", "thrust_scale"]]
+    assert names_of(found) == ["mass_error"]
+    assert found.taken_back == 130.0
+    assert len(found.dropped) == 2
