@@ -64,3 +64,23 @@ def test_positions_go_with_their_own_samples_in_equation_error(tmp_path: Path) -
     assert (
         max(off[one][1] for one in ("Cl_beta", "Cl_p", "Cl_da", "Cm_alpha", "Cm_q", "Cm_de", "Cn_beta", "Cn_r")) < 0.02
     )
+
+
+def test_the_right_effect_is_named_alone_though_smooth_terms_gain_hundreds_beside_it(tmp_path: Path) -> None:
+    place = FLIGHTS / "propwash-hidden"
+    logs = [tmp_path / f"{name}.tlog" for name in ("flight", "other")]
+    for log in logs:
+        log.write_bytes(lzma.decompress((place / f"{log.name}.xz").read_bytes()))
+    out = tmp_path / "found.json"
+    assert main(["discrepancy", str(logs[0]), "--validate", str(logs[1]), "--vehicle", str(place / "vehicle.toml"),
+        "--model", str(place / "baseline.json"), "-o", str(out), "--quiet"]) == 0  # fmt: skip
+    found = json.loads(out.read_text())
+    assert found["verdict"] == "missing_effect"
+    assert [one["name"] for one in found["effects"]] == [json.loads((place / "truth.json").read_text())["right_name"]]
+    assert found["complete"] is False
+    assert 0.0 < sum(one["share"] for one in found["left"]) < 0.1
+    assert found["nearest"] is None
+    gap = found["gap"]["validation"]
+    for output in ("V", "q", "theta", "az"):
+        assert gap["before"][output] > 1.5 * gap["noise_floor"][output], output
+        assert gap["after"][output] < 1.25 * gap["noise_floor"][output], output
