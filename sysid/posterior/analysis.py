@@ -46,9 +46,9 @@ from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.record import SURFACES
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still,
-# or so many times its resolution. What moves a surface between the two says little of it, but without it others come
-# out wrong.
-LEAST_TRAVEL, _STILL, _RESOLUTIONS = 0.003, 1e-4, 2.0
+# or so many times what a measured position resolves: of a motion as small as its noise the noise makes too much. What
+# moves a surface between the two says little of it, but without it others come out wrong.
+LEAST_TRAVEL, _STILL, _RESOLUTIONS = 0.003, 1e-4, 4.0
 # Prior of a coefficient about its equation-error value: so many usual sizes. Of those that hardly matter, one.
 _MAIN, _MINOR = 6.0, 1.0
 _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))

@@ -42,8 +42,9 @@ class InputSignal:
     """A command or position as a function of time. time_s, values: (N,).
 
     kind: "held" from stamp to stamp; "splined", a cubic spline; "eased", a monotone one that does not overshoot at
-    steps (Fritsch and Butland 1984); "joined" by straight lines. resolution: standard deviation that it has where
-    nothing moves, in the unit of `values`. rounding: (N,) what was logged less `values`, or (0,) where that is nothing.
+    steps (Fritsch and Butland 1984); "joined" by straight lines. resolution: standard deviation that a measured
+    position has where nothing moves, in the unit of `values`; 0 of a command. rounding: (N,) what was logged less
+    `values`, or (0,) where that is nothing.
     """
 
     time_s: Array
@@ -112,9 +113,8 @@ def surface_signal(
     control: what the vehicle file says of it. position: whether it was measured. stepping, held: as in `input_signal`.
     """
     step, smooth = rounding_step(values, control), unrounded(time_s, values, control)
-    # A command has no noise: what is fast in it moves its servo.
-    noise = white_noise_std(smooth) if position else 0.0
-    resolution = max(step / np.sqrt(12.0), noise)
+    # A command has no noise: whatever is in it moves its servo.
+    resolution = max(step / np.sqrt(12.0), white_noise_std(smooth)) if position else 0.0
     signal = InputSignal(time_s, smooth, "eased") if position else input_signal(time_s, smooth, stepping, held)
     return replace(signal, resolution=resolution, rounding=values - smooth if step > 0.0 else np.zeros(0))
 

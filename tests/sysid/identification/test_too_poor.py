@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bad_flights import without
 from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -19,6 +18,12 @@ from sysid.quality.flight_quality import LATERAL
 from sysid.signals.flight import FlightSignals
 
 pytestmark = pytest.mark.whole_flight
+
+
+def without(signals: FlightSignals, *names: str) -> FlightSignals:
+    """The flight without these signals."""
+    return replace(signals, signals={name: one for name, one in signals.signals.items() if name not in names})
+
 
 VEHICLE = load_vehicle("iitb-mav")
 SIDESLIP = (
