@@ -12,7 +12,7 @@ from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
 from sysid.posterior.considered_errors import Doubt
 from sysid.posterior.estimator import Posterior, PosteriorResult
-from sysid.posterior.group_model import SERVO
+from sysid.posterior.group_model import OF_SURFACES
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.signals.sensor_errors import SENSOR_ERRORS
@@ -103,8 +103,9 @@ class PosteriorEstimate:
         return {group: one.result for group, one in self.groups.items()}
 
     def servos(self, group: str, flight: str) -> tuple[float, ...] | None:
-        """Delay [s], lag [s] and backlash [rad] of a group's servos, those of a flight that was not among the estimated
-        the mean of all; None where the group was not estimated.
+        """Delay [s], lag [s] and backlash [rad] of a group's servos and the share of their commands' rounding that was
+        flown, those of a flight that was not among the estimated the mean of all; None where the group was not
+        estimated.
         """
         if group not in self.groups:
             return None
@@ -114,7 +115,7 @@ class PosteriorEstimate:
             model.unknowns.values(theta[len(model.parameters) :], one)
             for one in ([flight] if flight in flown else flown)
         ]
-        return tuple(float(np.mean([one[key] for one in every])) for key in SERVO)
+        return tuple(float(np.mean([one[key] for one in every])) for key in OF_SURFACES)
 
     def sensor_errors(self, share: float = np.inf) -> dict[str, tuple[float, float, str]]:
         """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that

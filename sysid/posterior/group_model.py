@@ -41,11 +41,11 @@ _START_STD = {"v": 1.5, "w": 1.5, "p": 0.5, "q": 0.5, "r": 0.5}
 _VANES = ("alpha", "beta")
 SERVO = ("servo_delay", "servo_lag", "servo_backlash")
 # What changes the surfaces alone.
-_OF_SURFACES = (*SERVO, "command_rounding")
+OF_SURFACES = (*SERVO, "command_rounding")
 # Nuisances that change what drives the simulation; the others act on what it reads.
 _DRIVING = frozenset(
     (
-        *(*_OF_SURFACES, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
+        *(*OF_SURFACES, "airspeed_error", "airspeed_alpha", "airspeed_lag"),
         *("theta_offset", "phi_offset", "alpha_offset", "thrust_error"),
     )
 )
@@ -209,7 +209,7 @@ class GroupModel:
         ]
         driven += [(i, p.name, _OF_AIRSPEED[p.name]) for i, p in enumerate(self.parameters) if p.name in _OF_AIRSPEED]
         records = [
-            (self._driven(one, {**values, name: values[name] + step}, predictor.records[0], name in _OF_SURFACES), step)
+            (self._driven(one, {**values, name: values[name] + step}, predictor.records[0], name in OF_SURFACES), step)
             for _, name, step in driven
         ]
         local = np.concatenate((theta[:count], states[self.free_states]))
@@ -334,9 +334,8 @@ class GroupModel:
         commands = np.zeros((n, 4))
         for j, name in enumerate(SURFACES):
             if name in part.inputs and name in self._surfaces:
-                servos = [values[key] for key in SERVO]
-                sent = part.inputs[name].with_rounding(values["command_rounding"])
-                moved = surface_means(sent, part.grid[0], step, n, servos)
+                servos = [values[key] for key in OF_SURFACES]
+                moved = surface_means(part.inputs[name], part.grid[0], step, n, servos)
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
                 commands[:, j] = gain * moved + bias
         if "throttle" in part.inputs:

@@ -189,7 +189,7 @@ def surface_means(commanded: InputSignal, begin: float, step: float, count: int,
     count : int
         Intervals.
     servos : Sequence[float]
-        Delay in s, lag in s, and backlash in rad of its servo.
+        Delay in s, lag in s, and backlash in rad of its servo, and the share of the rounding that it was sent.
 
     Returns
     -------
@@ -199,7 +199,9 @@ def surface_means(commanded: InputSignal, begin: float, step: float, count: int,
     # The servo has settled where the grid begins.
     lead = round(_SERVO_LEAD_S / step)
     half: Array = begin - lead * step + 0.5 * step * (np.arange(2 * (count + lead) + 2, dtype=np.float64) - 0.5)
-    return interval_means(servo(commanded, half, *servos), commanded.kind == "held")[lead:]
+    *moving, rounding = servos
+    moved = servo(commanded.with_rounding(rounding), half, *moving)
+    return interval_means(moved, commanded.kind == "held")[lead:]
 
 
 def interval_means(values: Array, averaged: bool) -> Array:

@@ -17,8 +17,9 @@ from sysid.arrays import Array
 _ROUNDS = 8
 # Width of the bands, Hz, in which the rounding's power is held against the signal's.
 _BAND_HZ = 0.8
-# Fewer levels than this may be a stick's own positions, and no rounding.
-_FEWEST_LEVELS = 8
+# Fewer levels than this may be a stick's own positions, and no rounding; by so much of a step levels may miss its
+# multiples, and so many of the multiples between the ends there must be.
+_FEWEST_LEVELS, _OFF_A_MULTIPLE, _DENSE = 16, 0.02, 0.5
 # Largest share of the samples that may be levels of their own: where nothing is rounded, hardly two are alike.
 _MOST_LEVELS = 0.9
 # Decimals to which levels are distinguished.
@@ -43,10 +44,15 @@ def rounding_step(values: Array, control: Control | None) -> float:
     levels = np.unique(np.round(values, _DECIMALS))
     if not 2 <= levels.size <= _MOST_LEVELS * values.size:
         return 0.0
-    step = float(np.median(np.diff(levels)))
-    if control is not None:
+    steps = np.diff(levels)
+    step = float(np.median(steps))
+    if control is not None and np.isfinite(control.microsecond):
         return min(step, control.microsecond)
-    return step if levels.size >= _FEWEST_LEVELS else 0.0
+    # Nobody says what a step is: positions of a stick lie as they will, what was rounded on every multiple of one step.
+    times = steps / step
+    regular = np.abs(times - np.round(times)) < _OFF_A_MULTIPLE
+    dense = levels.size > _DENSE * (levels[-1] - levels[0]) / step
+    return step if levels.size >= _FEWEST_LEVELS and regular.all() and dense else 0.0
 
 
 def unrounded(time_s: Array, values: Array, control: Control | None) -> Array:
