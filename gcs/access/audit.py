@@ -51,7 +51,8 @@ class Audit:
                 "path": path[:_LONGEST], "status": status}  # fmt: skip
         with self._lock:
             self._sum_up(self._clock() - _MINUTE_S)
-            if role in _CHANGING and not 400 <= status < 500:
+            # What broke off in the middle may have changed something.
+            if role in _CHANGING and (status < 400 or status == 500):
                 self._changes.append(line)
             else:
                 self._note_refusal(who or address, line)
@@ -60,7 +61,7 @@ class Audit:
         """The newest lines of both files, the newest first; a line that a power cut left in pieces is none."""
         with self._lock:
             self._sum_up(self._clock() - _MINUTE_S)
-        lines = self._changes.last(count) + ([] if changes_alone else self._refusals.last(count))
+            lines = self._changes.last(count) + ([] if changes_alone else self._refusals.last(count))
         return sorted(lines, key=lambda line: str(line.get("time")), reverse=True)[:count]
 
     def close(self) -> None:

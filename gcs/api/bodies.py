@@ -57,8 +57,9 @@ class BodyLimit:
                     raise HTTPException(413, too_large, {"Connection": "close"})
                 complete = not message.get("more_body", False)
                 if complete:
-                    check_structure(bytes(body))
-                    return {"type": "http.request", "body": bytes(body), "more_body": False}
+                    whole = bytes(body)
+                    check_structure(whole)
+                    return {"type": "http.request", "body": whole, "more_body": False}
             return await receive()
 
         await self._app(scope, checked, send)

@@ -83,8 +83,10 @@ def add_output(parser: argparse.ArgumentParser, *flags: str, kind: FileKind, **o
 
 def require_replaceable(path: Path, kind: FileKind, *, force: bool = False) -> None:
     """Raise SettingsError, one line, where another kind of file stands in the place and is not to be replaced."""
-    if force or not path.is_file():
+    if not path.is_file() or (force and not (kind is NEW and path.is_symlink())):
         return
+    if kind is NEW and path.is_symlink():
+        raise SettingsError(f"{path} is a link to another file; give that file's own name")
     if kind is NEW:
         raise SettingsError(f"{path} exists already; choose another name, or replace it with --force")
     try:
@@ -129,8 +131,15 @@ def _read(args: argparse.Namespace) -> list[Path]:
     for dest, value in vars(args).items():
         if dest not in args.writes:
             values = value if isinstance(value, list) else [value]
-            found += [Path(one) for one in values if isinstance(one, Path | str) and Path(one).is_file()]
+            found += [Path(one) for one in values if isinstance(one, Path | str) and _is_file(Path(one))]
     return found
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # longer than the name of any file
+        return False
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -139,14 +148,18 @@ def _same(one: Path, other: Path) -> bool:
 
 @contextmanager
 def _set_aside(paths: list[Path]) -> Iterator[None]:
-    aside = {path: path.with_name(f".{path.name}.{uuid4().hex[:8]}") for path in paths}
-    for path, kept in aside.items():
-        os.replace(path, kept)
+    """Under names that show, in case that nothing comes back here: not before the new files are whole do they go."""
+    aside = {path: path.with_name(f"{path.stem}.before-{uuid4().hex[:8]}{path.suffix}") for path in paths}
     try:
-        yield
-    finally:
         for path, kept in aside.items():
-            if path.exists():
-                kept.unlink()
-            else:
+            os.replace(path, kept)
+        yield
+    except BaseException as error:
+        for path, kept in aside.items():
+            if kept.exists() and path.exists():
+                error.add_note(f"what stood in {path} before is in {kept}")
+            elif kept.exists():
                 os.replace(kept, path)
+        raise
+    for kept in aside.values():
+        kept.unlink(missing_ok=True)

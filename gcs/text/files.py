@@ -16,6 +16,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
     Raises SettingsError in one line that names the file where it cannot be written, as on a full disk.
     """
     raw = content.encode() if isinstance(content, str) else content
+    path = path.resolve() if path.is_symlink() else path  # a link stays one
     beside = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
         if path.exists() and not path.is_file():  # a device or a pipe

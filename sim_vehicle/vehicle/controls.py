@@ -51,11 +51,15 @@ class Control:
     @property
     def microsecond(self) -> float:
         """Deflection, rad or 0 to 1, that a microsecond of pulse width is, where it is most."""
-        steepest = [
+        return max(self.microseconds, default=np.inf)
+
+    @property
+    def microseconds(self) -> tuple[float, ...]:
+        """The same of each servo by itself."""
+        return tuple(
             abs(weight) * float(np.max(np.abs(np.diff(ys) / np.diff(xs))))
             for weight, xs, ys in zip(self.mix, self.pwm, self.deflection, strict=True)
-        ]
-        return max(steepest, default=np.inf)
+        )
 
     def deflection_from_pwm(self, *pwm: ArrayLike) -> Array:
         """Deflection, rad or 0 to 1, from one array of pulse widths (us) for each servo in order.

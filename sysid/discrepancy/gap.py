@@ -38,8 +38,8 @@ def widening(compared: Compared, outputs: Collection[str] | None = None) -> floa
     """How many times as wide as "before" the gap on these flights is "after": the quadratic mean over the outputs, or
     over those given.
 
-    Where it is wider than names may leave it, gaps within what noise alone makes count as that: a part of the motion
-    that hardly moves says nothing of a name by its noise.
+    Where it is wider than names may leave it, gaps within what noise alone makes count as that, by the stage to which
+    noise does less: a part of the motion that hardly moves says nothing of a name by its noise.
     """
     records, layout = _records(compared), compared.flights[0].layout
     before, after = (gap(records, layout, compared.stages[stage]) for stage in ("before", "after"))
@@ -47,8 +47,8 @@ def widening(compared: Compared, outputs: Collection[str] | None = None) -> floa
     wider = _times_as_wide(before, after, dict.fromkeys(shown, 0.0))
     if wider < WIDER:
         return wider
-    floor = _noise_floor(compared, compared.stages["after"], np.random.default_rng(0))
-    return _times_as_wide(before, after, {name: floor.get(name, 0.0) for name in shown})
+    floors = [_noise_floor(compared, compared.stages[stage], np.random.default_rng(0)) for stage in ("before", "after")]
+    return _times_as_wide(before, after, {name: min(floor.get(name, 0.0) for floor in floors) for name in shown})
 
 
 def _times_as_wide(before: Mapping[str, float], after: Mapping[str, float], floor: Mapping[str, float]) -> float:

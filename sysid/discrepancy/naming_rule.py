@@ -63,17 +63,17 @@ class Explained:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is left beyond chance."""
-        return not self.left
+        """Whether nothing is left beyond chance, by the names that stay."""
+        return not self.left and not self.taken_back
 
     @property
     def is_right(self) -> bool:
         """Whether the names are: they explain everything, or the first one nearly everything."""
-        return bool(self.gains) and (self.complete or self.share >= LEAST_SHARE)
+        return bool(self.gains) and (not self.left or self.share >= LEAST_SHARE)
 
     def reasons(self) -> list[str]:
         """What is left, and what the first name takes, in words."""
-        if self.complete:
+        if not self.left:
             return []
         found = ["left without a name: " + "; ".join(f"{axis} ({one.words})" for axis, one in self.left.items())]
         if self.gains:

@@ -229,16 +229,16 @@ class PartEquations:
         return self._left[axis]
 
     def _product(self, term: Term) -> Array:
-        commands = [factor for factor in term.factors if factor in CONTROLS]
+        commands = [factor for factor in term.factors if factor in self._held]
         product = np.ones(self._data.time_s.size)
         for factor in commands:
             product = product * self._column(factor)
-        if self._held & set(commands):
+        if commands:
             product = self._paired(product, term.axis)
         for factor in term.factors:
-            if factor not in CONTROLS:
+            if factor not in commands:
                 bent = self._bent[factor] if term.axis in MOMENTS and factor in self._bent else 0.0
-                product = product * (self._factors[factor] + bent)
+                product = product * (self.factor(factor) + bent)
         return product
 
     def _paired(self, held: Array, axis: str) -> Array:

@@ -203,7 +203,7 @@ def _by_the_books(
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     compatible = posed.compatible
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
-    model, refused = withheld(found.model, found.refused, worth)
+    model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=model, refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
@@ -237,7 +237,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
     worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma)
-    model, refused = withheld(found.model, found.refused, worth)
+    model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=model, refused=tuple(refused))
     # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {

@@ -27,15 +27,23 @@ def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object])
     return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in estimated}.values())[::-1]
 
 
-def withheld(model: Model, refused: Sequence[Refusal], flown: Quality) -> tuple[Model, list[Refusal]]:
+def withheld(
+    model: Model, refused: Sequence[Refusal], flown: Quality, prior: Model | None
+) -> tuple[Model, list[Refusal]]:
     """Model and refusals without the numbers that no bar makes true, as the flights are too poor for their axes.
 
     Every method's result passes here: the fault is the recording's, whatever was made of it. flown: what the flights
-    are worth, before what was estimated.
+    are worth, before what was estimated. prior: what was known before flies on.
     """
     found = {name: flown.refusal(parse_term(name).axis) for name in model.coefficients}
     reasons = {name: why for name, why in found.items() if why}
-    entries = {name: Coefficient(None, refused=why) for name, why in reasons.items()}
+    before = {} if prior is None else prior.coefficients
+    nothing = Coefficient(None)
+    entries = {
+        name: Coefficient(None, refused=why, mean=before.get(name, nothing).flown,
+                          mean_std=before.get(name, nothing).flown_std)
+        for name, why in reasons.items()
+    }  # fmt: skip
     return (
         replace(
             model,

@@ -150,7 +150,8 @@ def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
         name
         for part in parts
         for name in SURFACES
-        if name in part.inputs and part.travel(name) > max(_STILL, _RESOLUTIONS * part.inputs[name].resolution)
+        if name in part.inputs
+        and part.travel(name) > min(LEAST_TRAVEL, max(_STILL, _RESOLUTIONS * part.inputs[name].resolution))
     )
 
 

@@ -20,7 +20,7 @@ from sim_vehicle.jit import jit_arrays
 from sim_vehicle.vehicle.controls import Control
 from sysid.arrays import Array
 from sysid.numerics.statistics import white_noise_std
-from sysid.signals.rounding import rounding_step, unrounded
+from sysid.signals.rounding import rounding_of, unrounded
 
 SERVO_DAMPING = 0.8  # of a servo of second order
 # Shorter lags than this make no difference to anything a log can show, s.
@@ -112,11 +112,11 @@ def surface_signal(
 
     control: what the vehicle file says of it. position: whether it was measured. stepping, held: as in `input_signal`.
     """
-    step, smooth = rounding_step(values, control), unrounded(time_s, values, control)
+    smooth = unrounded(time_s, values, control)
     # A command has no noise: whatever is in it moves its servo.
-    resolution = max(step / np.sqrt(12.0), white_noise_std(smooth)) if position else 0.0
+    resolution = max(rounding_of(values, control).std, white_noise_std(smooth)) if position else 0.0
     signal = InputSignal(time_s, smooth, "eased") if position else input_signal(time_s, smooth, stepping, held)
-    return replace(signal, resolution=resolution, rounding=values - smooth if step > 0.0 else np.zeros(0))
+    return replace(signal, resolution=resolution, rounding=np.zeros(0) if smooth is values else values - smooth)
 
 
 def input_signal(time_s: Array, values: Array, stepping: bool, held: bool = False) -> InputSignal:

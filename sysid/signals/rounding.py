@@ -7,6 +7,8 @@ aircraft where the real one did nothing, and a servo's lag, estimated beside, is
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -26,37 +28,55 @@ _MOST_LEVELS = 0.9
 _DECIMALS = 9
 
 
-def rounding_step(values: Array, control: Control | None) -> float:
-    """Step to which samples of a surface are rounded.
+@dataclass(frozen=True)
+class Rounding:
+    """What rounding does to samples of a surface: std and the most, rad; both 0 where none shows."""
+
+    std: float
+    most: float
+
+
+_NONE = Rounding(0.0, 0.0)
+
+
+def rounding_of(values: Array, control: Control | None) -> Rounding:
+    """What rounding did to samples of a surface.
 
     Parameters
     ----------
     values : Array, shape (N,)
         Positions or commands as logged, rad.
     control : Control or None
-        The surface in the vehicle file: a pulse's microsecond is the largest step that rounding makes.
+        The surface in the vehicle file: each of its servos' pulses is rounded to a microsecond at most.
 
     Returns
     -------
-    float
-        Step, rad; 0 where none shows.
+    Rounding
+        Standard deviation and largest size, rad.
     """
     levels = np.unique(np.round(values, _DECIMALS))
     if not 2 <= levels.size <= _MOST_LEVELS * values.size:
-        return 0.0
+        return _NONE
     steps = np.diff(levels)
     step = float(np.median(steps))
-    if control is not None and np.isfinite(control.microsecond):
-        return min(step, control.microsecond)
+    each = () if control is None else control.microseconds
+    if len(each) == 1:
+        return _of_steps(min(step, *each))
+    if each:  # each servo's pulse by itself, added
+        return _of_steps(*each)
     # Nobody says what a step is: positions of a stick lie as they will, what was rounded on every multiple of one step.
     times = steps / step
     regular = np.abs(times - np.round(times)) < _OFF_A_MULTIPLE
     dense = levels.size > _DENSE * (levels[-1] - levels[0]) / step
-    return step if levels.size >= _FEWEST_LEVELS and regular.all() and dense else 0.0
+    return _of_steps(step) if levels.size >= _FEWEST_LEVELS and regular.all() and dense else _NONE
+
+
+def _of_steps(*steps: float) -> Rounding:
+    return Rounding(float(np.sqrt(np.sum(np.square(steps)) / 12.0)), 0.5 * sum(steps))
 
 
 def unrounded(time_s: Array, values: Array, control: Control | None) -> Array:
-    """What rounded samples are expected to have been: Wiener's filter, held within half a step of each sample, in turn.
+    """What rounded samples are expected to have been: Wiener's filter, held within what rounding does, in turn.
 
     Parameters
     ----------
@@ -70,23 +90,21 @@ def unrounded(time_s: Array, values: Array, control: Control | None) -> Array:
     Returns
     -------
     Array, shape (N,)
-        Values within half a step of those given, rad.
+        Values as far from those given as rounding may have put them, rad.
 
     Notes
     -----
     Rounding of a signal that passes many steps is white, with a variance of a twelfth of the step squared (Widrow,
     Kollar & Liu, IEEE Trans. Instrum. Meas. 45, 1996).
     """
-    step = rounding_step(values, control)
-    if step == 0.0 or values.size < _FEWEST_LEVELS:
+    rounding = rounding_of(values, control)
+    if rounding is _NONE or values.size < _FEWEST_LEVELS:
         return values
     interval_s = float(np.median(np.diff(time_s)))
     width = max(round(_BAND_HZ * interval_s * values.size), 1)
-    found = values
+    found, least, most = values, values - rounding.most, values + rounding.most
     for _ in range(_ROUNDS):
-        found = np.clip(
-            _without_white_noise(found, step / np.sqrt(12.0), width), values - 0.5 * step, values + 0.5 * step
-        )
+        found = np.clip(_without_white_noise(found, rounding.std, width), least, most)
     return found
 
 

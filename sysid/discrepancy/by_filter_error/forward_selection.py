@@ -39,9 +39,8 @@ class Search:
     """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
 
     given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
-    left: what none of the names explains. taken_back:
-    what the likelihood gains by what is no name. ruled_out: effects that are known not to be there. nearly:
-    in words, what gained too little for a name at last.
+    left: what none of the names explains. taken_back: what the likelihood gained by names that were taken back.
+    ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
     """
 
     problem: Problem
@@ -112,7 +111,6 @@ def extend(search: Search, progress: Progress) -> bool:
     own = candidate.effect.name
     if search.named and is_too_little_beside(search.named[0].came_with, best.gain):
         search.dropped.append(beside_first(own, best.gain, search.named[0].effect))
-        search.taken_back += best.gain
         return False
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
     search.named.append(
@@ -140,7 +138,12 @@ def adopt(search: Search, named: Named) -> bool:
     result = fit_full(problem, base, named.candidate, rough)
     if result.cost >= base.result.cost or not _is_possible(problem, named.candidate, result):
         return False
-    search.named.append(replace(named, values=values_of(named.candidate, result)))
+    # By this likelihood: what is left is measured by it too.
+    gain = 2.0 * (base.result.cost - result.cost)
+    significance = _significance(named, gain)
+    search.named.append(
+        replace(named, values=values_of(named.candidate, result), significance=significance, came_with=gain)
+    )
     _add(search, named.candidate, result)
     return True
 

@@ -34,8 +34,7 @@ class Found:
 
     given: values of the model's coefficients and parameters of effects before anything was fitted. aliases: whether
     effects that coefficients all but imitate are looked at. left: axis -> what smooth terms of it would still gain.
-    taken_back: what the likelihood gains by what is no name. seen: by group its fit, and what it was promised by each
-    candidate.
+    seen: by group its fit, and what it was promised by each candidate.
     """
 
     problem: Problem
@@ -47,7 +46,6 @@ class Found:
     named: list[Named] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     left: dict[str, LeftOver] = field(default_factory=dict)
-    taken_back: float = 0.0
     seen: dict[str, tuple[GroupFit, dict[str, tuple[Promise, SecondLook | None]]]] = field(default_factory=dict)
 
 
@@ -115,7 +113,6 @@ def _extend(found: Found, progress: Progress) -> bool:
         return False
     if found.named and is_too_little_beside(found.named[0].came_with, best.gain):
         found.notes.append(beside_first(best.candidate.effect.name, best.gain, found.named[0].effect))
-        found.taken_back += best.gain
         return False
     own = best.candidate.effect.name
     every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, each, strict=True)]

@@ -35,7 +35,7 @@ _BESIDE = {
 def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> Judgement:
     """Judgement, and what it rests on in words."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
-    explained = Explained({one.effect: one.came_with for one in found.named}, found.taken_back, found.left)
+    explained = Explained({one.effect: one.came_with for one in found.named}, 0.0, found.left)
     reasons += explained.reasons()
     if explained.is_right:
         # Airspeed and attitude were imposed, and what they are off by was not asked for.

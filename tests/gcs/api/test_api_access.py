@@ -325,3 +325,10 @@ def test_a_link_shows_its_flight_where_no_token_is_asked_for(make_bench: Callabl
         assert seen.json()["flight"] == flight
         assert "set-cookie" not in seen.headers
         assert problem(client.post("/api/login", json={"token": token[:-2] + "xx"}), 401)
+
+
+def test_places_that_were_taken_are_refusals_and_a_break_in_the_middle_is_none(tmp_path: Path) -> None:
+    audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl")
+    for status in (201, 503, 507, 500, 422):
+        audit.note("anna", "operator", "1", "POST", "/api/flights", status)
+    assert [line["status"] for line in audit.last(10, changes_alone=True)] == [500, 201]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gcs.cli import build_parser, main
-from gcs.options.outputs import NEW, FileKind, require_replaceable
+from gcs.options.outputs import NEW, FileKind, _set_aside, require_replaceable
 
 # Arguments that name files and folders which are read, or folders of a service, which has files of its own there.
 READ = {
@@ -160,3 +160,31 @@ def test_a_demonstration_and_a_batch_leave_folders_of_others(
     (tmp_path / "flights.csv").write_bytes(FOREIGN["notes.csv"])
     assert main(["batch", str(tmp_path), "--vehicle", "iitb-mav", "-o", str(tmp_path)]) == 2
     assert "no table of a batch" in capsys.readouterr().err
+
+
+def test_what_stood_there_stays_beside_a_new_file_that_broke_off(tmp_path: Path) -> None:
+    place = tmp_path / "model.mat"
+    place.write_bytes(b"of the user")
+
+    def write() -> None:
+        with _set_aside([place]):
+            place.write_bytes(b"half")
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full") as caught:
+        write()
+    (kept,) = tmp_path.glob("model.before-*.mat")
+    assert kept.read_bytes() == b"of the user"
+    assert str(kept) in caught.value.__notes__[0]
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    place, link = tmp_path / "sketch.svg", tmp_path / "link.svg"
+    place.touch()
+    link.symlink_to(place)
+    for _ in range(2):
+        assert main(["vehicle", "show", "iitb-mav", "-o", str(link)]) == 0
+        assert link.is_symlink()
+        assert place.read_bytes().startswith(b"<svg")
+    with pytest.raises(Exception, match="is a link to another file"):
+        require_replaceable(link, NEW, force=True)

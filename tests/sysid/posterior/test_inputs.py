@@ -1,10 +1,15 @@
 """Inputs as functions of time and servos against closed forms and scipy's simulation of a linear system."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from scipy import signal
 
 from sysid.arrays import Array
+from sysid.posterior.analysis import stirred_in
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.inputs import InputSignal, in_steps, input_signal, interval_means, servo, surface_signal, swing
 
 TIMES = np.arange(0.0, 4.0, 0.02)
@@ -134,3 +139,17 @@ def test_a_stick_in_whole_microseconds_is_no_step_and_a_step_beside_rounding_is(
     assert commanded(TIMES, trimmed).kind == "held"
     half_rate = np.repeat(0.05 * np.sin(7.0 * TIMES[::2]), 2)[: TIMES.size]
     assert commanded(TIMES, half_rate).kind == "held"
+
+
+@pytest.mark.parametrize(("travel", "resolution", "stirs"), [
+    (0.07, 0.03, True),  # 0.1 rad at 2 Hz in a log of 10 Hz, whose third differences are motion
+    (0.0027, 2.5e-4, True),  # a sixth of a degree in steps of a twentieth
+    (0.0021, 8e-4, False),  # no more than its sensor's noise
+    (5e-5, 0.0, False),
+])  # fmt: skip
+def test_a_surface_stirs_that_moves_much_or_by_more_than_its_log_resolves(
+    travel: float, resolution: float, stirs: bool
+) -> None:
+    signal = InputSignal(TIMES, np.zeros(TIMES.size), "eased", resolution)
+    part = SimpleNamespace(inputs={"da": signal}, travel=lambda name: travel)
+    assert stirred_in([cast("FlightPart", part)]) == (frozenset({"da"}) if stirs else frozenset())

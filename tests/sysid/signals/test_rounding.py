@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.arrays import Array
-from sysid.signals.rounding import rounding_step, unrounded
+from sysid.signals.rounding import rounding_of, unrounded
 
 TIME = 0.02 * np.arange(3000)
 ELEVATOR = load_vehicle("iitb-mav").controls["elevator"]
@@ -27,13 +29,30 @@ def test_most_of_the_rounding_of_a_smooth_motion_is_taken_out(amplitude: float, 
     true = multisine(amplitude)
     rounded = step * np.round(true / step)
     control = ELEVATOR if known else None
-    assert rounding_step(rounded, control) == pytest.approx(step, rel=1e-6)
+    assert rounding_of(rounded, control).most == pytest.approx(0.5 * step, rel=1e-6)
     found = unrounded(TIME, rounded, control)
     before, after = np.std(rounded - true), np.std(found - true)
     assert before == pytest.approx(step / np.sqrt(12.0), rel=0.1)
     # A fifth of the band is motion: of white noise no filter that keeps it takes out more than all but 0.45.
     assert after < 0.55 * before
     assert np.abs(found - rounded).max() <= 0.5 * step * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("other", [1.0, 1.3])
+def test_two_servos_are_rounded_each_by_itself(other: float) -> None:
+    step = ELEVATOR.microsecond
+    both = replace(ELEVATOR, servos=(2, 5), mix=(0.5, 0.5 * other), pwm=2 * ELEVATOR.pwm,
+                   deflection=2 * ELEVATOR.deflection)  # fmt: skip
+    true, roll = multisine(0.1), 0.03 * np.sin(2.0 * np.pi * 0.37 * TIME)
+    left = true + roll
+    right = (true - both.mix[0] * left) / both.mix[1]
+    rounded = sum(mix * step * np.round(one / step) for mix, one in zip(both.mix, (left, right), strict=True))
+    assert isinstance(rounded, np.ndarray)
+    rounding = rounding_of(rounded, both)
+    error = rounded - true
+    assert np.std(error) == pytest.approx(rounding.std, rel=0.1)
+    assert np.abs(error).max() <= rounding.most * (1.0 + 1e-9)
+    assert np.std(unrounded(TIME, rounded, both) - true) < 0.55 * np.std(error)
 
 
 def test_edges_stay_where_they_were() -> None:
@@ -54,5 +73,5 @@ def test_edges_stay_where_they_were() -> None:
     ],
 )
 def test_what_is_no_rounding_stays_as_it_is(values: Array) -> None:
-    assert rounding_step(values, None) == 0.0
+    assert rounding_of(values, None).std == 0.0
     assert unrounded(TIME, values, None) is values
