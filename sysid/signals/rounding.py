@@ -24,6 +24,8 @@ _BAND_HZ = 0.8
 _FEWEST_LEVELS, _OFF_A_MULTIPLE, _DENSE = 16, 0.02, 0.5
 # Largest share of the samples that may be levels of their own: where nothing is rounded, hardly two are alike.
 _MOST_LEVELS = 0.9
+# Of single samples that were lost a line takes the place; more than this is a burst, s.
+_BURST_S = 0.2
 # Decimals to which levels are distinguished.
 _DECIMALS = 9
 
@@ -100,11 +102,27 @@ def unrounded(time_s: Array, values: Array, control: Control | None) -> Array:
     rounding = rounding_of(values, control)
     if rounding is _NONE or values.size < _FEWEST_LEVELS:
         return values
-    interval_s = float(np.median(np.diff(time_s)))
-    width = max(round(_BAND_HZ * interval_s * values.size), 1)
+    steps = np.diff(time_s)
+    interval_s = float(np.median(steps))
+    # Put end to end, what lies before and behind a burst of lost samples jumps, and the spectrum of a jump hides that
+    # of the rounding.
+    breaks = np.flatnonzero(steps > _BURST_S + interval_s) + 1
+    parts = zip(np.split(time_s, breaks), np.split(values, breaks), strict=True)
+    return np.concatenate([_smooth(*one, interval_s, rounding) for one in parts])
+
+
+def _smooth(time_s: Array, values: Array, interval_s: float, rounding: Rounding) -> Array:
+    """Samples (N,) without a burst of lost ones between them; lines where single ones are lost."""
+    if values.size < _FEWEST_LEVELS:
+        return values
+    slots = np.maximum(np.round(np.diff(time_s) / interval_s), 1.0)
+    place = np.concatenate(([0.0], np.cumsum(slots)))
+    every = np.arange(place[-1] + 1.0)
+    width = max(round(_BAND_HZ * interval_s * every.size), 1)
     found, least, most = values, values - rounding.most, values + rounding.most
     for _ in range(_ROUNDS):
-        found = np.clip(_without_white_noise(found, rounding.std, width), least, most)
+        whole = _without_white_noise(np.interp(every, place, found), rounding.std, width)
+        found = np.clip(whole[place.astype(np.int64)], least, most)
     return found
 
 

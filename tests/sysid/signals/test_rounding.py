@@ -38,6 +38,18 @@ def test_most_of_the_rounding_of_a_smooth_motion_is_taken_out(amplitude: float, 
     assert np.abs(found - rounded).max() <= 0.5 * step * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize("lost", [(20.0, 20.8), (31.0, 900.0)])
+def test_what_jumps_over_lost_samples_is_smoothed_as_well(lost: tuple[float, float]) -> None:
+    step = ELEVATOR.microsecond
+    wave = 0.2 * multisine(0.02)
+    behind = lost[0] <= TIME
+    time_s, true = TIME + (lost[1] - lost[0]) * behind, wave + 0.15 * behind
+    rounded = step * np.round(true / step)
+    found = unrounded(time_s, rounded, ELEVATOR)
+    whole = unrounded(TIME, step * np.round(wave / step), ELEVATOR)
+    assert np.std(found - true) < 1.1 * np.std(whole - wave) < 0.7 * np.std(rounded - true)
+
+
 @pytest.mark.parametrize("other", [1.0, 1.3])
 def test_two_servos_are_rounded_each_by_itself(other: float) -> None:
     step = ELEVATOR.microsecond
