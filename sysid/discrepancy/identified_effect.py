@@ -12,6 +12,8 @@ from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.significance import Significance
 from sysid.discrepancy.wording import chance_text
 
+# Standard errors beyond the catalogue's range of a parameter that are none of chance.
+_BEYOND = 3.0
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.
 _IMPRECISE = 0.03
 
@@ -38,6 +40,21 @@ class Named:
     def lags(self) -> bool:
         """Whether it has a memory that the filter knows only nearly."""
         return self.candidate.effect.memory not in (Remembers.NONE, Remembers.INPUT)
+
+
+def impossible(named: Sequence[Named]) -> list[str]:
+    """Effects whose size no aircraft has, beyond the catalogue's range: they stand for something else. A line each."""
+    found = []
+    for one in named:
+        ranges = {parameter.name: parameter for parameter in one.candidate.effect.parameters}
+        for name, (value, std) in one.values.items():
+            low, high = ranges[name].low, ranges[name].high
+            if max(low - value, value - high) > _BEYOND * std:
+                found.append(
+                    f"{one.effect}: {name} = {value:.3g} is beyond what an aircraft has ({low:g} to {high:g}): it"
+                    " stands for something else"
+                )
+    return found
 
 
 def unmodelled_memory_gain(named: Sequence[Named]) -> float:

@@ -14,7 +14,7 @@ from sysid.discrepancy.by_filter_error.forward_selection import (
 )
 from sysid.discrepancy.comparison_types import Compared
 from sysid.discrepancy.gap import fixed_model, widening
-from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.identified_effect import impossible, reason
 from sysid.discrepancy.naming_rule import CHANCE, WIDER, Explained, Judgement
 from sysid.discrepancy.wording import moved_words
 from sysid.filter_error.estimator import FilterErrorResult
@@ -42,7 +42,9 @@ def verdict_of(used: Flights, base: Baseline, search: Search) -> Judgement:
         )
     explained = Explained({one.effect: one.significance.gain for one in search.named}, search.taken_back, search.left)
     reasons += explained.reasons()
-    if explained.is_right:
+    wrong = impossible(search.named)
+    reasons += wrong
+    if explained.is_right and not wrong:
         stages = {"before": refitted_model(used, base), "after": found_model(used, search)}
         air = search.result.turbulence
         wider = widening(Compared(tuple(used.prepared), base.problem.motion, stages, used.compatible, air))

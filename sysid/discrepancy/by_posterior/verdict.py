@@ -9,7 +9,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_posterior.forward_selection import Found
 from sysid.discrepancy.comparison_types import Asked, Compared
 from sysid.discrepancy.gap import widening
-from sysid.discrepancy.identified_effect import reason
+from sysid.discrepancy.identified_effect import impossible, reason
 from sysid.discrepancy.naming_rule import CHANCE, WIDER, Explained, Judgement
 from sysid.discrepancy.wording import moved_words
 from sysid.numerics.normal_equations import inverse
@@ -37,7 +37,9 @@ def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compar
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
     explained = Explained({one.effect: one.came_with for one in found.named}, 0.0, found.left)
     reasons += explained.reasons()
-    if explained.is_right:
+    wrong = impossible(found.named)
+    reasons += wrong
+    if explained.is_right and not wrong:
         # Airspeed and attitude were imposed, and what they are off by was not asked for.
         asked_of = {name for fit in found.groups.values() for name in fit.posterior.model.outputs}
         wider = widening(used, asked_of)

@@ -2,7 +2,11 @@
 
 import pytest
 
+from sim_vehicle.effects import EFFECTS
+from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.identified_effect import Named, impossible
 from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside
+from sysid.discrepancy.significance import Significance
 
 
 def explained(gains: dict[str, float], *left: float, taken_back: float = 0.0) -> Explained:
@@ -67,3 +71,20 @@ def test_what_the_first_name_may_leave_of_itself_is_no_companion() -> None:
     assert is_too_little_beside(9034967.0, 54.0)
     assert is_too_little_beside(111896.0, 4627.0)
     assert not is_too_little_beside(900.0, 500.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "right"),
+    [
+        # Pitch damping, where the catalogue has none, was taken for lift by the pitch rate, with 95 % of all gains.
+        (-87.5, 0.25, False),
+        (-39.0, 0.25, True),
+        (-45.0, 3.0, True),
+    ],
+)
+def test_a_size_that_no_aircraft_has_is_no_name(value: float, std: float, right: bool) -> None:
+    candidate = Candidate(EFFECTS["lift_pitch_rate"], ("CL_q",), ({"CL_q": 0.0},))
+    named = Named(candidate, Significance(0.99, 157748.0, 1e-300), (), {"CL_q": (value, std)}, 44, 9168.0)
+    lines = impossible([named])
+    assert (not lines) == right
+    assert all("CL_q = -87.5 is beyond what an aircraft has (-40 to 40)" in line for line in lines)
