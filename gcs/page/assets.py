@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import importlib.util
 import json
 import re
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
-
-from gcs.errors import ServiceError
 
 #: Where the addresses of all files begin.
 PREFIX = "/page/"
@@ -64,11 +62,12 @@ class Assets:
 
 @cache
 def load_assets() -> Assets:
-    """The page of this version. Raises ServiceError where the plotting library is not installed."""
-    folder = files(__package__) / "static"
+    """The page of this version."""
+    here = files(__package__)
+    folder = here / "static"
     own = {entry.name: entry.read_bytes() for entry in folder.iterdir() if Path(entry.name).suffix in _KINDS}
     own_at, own_files = _bundle(own)
-    plots_at, plots_files = _bundle(_plotting())
+    plots_at, plots_files = _bundle(_plotting(here / "vendor"))
     modules = sorted(name for name in own if name.endswith(".js"))
     document = (folder / "index.html").read_text(encoding="utf-8")
     marks = {
@@ -103,13 +102,6 @@ def _asset(name: str, content: bytes) -> Asset:
     return Asset(content, gzip.compress(content, 9, mtime=0), _KINDS[Path(name).suffix])
 
 
-def _plotting() -> dict[str, bytes]:
-    """BokehJS as the installed package brings it. The package itself is not imported, which would take a second."""
-    found = importlib.util.find_spec("bokeh")
-    if found is None or not found.submodule_search_locations:
-        raise ServiceError("the plotting library of the page is missing; install the package 'bokeh'")
-    folder = Path(found.submodule_search_locations[0]) / "server" / "static" / "js"
-    try:
-        return {name: (folder / name).read_bytes() for name in _PLOTTING}
-    except OSError as error:
-        raise ServiceError(f"{error.filename}: the installed 'bokeh' lacks its scripts; install it again") from error
+def _plotting(folder: Traversable) -> dict[str, bytes]:
+    """BokehJS, put there by tools/page_library.py."""
+    return {name: (folder / name).read_bytes() for name in _PLOTTING}
