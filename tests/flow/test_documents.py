@@ -23,12 +23,12 @@ MADE = {"docs/reference/cli.md", "docs/reference/rest.md", "docs/reference/pytho
 
 
 def test_the_page_of_effects_is_the_catalogue() -> None:
-    page = runpy.run_path(str(ROOT / "docs" / "effects.py"))["page"]()
+    page = runpy.run_path(str(ROOT / "tools" / "effects.py"))["page"]()
     assert (ROOT / "docs" / "effects.md").read_text(encoding="utf-8") == page
 
 
 def test_the_page_of_settings_is_the_code_and_none_stands_without_a_word() -> None:
-    made = runpy.run_path(str(ROOT / "docs" / "settings.py"))
+    made = runpy.run_path(str(ROOT / "tools" / "settings.py"))
     assert (ROOT / "docs" / "settings.md").read_text(encoding="utf-8") == made["page"]()
     silent = [
         (path, group.entries) for path, found in made["settings"]().items() for group in found if not group.meaning

@@ -5,7 +5,7 @@ from sim_vehicle.effects import EFFECTS, Parameter
 HEAD = """# Effects
 
 What `sim-vehicle fly --effect NAME:KEY=VALUE` flies and `gcs discrepancy` looks for. This page is printed by
-`python docs/effects.py`. Ranges are those in which an estimate is sought. Equations stand in `sim_vehicle/effects/`.
+`python tools/effects.py`. Ranges are those in which an estimate is sought. Equations stand in `sim_vehicle/effects/`.
 An effect with an alias is flown but never named: no flight can distinguish it from that. Times are seconds from the
 flight's first stamp on the vehicle's clock. Ground effect is looked for where the height is known from a rangefinder,
 or from a recording that begins before take-off; wind shear where altitude or the velocity over ground is known. Its
