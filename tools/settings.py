@@ -11,10 +11,10 @@ ROOT = Path(__file__).resolve().parent.parent
 HEAD = """# Settings of an analysis
 
 Every number that an analysis in `sysid` rests on and that no vehicle file or option gives: limits, sizes of priors,
-lengths of time. This page is printed by `python tools/settings.py` from the code, where each stands beside what uses it;
-to try another one, change it there. A recording, a vehicle file and a version of this software give the same result
-again, since none of these is chosen anew for a flight. Figures without a source were set on simulated flights, as
-[methods.md](methods.md) and the pages on accuracy say.
+lengths of time. This page is printed by `python tools/settings.py` from the code, where each stands beside what uses
+it; to try another one, change it there. A recording, a vehicle file and a version of this software give the same
+result again, since none of these is chosen anew for a flight. Figures without a source were set on simulated flights,
+as [methods.md](methods.md) and the pages on accuracy say.
 """
 
 _FUNCTIONS = ("np.log", "np.exp", "np.sqrt", "np.radians", "np.deg2rad", "math.log", "math.radians", "float")
