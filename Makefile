@@ -3,38 +3,41 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test test-fast check docs lock interop page-pictures worked-example bench bench-identification bench-job bench-peers bench-discrepancy-peers bench-discrepancy-cost bench-regression bench-simulation bench-posterior bench-live paper-tables campaign campaign-equation-error campaign-bench campaign-fuzz campaign-load campaign-crash campaign-attack campaign-api campaign-faults campaign-soak campaign-recorder campaign-clock campaign-jsbsim campaign-jsbsim-effects campaign-bad-flights campaign-mistakes campaign-discrepancy campaign-design campaign-live campaign-live-field campaign-live-failures campaign-page campaign-fleet campaign-field clean
+.PHONY: help setup demo test test-fast check docs lock interop page-pictures worked-example bench paper-tables campaign clean
 
-setup: $(VENV)/.ready
+setup: $(VENV)/.ready  ## the environment in .venv, which every target sets up as far as it needs it
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
 	touch $@
 
-demo: setup
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-16s %s\n", $$1, $$2}' Makefile
+	@echo
+	@$(PYTHON) tools/long_runs.py
+
+demo: setup  ## a flight of the simulator, identified: the main job in one command
 	$(BIN)/gcs demo
 
-check: setup
+check: setup  ## lint, format and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 # In the order of the folders: those with few tests, whole flows, take longest and so come first.
 # Three workers on two cores: flights watched live wait for their own seconds, not for a processor.
-test: check
+test: check  ## everything but what `make interop` tests (16 min)
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-# Without whole flights and whole services: for the time between two changes. A minute and a half.
-test-fast: check
+test-fast: check  ## without whole flights and services, between two changes (2 min)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not whole_flight"
 
 $(VENV)/.docs: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	touch $@
 
-# What the image runs, locked by version and hash, and its parts with their licences. Made anew when dependencies change.
-lock:
+lock:  ## what the image runs, locked by version and hash, and its parts with their licences; when dependencies change
 	$(PYTHON) -m venv .lock
 	.lock/bin/python -m pip install --quiet --disable-pip-version-check uv cyclonedx-bom
 	.lock/bin/uv pip compile --quiet --extra fleet --generate-hashes --no-header --no-annotate --python-version 3.11 --python-platform linux --constraint constraints.txt --output-file deploy/requirements.lock pyproject.toml deploy/requirements.in
@@ -43,8 +46,7 @@ lock:
 	.lock/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --output-format JSON --output-file deploy/sbom.cdx.json .lock/runs/bin/python
 	rm -r .lock
 
-# The documentation as a site in site/: every link checked, nothing fetched from outside when it is read.
-docs: $(VENV)/.docs
+docs: $(VENV)/.docs  ## the documentation as a site in site/, every link checked, nothing fetched from outside when it is read
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 $(VENV)/.interop: $(VENV)/.ready
@@ -53,159 +55,44 @@ $(VENV)/.interop: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps MAVProxy
 	touch $@
 
-interop: $(VENV)/.interop $(VENV)/.docs
+interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that are not ours
 	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
 	$(BIN)/python -m pytest tests/interop
 
-# The pictures of docs/page.md, made anew by the browser tests.
-page-pictures: $(VENV)/.interop
+page-pictures: $(VENV)/.interop  ## the pictures of docs/page.md, made anew by the browser tests
 	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py
 
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
 	touch $@
 
-# The example of docs/howto/missing-effect.md: its commands run as they stand there, its pictures made anew (20 s, a minute the first time).
-worked-example: setup
+worked-example: setup  ## the example of docs/howto/missing-effect.md: its commands run, its pictures made anew (20 s, the first time a minute)
 	$(BIN)/python tools/worked_example.py
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.bench  ## the benchmarks of speed against other libraries; make bench-peers runs one by its name
 	$(BIN)/python benchmarks/framing.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/udp.py
 	$(BIN)/python benchmarks/regression.py
 	$(BIN)/python benchmarks/simulation.py
 
-bench-identification: $(VENV)/.bench
-	$(BIN)/python benchmarks/output_error.py
+# One benchmark, as bench-peers: tools/long_runs.py has the table. `+`: under make -n it shows what it would run.
+bench-%: setup
+	@+$(PYTHON) tools/long_runs.py --venv $(VENV) bench $*
 
-bench-job: setup
-	$(BIN)/python benchmarks/job.py
-
-bench-peers: $(VENV)/.bench
-	$(BIN)/python benchmarks/peers.py
-
-# Eight hidden effects in calm air and in turbulence, a minute each; what is there is kept. For less: EFFECTS=stall SEEDS=1.
-bench-discrepancy-peers: $(VENV)/.bench
-	$(BIN)/python benchmarks/discrepancy_peers.py $(if $(EFFECTS),--effects $(EFFECTS)) $(if $(SEEDS),--seeds $(SEEDS))
-
-bench-discrepancy-cost: setup
-	$(BIN)/python benchmarks/discrepancy_cost.py
-
-bench-posterior: setup
-	$(BIN)/python benchmarks/posterior.py
-
-bench-simulation: setup
-	$(BIN)/python benchmarks/simulation.py
-
-bench-regression: setup
-	$(BIN)/python benchmarks/regression.py
-
-# CPU and latency of live identification over a minute of flight: a minute and a half.
-bench-live: setup
-	$(BIN)/python benchmarks/live.py
-
-# Tables III and IV of the paper over 100 flights; for more: make paper-tables SEEDS=400. What is there is kept.
-paper-tables: setup
+paper-tables: setup  ## Tables III and IV of the paper over 100 flights; SEEDS=400 for more; what is there is kept
 	$(BIN)/python benchmarks/paper_tables.py --keep campaign-output/paper-tables $(if $(SEEDS),--seeds $(SEEDS))
 
-# How near to the bound identification comes: 400 flights of each scenario take hours; what is there is kept. For less:
-# make campaign SEEDS=20 SCENARIOS=pulse,six-axis; METHOD=map asks the estimator for flights as the field gives them.
-SCENARIOS ?= all
+# Under WSL the environment has a NAME, that of the computer: the command line's alone counts.
+CAMPAIGN := $(if $(filter-out environment,$(origin NAME)),$(NAME))
 
-campaign: setup
-	$(BIN)/python tests/campaign/identification.py $(if $(SEEDS),--seeds $(SEEDS)) --scenarios $(SCENARIOS) $(if $(METHOD),--method $(METHOD))
+# Without a name they are listed. Options are variables: make campaign NAME=discrepancy PART=off-list SEEDS=1
+campaign: $(if $(CAMPAIGN),setup)  ## accuracy over many flights, minutes to hours: make campaign NAME=field; without NAME a list
+	@+$(PYTHON) tools/long_runs.py --venv $(VENV) campaign $(CAMPAIGN)
 
-campaign-equation-error: setup
-	$(BIN)/python tests/campaign/equation_error.py
+# The same by another spelling, as campaign-field.
+campaign-%:
+	@+$(MAKE) --no-print-directory campaign NAME=$*
 
-campaign-fuzz: setup
-	$(BIN)/python tests/campaign/fuzz.py
-
-campaign-bench: setup
-	$(BIN)/python tests/campaign/bench.py
-
-campaign-load: setup
-	$(BIN)/python tests/campaign/load.py
-
-campaign-crash: setup
-	$(BIN)/python tests/campaign/crash.py
-
-# 10,000 calls of the REST interface take half an hour; FUZZ_SECONDS=60 a minute.
-campaign-api: $(VENV)/.interop
-	FUZZ_SECONDS=$(or $(FUZZ_SECONDS),1800) $(BIN)/python -m pytest -s --timeout=3600 tests/interop/test_api_fuzz.py
-
-campaign-attack: setup
-	$(BIN)/python tests/campaign/attack.py
-
-campaign-faults: setup
-	$(BIN)/python tests/campaign/faults.py
-
-# Two hours; --minutes for less.
-campaign-soak: setup
-	$(BIN)/python tests/campaign/soak.py
-
-campaign-design: setup
-	$(BIN)/python tests/campaign/design.py
-
-campaign-jsbsim: setup
-	$(BIN)/python tests/campaign/other_engine.py
-
-# Hidden effects that JSBSim flies: a quarter of a minute each. make campaign-jsbsim-effects EFFECTS=stall,mass_error SEEDS=3
-# SIZES=1,0.5: of half their sizes too. AIRCRAFT=1,2,3: other aircraft. UNLISTED=1: each effect taken out of the catalogue. FAMILIES=mild,typical: behind the servos, sensors and link of field flights, in gusts; EFFECTS=none: nothing is hidden.
-campaign-jsbsim-effects: setup
-	$(BIN)/python tests/campaign/effects_in_jsbsim.py --effects $(or $(EFFECTS),all) --sizes $(or $(SIZES),1) --seeds $(or $(SEEDS),1) --families $(or $(FAMILIES),textbook) --aircraft $(or $(AIRCRAFT),0) $(if $(UNLISTED),--unlisted)
-
-campaign-bad-flights: setup
-	$(BIN)/python tests/campaign/bad_flights.py
-
-campaign-clock: setup
-	$(BIN)/python tests/campaign/clock.py
-
-campaign-recorder: setup
-	$(BIN)/python tests/campaign/full_disk.py
-
-campaign-mistakes: setup
-	$(BIN)/python tests/campaign/mistakes.py
-
-# Hidden effects over many flights: half a minute a case and worker, hundreds of cases; what is there is kept. For less:
-# make campaign-discrepancy SEEDS=1 SIZES=1 EFFECTS=stall,vane_lag. FULL=1 flies 20 seeds of 3 sizes. PART=none: nothing hidden.
-campaign-discrepancy: setup
-	$(BIN)/python tests/campaign/discrepancy.py --seeds $(or $(SEEDS),$(if $(FULL),20,5)) \
-	  --sizes $(or $(SIZES),$(if $(FULL),3,2)) --effects $(or $(EFFECTS),all) --part $(or $(PART),single) \
-	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(WORKERS),--workers $(WORKERS))
-
-# Live identification over many flights: about 20 s each and worker; what is there is kept. POST=1 compares with post-flight.
-campaign-live: setup
-	$(BIN)/python tests/campaign/live.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) $(if $(POST),--post)
-
-# Aircraft and sensors that fail in flight, and flights in which nothing does: 4 s each, 136 with SEEDS=1.
-# BOARD=1: servos that lag and commands stamped late, LIGHT=1: inputs half as large, JSBSIM=1: another engine behind
-# sensors of the field.
-campaign-live-failures: setup
-	$(BIN)/python tests/campaign/live_failures.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WORKERS),--workers $(WORKERS)) \
-		$(if $(BOARD),--board) $(if $(LIGHT),--light) $(if $(JSBSIM),--jsbsim)
-
-# Batches of flights on a Dask cluster; make campaign-fleet FLIGHTS=40, with NAMESPACES=1 (root) as on other machines
-campaign-fleet: setup
-	$(BIN)/python tests/campaign/fleet.py --flights $(or $(FLIGHTS),200) $(if $(NAMESPACES),--namespaces)
-
-# An hour of the live page in a browser; make campaign-page MINUTES=6
-campaign-page: $(VENV)/.interop
-	$(BIN)/python tests/campaign/page_hour.py --minutes $(or $(MINUTES),60)
-
-# Live estimates behind the sensors of the field: half a minute a flight. make campaign-live-field FAMILIES=mild SEEDS=2
-campaign-live-field: setup
-	$(BIN)/python tests/campaign/live_field.py $(if $(FAMILIES),--families $(FAMILIES)) $(if $(SEEDS),--seeds $(SEEDS))
-
-comma := ,
-
-# Flights as the field has them, identified: 120 flights; what is there is kept. SHORT=1 flies 14. For less:
-# make campaign-field FAMILIES=typical,rough SEEDS=2 METHODS=auto,ls. STEPS=1: textbook flights, one imperfection at a time.
-# RATES=1: aircraft that come with JSBSim, textbook sensors and measured surfaces at 20, 50 and 100 Hz.
-campaign-field: setup
-	$(BIN)/python tests/campaign/field.py --methods $(if $(METHODS),$(METHODS),auto$(comma)ls) --families $(or $(FAMILIES),all) \
-	  $(if $(SEEDS),--seeds $(SEEDS)) $(if $(SHORT),--short) $(if $(STEPS),--steps) $(if $(RATES),--rates)
-
-clean:
+clean:  ## what the other targets made is removed
 	rm -rf $(VENV) build dist site *.egg-info demo-output campaign-output

@@ -1,4 +1,4 @@
-"""What identification makes of bad flights: each one clear line, or the truth. Run: make campaign-bad-flights
+"""What identification makes of bad flights: each one clear line, or the truth. Run: make campaign NAME=bad-flights
 
 Prints a row per case: the error, or how many coefficients are given, how many of them are more than 3.5 standard errors
 off the truth, and how many are refused. Anything but a named error or a result counts as a failure.

@@ -1,4 +1,4 @@
-"""Do the intervals hold when every aircraft has its own bench? `make campaign-bench` [SEEDS=40].
+"""Do the intervals hold when every aircraft has its own bench? `make campaign NAME=bench` [SEEDS=40].
 
 Each seed calibrates the paper's analogue sensors anew, from bench points drawn from the hidden curves with a bench's
 scatter, flies with those sensors, and identifies from the raw channels. Printed: pooled coverage of the 95 % intervals

@@ -1,4 +1,4 @@
-"""How well the clock fit recovers 50 ppm under 30 ms of jitter and 20 % of late packets. Run: make campaign-clock
+"""How well the clock fit recovers 50 ppm under 30 ms of jitter and 20 % of late packets. Run: make campaign NAME=clock
 
 Prints one row per kind of jitter, lateness and rate of messages: errors of drift and offset over many seeds, the
 standard errors that were told, and how many of the 95 % intervals hold the truth.

@@ -1,4 +1,4 @@
-"""Whether flights keep what `gcs design` promised. Run: make campaign-design
+"""Whether flights keep what `gcs design` promised. Run: make campaign NAME=design
 
 Designs a plan, flies it once per seed in the simulator (other noise and other integration steps than the design's) and
 identifies each flight. Prints per coefficient the standard error predicted before the first flight, the RMS error of

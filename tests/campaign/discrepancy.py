@@ -1,4 +1,6 @@
-"""Is the missing effect named where the flight can tell it, and nothing named where not? Run: make campaign-discrepancy
+"""Is the missing effect named where the flight can tell it, and nothing named where not?
+
+Run: make campaign NAME=discrepancy
 
 Each case hides an effect of the catalogue, of some size, in a flight of the simulator; the job is handed the signals in
 another process and a baseline that lacks the effect and whose coefficients are off. One line per case is kept in

@@ -1,4 +1,4 @@
-"""Are effects named that another engine flies? Run: make campaign-jsbsim-effects
+"""Are effects named that another engine flies? Run: make campaign NAME=jsbsim-effects
 
 Each flight is JSBSim's, with one effect written in JSBSim's own terms (tests/support/jsbsim_effects.py), sensors of the
 reference paper's Table II and calm air, or servos, air, sensors and link of a family of field flights (--families).

@@ -1,4 +1,4 @@
-"""Bias and coverage of equation error over many simulated flights. Run: make campaign-equation-error
+"""Bias and coverage of equation error over many simulated flights. Run: make campaign NAME=equation-error
 
 Two ways of pairing a held command with a derivative stand side by side: the mean of two samples, with rates taken
 as a series through the samples, and what sysid.equation_error.equations does.

@@ -5,7 +5,7 @@ Families: mild, typical, rough, short (8 to 12 s), closed-loop, slow (10 Hz), od
 aircraft that come with JSBSim with textbook sensors and measured surfaces at 20, 50 and 100 Hz. Methods are
 those of `sysid.identify`, and `ls`, plain least squares with one delay. Each line of the store is one flight by one
 method; a run that is broken off goes on where it stopped, and sources that changed are estimated anew.
-Run: make campaign-field, or for 14 flights make campaign-field SHORT=1
+Run: make campaign NAME=field, or for 14 flights make campaign NAME=field SHORT=1
 """
 
 from __future__ import annotations

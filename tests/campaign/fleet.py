@@ -1,6 +1,6 @@
 """Hundreds of flights on a Dask cluster: the same as here, how much faster two workers are, what a flight costs beside.
 
-Run: make campaign-fleet, or for fewer flights make campaign-fleet FLIGHTS=40
+Run: make campaign NAME=fleet, or for fewer flights make campaign NAME=fleet FLIGHTS=40
 
 Flights of three aircraft are flown once and kept (campaign-output/fleet); the elevator of the second loses a tenth
 half-way. They are identified by one process of this machine, by one worker of a cluster and by two, of which a third

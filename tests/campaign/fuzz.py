@@ -1,4 +1,4 @@
-"""Whole and broken frames by the million through framing and recording. Run: make campaign-fuzz
+"""Whole and broken frames by the million through framing and recording. Run: make campaign NAME=fuzz
 
 Every block is a stream of its own, made from its number, and judged by `stream_check`: bytes in are bytes accounted
 for, the stream is rebuilt byte for byte from the recording, every frame that was placed whole is found, and all that

@@ -1,4 +1,6 @@
-"""How near to the Cramer-Rao bound identification comes, and whether its intervals hold. Run: make campaign
+"""How near to the Cramer-Rao bound identification comes, and whether its intervals hold.
+
+Run: make campaign NAME=identification
 
 Flies every scenario once per seed, identifies, and keeps one line per flight in
 campaign-output/identification/SCENARIO-FINGERPRINT.jsonl, so that a campaign that was stopped goes on where it was. The

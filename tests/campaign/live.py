@@ -1,7 +1,7 @@
 """Live identification over many flights: errors, coverage, changes that are told and alarms that are false.
 
-Run: make campaign-live (SEEDS=10). One line per seed is kept in campaign-output/live/FINGERPRINT.jsonl, so that a run
-that was stopped goes on where it was. Each seed is a flight of 46 s of multisines with the sensors of Table II,
+Run: make campaign NAME=live (SEEDS=10). One line per seed is kept in campaign-output/live/FINGERPRINT.jsonl, so that a
+run that was stopped goes on where it was. Each seed is a flight of 46 s of multisines with the sensors of Table II,
 identified live; told once more with an elevator that answers at half from 40 s on; one whose elevator is stuck; and one
 in turbulence of an intensity and a length of its own.
 With POST=1 the flight is identified afterwards as well, and the live estimates are compared with those.

@@ -1,4 +1,6 @@
-"""Aircraft and sensors that fail in flight: what is told, how soon, by which name. Run: make campaign-live-failures
+"""Aircraft and sensors that fail in flight: what is told, how soon, by which name.
+
+Run: make campaign NAME=live-failures
 
 Every failure of `sim-vehicle --fail` that a flight can show, on two aircraft, in calm air and in gusts, each after
 24 s of multisines, and as many flights in which nothing fails. With --board the servos lag by up to 60 ms and commands

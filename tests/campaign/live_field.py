@@ -1,8 +1,8 @@
 """Live estimates on flights of JSBSim's as the field sees them, at 10, 20 and 30 s, against the truth.
 
-Flights are those of campaign-field. Beside what is told, the recursive regression that watches for changes. A line of
-the store is one flight; a run that is broken off goes on where it stopped.
-Run: make campaign-live-field FAMILIES=mild,typical,stock SEEDS=6
+Flights are those of the campaign `field`. Beside what is reported, the recursive regression that watches for
+changes. A line of the store is one flight; a run that is broken off goes on where it stopped.
+Run: make campaign NAME=live-field FAMILIES=mild,typical,stock SEEDS=6
 """
 
 from __future__ import annotations

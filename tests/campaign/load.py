@@ -1,4 +1,4 @@
-"""The service under load for minutes, with identification jobs beside it. Run: make campaign-load
+"""The service under load for minutes, with identification jobs beside it. Run: make campaign NAME=load
 
 A sender in another process gives every message a number and a stamp; the service records them as one flight and
 identifies it live, while one identification of an uploaded flight after the other runs. Then nothing may be missing by

@@ -1,4 +1,6 @@
-"""Mistakes put into the signals of simulated flights: which are named, and what they do. Run: make campaign-mistakes
+"""Mistakes put into the signals of simulated flights: which are named, and what they do.
+
+Run: make campaign NAME=mistakes
 
 Every kind of mistake of tests/support/signal_mistakes.py, flight by flight, identified as a user does who knows of
 nothing. A mistake harms if a coefficient that is reported changes by five of its bars from the flight without it, noise

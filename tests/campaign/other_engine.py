@@ -1,4 +1,4 @@
-"""How true identification is to another engine: flights made by JSBSim, identified. Run: make campaign-jsbsim
+"""How true identification is to another engine: flights made by JSBSim, identified. Run: make campaign NAME=jsbsim
 
 Scenarios: `linear` (aerodynamics of the default structure, nothing told), `tables` (aerodynamics in tables, the
 structure extended by what the tables depend on) and `tables-linear` (the same flights, nothing told: what a linear

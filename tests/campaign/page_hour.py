@@ -1,6 +1,6 @@
 """An hour of the live page in Chromium: its share of a core, its memory, and links that are lost and found.
 
-Run: make campaign-page, or for six minutes make campaign-page MINUTES=6
+Run: make campaign NAME=page, or for six minutes make campaign NAME=page MINUTES=6
 
 The simulator flies over UDP in real time into the service; every twelfth of the time it is stopped for 8 s, so that the
 page sees a flight end and another begin. Every half minute the page's heap is collected and measured, in turn at its

@@ -12,7 +12,7 @@ import pytest
 from patience import PATIENCE_S
 from processes import run, service
 
-# `make campaign-api` gives it longer.
+# `make campaign NAME=api` gives it longer.
 SECONDS = int(os.environ.get("FUZZ_SECONDS", "60"))
 CHECKS = ",".join(
     ("not_a_server_error", "status_code_conformance", "content_type_conformance", "response_schema_conformance")

@@ -1,4 +1,4 @@
-"""A few of the crash campaign's trials (`make campaign-crash` runs thousands)."""
+"""A few of the crash campaign's trials (`make campaign NAME=crash` runs thousands)."""
 
 import random
 from pathlib import Path
