@@ -7,9 +7,9 @@ BIN := $(VENV)/bin
 
 setup: $(VENV)/.ready  ## the environment in .venv, which every target sets up as far as it needs it
 
-$(VENV)/.ready: pyproject.toml constraints.txt
+$(VENV)/.ready: pyproject.toml deploy/constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[test]'
 	touch $@
 
 help:  ## this list
@@ -34,13 +34,13 @@ test-fast: check  ## without whole flights and services, between two changes (2 
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not whole_flight"
 
 $(VENV)/.docs: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[docs]'
 	touch $@
 
 lock:  ## what the image runs, locked by version and hash, and its parts with their licences; when dependencies change
 	$(PYTHON) -m venv .lock
 	.lock/bin/python -m pip install --quiet --disable-pip-version-check uv cyclonedx-bom
-	.lock/bin/uv pip compile --quiet --extra fleet --generate-hashes --no-header --no-annotate --python-version 3.11 --python-platform linux --constraint constraints.txt --output-file deploy/requirements.lock pyproject.toml deploy/requirements.in
+	.lock/bin/uv pip compile --quiet --extra fleet --generate-hashes --no-header --no-annotate --python-version 3.11 --python-platform linux --constraint deploy/constraints.txt --output-file deploy/requirements.lock pyproject.toml deploy/requirements.in
 	$(PYTHON) -m venv .lock/runs
 	.lock/runs/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement deploy/requirements.lock
 	.lock/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --output-format JSON --output-file deploy/sbom.cdx.json .lock/runs/bin/python
@@ -50,9 +50,9 @@ docs: $(VENV)/.docs  ## the documentation as a site in site/, every link checked
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 $(VENV)/.interop: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[interop]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[interop]'
 	# MAVProxy's terminal needs none of what its maps and windows depend on (vtk, opencv: 200 MB).
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps MAVProxy
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --no-deps MAVProxy
 	touch $@
 
 interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that are not ours
@@ -63,7 +63,7 @@ page-pictures: $(VENV)/.interop  ## the pictures of docs/page.md, made anew by t
 	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py
 
 $(VENV)/.bench: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[bench]'
 	touch $@
 
 worked-example: setup  ## the example of docs/howto/missing-effect.md: its commands run, its pictures made anew (20 s, the first time a minute)
