@@ -1,9 +1,12 @@
 """When an effect is named: where it takes nearly all of what can be explained, whatever the engine.
 
 Models and sensors are never known to the per cent, and from a gain of millions anything still finds hundreds. So what
-is left counts against the name by its share and not by its chance: where a right name was the first, it took 94 to
+is left counts against the name by its share and not by its chance: where a right name was the first, it took 86 to
 100 % of what names and smooth terms explain; the nearest names of effects that the catalogue does not have took 70 %,
-wrong ones less than half.
+wrong ones less than 60 %.
+
+What is lost without an effect is never more than what all that was named explains: a fit without it that ends beyond
+that has not found its end.
 """
 
 from __future__ import annotations
@@ -12,9 +15,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 #: Share of what can be explained from which on the first name is the right one.
-LEAST_SHARE = 0.9
-#: Of what the first name gains, below which a further one may be what that leaves of itself.
-COMPANION_SHARE = 1.0 - LEAST_SHARE
+LEAST_SHARE = 0.8
+#: Of what the first name gains, below which a further one is not tried beside it.
+COMPANION_SHARE = 0.1
+#: And below which one that was named may be what the first leaves of itself: a stall of another shape than the
+#: catalogue's leaves a quarter to a polar.
+OWN_SHARE = 0.3
 
 #: Chance of coefficients as far from those given, below which those are wrong.
 CHANCE = 1e-4
@@ -38,18 +44,19 @@ class LeftOver:
 class Explained:
     """What can be explained of a disagreement.
 
-    gains: effect that was named -> twice the log likelihood that it gains beside the others. taken_back: gains of those
-    that were named for a while. left: by axis or output.
+    gains: effect that was named -> twice the log likelihood that is lost without it. whole: what all names gain
+    together, those that were taken back since included. left: by axis or output. alone: whether none was taken back.
     """
 
     gains: Mapping[str, float]
-    taken_back: float = 0.0
+    whole: float = 0.0
     left: Mapping[str, LeftOver] = field(default_factory=dict)
+    alone: bool = True
 
     @property
     def total(self) -> float:
-        """Gains of all names and of what is left."""
-        return sum(self.gains.values()) + self.taken_back + sum(one.gain for one in self.left.values())
+        """What all names gain together, and what is left."""
+        return self.whole + sum(one.gain for one in self.left.values())
 
     @property
     def first(self) -> str:
@@ -59,12 +66,12 @@ class Explained:
     @property
     def share(self) -> float:
         """Share of it that the first name takes."""
-        return self.gains[self.first] / self.total if self.gains else 0.0
+        return min(self.gains[self.first], self.whole) / self.total if self.gains else 0.0
 
     @property
     def complete(self) -> bool:
         """Whether nothing is left beyond chance, by the names that stay."""
-        return not self.left and not self.taken_back
+        return not self.left and self.alone
 
     @property
     def is_right(self) -> bool:
@@ -104,5 +111,10 @@ class Judgement:
 
 
 def is_too_little_beside(first: float, gain: float) -> bool:
-    """Whether an effect gains no more than the first one, by what that gains, may leave of itself."""
+    """Whether an effect gains too little to be tried beside the first one, by what that gains."""
     return gain < COMPANION_SHARE * first
+
+
+def may_be_left_of(first: float, gain: float) -> bool:
+    """Whether an effect that was named gains no more than the first one, by what that gains, may leave of itself."""
+    return gain < OWN_SHARE * first

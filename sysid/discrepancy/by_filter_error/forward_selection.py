@@ -14,7 +14,7 @@ from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly, unmodelled_memory_gain
-from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside
+from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, may_be_left_of
 from sysid.discrepancy.significance import (
     Significance,
     by_information_criterion,
@@ -39,7 +39,8 @@ class Search:
     """State of the search: the flights with their sensor errors, the model so far, its fit, and the effects named.
 
     given: values of the model's own parameters before they were fitted. dropped: in words, what was named for a while.
-    left: what none of the names explains. taken_back: what the likelihood gained by names that were taken back.
+    began: half the deviance before anything was named. left: what none of the names explains. whole: what the
+    likelihood gained by all names together (twice its logarithm). taken_back: some of them, that the first may explain.
     ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
     """
 
@@ -48,11 +49,13 @@ class Search:
     coefficients: list[str]
     effects: list[tuple[str, str]]
     result: FilterErrorResult
+    began: float
     named: list[Named] = field(default_factory=list)
     given: Mapping[str, float] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
     left: Mapping[str, LeftOver] = field(default_factory=dict)
-    taken_back: float = 0.0
+    whole: float = 0.0
+    taken_back: list[str] = field(default_factory=list)
     ruled_out: frozenset[str] = frozenset()
     nearly: str = ""
 
@@ -196,13 +199,18 @@ def eliminate_redundant(search: Search) -> None:
 def settle_names(search: Search) -> None:
     """See what is left beside all that was named, then take back what the first name may have left of itself."""
     search.left = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
-    most = max((one.significance.gain for one in search.named), default=0.0)
-    for effect in [one.effect for one in search.named if is_too_little_beside(most, one.significance.gain)]:
+    search.whole = 2.0 * (search.began - search.result.cost)
+    if len(search.named) == 1:
+        # Timing and a bench's errors that were chosen anew with it are its own.
+        (one,) = search.named
+        search.named = [replace(one, significance=_significance(one, search.whole))]
+    most = min(max((one.significance.gain for one in search.named), default=0.0), search.whole)
+    for effect in [one.effect for one in search.named if may_be_left_of(most, one.significance.gain)]:
         # What stays is estimated anew each time.
         one = next(one for one in search.named if one.effect == effect)
         without = _without(search, one)
         if without is not None:
-            search.taken_back += one.significance.gain
+            search.taken_back.append(effect)
             words = f"but it gains {one.significance.gain:.0f}, no more than the first may leave of itself"
             _leave_out(search, one, without, words)
 

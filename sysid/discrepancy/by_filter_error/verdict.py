@@ -40,7 +40,8 @@ def verdict_of(used: Flights, base: Baseline, search: Search) -> Judgement:
         reasons.append(
             f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
         )
-    explained = Explained({one.effect: one.significance.gain for one in search.named}, search.taken_back, search.left)
+    gains = {one.effect: one.significance.gain for one in search.named}
+    explained = Explained(gains, search.whole, search.left, not search.taken_back)
     reasons += explained.reasons()
     wrong = impossible(search.named)
     reasons += wrong

@@ -104,7 +104,7 @@ def _part_of(progress: Progress, begin: float, width: float, share: float, text:
 
 def _without(base: Baseline) -> Search:
     return Search(
-        base.problem, base.refitted, list(base.names), list(base.effects), base.before,
+        base.problem, base.refitted, list(base.names), list(base.effects), base.before, base.before.cost,
         given=base.own_values, ruled_out=base.ruled_out,
     )  # fmt: skip
 

@@ -35,7 +35,8 @@ _BESIDE = {
 def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> Judgement:
     """Judgement, and what it rests on in words."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
-    explained = Explained({one.effect: one.came_with for one in found.named}, 0.0, found.left)
+    gains = {one.effect: one.came_with for one in found.named}
+    explained = Explained(gains, sum(gains.values()), found.left)
     reasons += explained.reasons()
     wrong = impossible(found.named)
     reasons += wrong

@@ -5,53 +5,55 @@ import pytest
 from sim_vehicle.effects import EFFECTS
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.identified_effect import Named, impossible
-from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside
+from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside, may_be_left_of
 from sysid.discrepancy.significance import Significance
 
 
-def explained(gains: dict[str, float], *left: float, taken_back: float = 0.0) -> Explained:
+def explained(gains: dict[str, float], *left: float, whole: float = 0.0, alone: bool = True) -> Explained:
     axes = ("CL", "CD", "Cm", "Cl", "Cn", "CY")
-    return Explained(
-        gains, taken_back, {axis: LeftOver("smooth terms", gain) for axis, gain in zip(axes, left, strict=False)}
-    )
+    found = {axis: LeftOver("smooth terms", gain) for axis, gain in zip(axes, left, strict=False)}
+    return Explained(gains, whole or sum(gains.values()), found, alone)
 
 
 @pytest.mark.parametrize(
-    ("gains", "left", "taken_back"),
+    ("gains", "left", "whole"),
     [
-        ({"actuator_lag": 34356.0}, (139.0, 455.0, 306.0, 426.0), 243.0),
-        ({"asymmetry": 9034967.0}, (44.0, 38.0), 54.0),
-        ({"propwash_elevator": 10195.0}, (43.0, 111.0, 39.0, 103.0), 69.0),
-        ({"stall": 111896.0}, (500.0, 1619.0, 290.0, 238.0, 288.0), 4627.0 + 1367.0),
+        ({"actuator_lag": 34375.0}, (139.0, 455.0, 306.0, 426.0), 34375.0),
+        ({"asymmetry": 180797.0}, (44.0, 38.0), 180797.0),
+        ({"propwash_elevator": 11550.0}, (43.0, 111.0, 39.0, 103.0), 11550.0),
+        # Without it a fit ended far beyond the one without anything, which holds all that it could find.
+        ({"stall": 111896.0}, (500.0, 1619.0, 290.0, 238.0, 288.0), 18398.0),
     ],
 )
 def test_a_right_name_is_kept_whatever_is_left_beside_it(
-    gains: dict[str, float], left: tuple[float, ...], taken_back: float
+    gains: dict[str, float], left: tuple[float, ...], whole: float
 ) -> None:
-    found = explained(gains, *left, taken_back=taken_back)
+    found = explained(gains, *left, whole=whole)
     assert found.is_right
     assert not found.complete
-    assert 0.9 < found.share <= 1.0
+    assert 0.8 < found.share <= 1.0
     assert found.nearest_json() == {"name": found.first, "share": found.share}
     entries = found.left_json()
     assert sum(float(str(one["share"])) for one in entries) == pytest.approx(sum(left) / found.total)
 
 
 @pytest.mark.parametrize(
-    ("gains", "left"),
+    ("gains", "left", "whole"),
     [
         # A ripple in lift and an oscillating moment, which no effect of the catalogue is.
-        ({"lift_alpha_elevator": 1552.0}, (650.0,)),
-        ({"downwash_lag": 9884.0}, (3000.0, 1100.0)),
-        ({"vane_upwash": 300.0}, (250.0, 400.0)),
+        ({"lift_alpha_elevator": 1552.0}, (650.0,), 1552.0),
+        ({"downwash_lag": 9884.0}, (3000.0, 1100.0), 9884.0),
+        ({"vane_upwash": 300.0}, (250.0, 400.0), 300.0),
+        # An elevator's lift that varies with alpha, out of the catalogue: no more than the whole is lost without it.
+        ({"cg_shift": 155509.0}, (233.0, 82.0, 88.0), 582.0),
     ],
 )
 def test_the_nearest_name_of_what_has_none_is_told_and_not_given(
-    gains: dict[str, float], left: tuple[float, ...]
+    gains: dict[str, float], left: tuple[float, ...], whole: float
 ) -> None:
-    found = explained(gains, *left)
+    found = explained(gains, *left, whole=whole)
     assert not found.is_right
-    assert "too little for a name (90%)" in found.reasons()[-1]
+    assert "too little for a name (80%)" in found.reasons()[-1]
     assert found.nearest_json() is not None
 
 
@@ -61,7 +63,7 @@ def test_where_nothing_is_left_several_names_stand() -> None:
     assert both.is_right
     assert both.reasons() == []
     # In noise alone it shows too, without a gain.
-    noisy = Explained({"stall": 900.0, "vane_lag": 500.0}, 0.0, {"p": LeftOver("noise 1.5 times the sensor's")})
+    noisy = Explained({"stall": 900.0, "vane_lag": 500.0}, 1400.0, {"p": LeftOver("noise 1.5 times the sensor's")})
     assert not noisy.is_right
     assert not Explained({}).is_right
     assert Explained({}).nearest_json() is None
@@ -69,8 +71,9 @@ def test_where_nothing_is_left_several_names_stand() -> None:
 
 def test_what_the_first_name_may_leave_of_itself_is_no_companion() -> None:
     assert is_too_little_beside(9034967.0, 54.0)
-    assert is_too_little_beside(111896.0, 4627.0)
-    assert not is_too_little_beside(900.0, 500.0)
+    assert may_be_left_of(18398.0, 4627.0)
+    assert not is_too_little_beside(18398.0, 4627.0)
+    assert not may_be_left_of(900.0, 500.0)
 
 
 @pytest.mark.parametrize(
