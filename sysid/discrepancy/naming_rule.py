@@ -2,8 +2,8 @@
 
 Models and sensors are never known to the per cent, and from a gain of millions anything still finds hundreds. So what
 is left counts against the name by its share and not by its chance: where a right name was the first, it took 86 to
-100 % of what names and smooth terms explain; the nearest names of effects that the catalogue does not have took 70 %,
-wrong ones less than 60 %.
+100 % of what names and smooth terms explain; the nearest names of effects that the catalogue does not have took 70 to
+80 %, wrong ones less than 60 %, or several of them shared what one explains: beside anything left a name stands alone.
 
 What is lost without an effect is never more than what all that was named explains: a fit without it that ends beyond
 that has not found its end.
@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 #: Share of what can be explained from which on the first name is the right one.
-LEAST_SHARE = 0.8
+LEAST_SHARE = 0.85
 #: Of what the first name gains, below which a further one is not tried beside it.
 COMPANION_SHARE = 0.1
 #: And below which one that was named may be what the first leaves of itself: a stall of another shape than the
@@ -75,8 +75,8 @@ class Explained:
 
     @property
     def is_right(self) -> bool:
-        """Whether the names are: they explain everything, or the first one nearly everything."""
-        return bool(self.gains) and (not self.left or self.share >= LEAST_SHARE)
+        """Whether the names are: they explain everything, or one alone nearly everything."""
+        return bool(self.gains) and (not self.left or (len(self.gains) == 1 and self.share >= LEAST_SHARE))
 
     def reasons(self) -> list[str]:
         """What is left, and what the first name takes, in words."""
@@ -84,7 +84,11 @@ class Explained:
             return []
         found = ["left without a name: " + "; ".join(f"{axis} ({one.words})" for axis, one in self.left.items())]
         if self.gains:
-            needed = "" if self.is_right else f", too little for a name ({LEAST_SHARE:.0%})"
+            needed = ""
+            if len(self.gains) > 1:
+                needed = f", beside {', '.join(name for name in self.gains if name != self.first)}: none of them alone"
+            elif not self.is_right:
+                needed = f", too little for a name ({LEAST_SHARE:.0%})"
             found.append(f"{self.first} takes {self.share:.0%} of what can be explained{needed}")
         return found
 
