@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 
 .PHONY: help setup demo test test-fast check docs lock interop page-pictures worked-example bench paper-tables campaign clean
 
-setup: $(VENV)/.ready  ## the environment in .venv, which every target sets up as far as it needs it
+setup: $(VENV)/.ready  ## the environment in .venv, loops compiled; every target sets it up as far as it needs it
+	@$(BIN)/python tools/compile_loops.py
 
 $(VENV)/.ready: pyproject.toml deploy/constraints.txt
 	$(PYTHON) -m venv $(VENV)
