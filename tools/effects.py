@@ -34,7 +34,7 @@ def page() -> str:
     rows = [HEAD]
     for effect in EFFECTS.values():
         parameters = "; ".join(map(_parameter, effect.parameters))
-        others = ", ".join(f"`{name}`" for name in effect.confusable_with)
+        others = ", ".join(f"`{name}`" for name, _ in effect.separations)
         cells = (effect.title, effect.stage.value, parameters, effect.separated_by, others, effect.alias)
         rows.append(f"| `{effect.name}` | " + " | ".join(cells) + " |")
     rows.append(PAIRS)

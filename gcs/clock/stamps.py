@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.clock.fit import NS_PER_S, ClockFit, Times, fit_clock
-from gcs.clock.timesync import RoundTrips, own_replies
 from gcs.errors import SignalMapError
 
 SMALLEST_EPOCH_NS = 500_000_000 * NS_PER_S  # 1985; no vehicle has been up for 16 years
@@ -84,7 +83,6 @@ class VehicleClock:
     """The clock of one flight; times come out in seconds from its first stamp.
 
     fit: reception over the reference component's time since boot. epoch_ns: 1970 minus boot, None where unknown.
-    delay_ns: that part of the fit's offset which round trips show to be the way here; 0 where there are none.
     start_ns: first stamp, time since boot. offsets: (component, message) -> what is added to its stamps, ns.
     window: first and last reception of the flight, the one with most messages between two restarts of the clock.
     """
@@ -96,15 +94,6 @@ class VehicleClock:
     window: tuple[int, int]
     offsets: dict[tuple[int, str], int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    delay_ns: int = 0
-
-    @property
-    def utc_start_ns(self) -> int:
-        """UTC of second 0: by the vehicle's own UTC where it sends one, else by the receiver's clock."""
-        if self.epoch_ns is not None:
-            return self.start_ns + self.epoch_ns
-        slope = self.fit.drift * (self.start_ns - self.fit.origin_ns)
-        return self.start_ns + self.fit.offset_ns + int(slope) - self.delay_ns
 
     def seconds(self, stamps: Stamps) -> NDArray[np.float64]:
         """Seconds from the flight's first stamp of every message, by reception where it carries no stamp."""
@@ -130,15 +119,10 @@ def boot_stamps(stamps: Stamps, epoch_ns: int | None, fit: ClockFit | None = Non
     return own
 
 
-def build_clock(
-    stamps: Sequence[Stamps],
-    system_time: tuple[Times, Times, Times] | None = None,
-    replies: tuple[Times, Times, Times] | None = None,
-) -> VehicleClock:
+def build_clock(stamps: Sequence[Stamps], system_time: tuple[Times, Times, Times] | None = None) -> VehicleClock:
     """The clock of a flight from the stamps of all its messages.
 
     system_time: SYSTEM_TIME's (reception ns, unix ns, boot ns), each (M,), if the vehicle sends any.
-    replies: TIMESYNC's (reception ns, tc1, ts1), each (K,), of the reference component to this station.
     Raises SignalMapError where no message carries a stamp.
     """
     stamped = [entry for entry in stamps if entry.valid.any()]
@@ -156,20 +140,7 @@ def build_clock(
     for component in sorted({entry.component for entry in stamped}):
         _align(clock, [entry for entry in stamped if entry.component == component])
     clock.start_ns = min(_first_stamp(clock, entry) for entry in stamped)
-    if replies is not None:
-        clock.delay_ns = _way(clock, replies)
     return clock
-
-
-def _way(clock: VehicleClock, replies: tuple[Times, Times, Times]) -> int:
-    """How much of the fit's offset is delay, by round trips; 0 where they are of another clock."""
-    log, tc1, ts1 = replies
-    use = own_replies(log, tc1, ts1) & clock.inside(log)
-    if not use.any():
-        return 0
-    trips = RoundTrips(log[use], tc1[use], ts1[use], clock.fit.drift)
-    way = clock.fit.offset_ns - trips.offset_ns(clock.fit.origin_ns)
-    return way if abs(way) <= SAME_COMPONENT_NS + round(trips.median_s * NS_PER_S) else 0
 
 
 def _leader(group: Sequence[Stamps]) -> Stamps:

@@ -175,7 +175,7 @@ def load_streams(recording: ColumnSource, messages: Iterable[str], system: int |
         others = [*(stream.stamps for stream in streams.get("SYSTEM_TIME", [])), *map(_reply_stamps, replies)]
         stamped = [*stamped, *others]
     recording.release()
-    clock = build_clock(stamped, pairs, _replies(replies))
+    clock = build_clock(stamped, pairs)
     for message, group in streams.items():
         inside = [_instance(stream.only(clock.inside(stream.log_ns))) for stream in group]
         streams[message] = [replace(stream, time_s=clock.seconds(stream.stamps)) for stream in inside]
@@ -188,14 +188,6 @@ def _system_time(streams: Sequence[Stream]) -> tuple[NDArray[np.int64], NDArray[
     records = streams[0].records
     unix_us = np.minimum(records["time_unix_usec"], np.uint64(2**62 // 1000)).astype(np.int64)
     return streams[0].log_ns, unix_us * 1_000, records["time_boot_ms"].astype(np.int64) * 1_000_000
-
-
-def _replies(columns: Sequence[Columns]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
-    """TIMESYNC of the autopilot, or of the first component that sends any: reception, tc1, ts1."""
-    if not columns:
-        return None
-    chosen = min(columns, key=lambda entry: (entry.component != AUTOPILOT_COMPONENT, entry.component))
-    return chosen.log_time, chosen.fields["tc1"], chosen.fields["ts1"]
 
 
 def _reply_stamps(columns: Columns) -> Stamps:

@@ -251,21 +251,6 @@ class Recording:
                     at = 5 if frame[0] == 0xFD else 3
                     yield self._wire_channels[int(group.rows[row, 0])], int(frame[at]), int(frame[at + 1])
 
-    def wire_streams(self) -> dict[str, Iterator[tuple[int, bytes]]]:
-        """Per link its bytes exactly as they came, in pieces (UTC of reception in ns, bytes) of one time each."""
-        return {link: self._stream(link) for link in self.links()}
-
-    def _stream(self, link: str) -> Iterator[tuple[int, bytes]]:
-        for part in self.wire_pieces():
-            if part.link != link:
-                continue
-            data = part.data.tobytes()
-            times = part.pieces[:, 0]
-            starts = np.flatnonzero(np.diff(times, prepend=times[0] - 1))
-            ends = np.append(part.pieces[starts[1:], 1], len(data))
-            for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-                yield int(times[start]), data[int(part.pieces[start, 1]) : end]
-
     def wire_pieces(self) -> Iterator[WirePieces]:
         """Each link's bytes chunk by chunk, cut into frames and what lay between them."""
         channel_rows = self._channel_rows()

@@ -182,13 +182,6 @@ def with_points_inside(text: str, vehicle: Vehicle) -> str:
     return tomlkit.dumps(document)
 
 
-def renamed(text: str, name: str) -> str:
-    """The text of an aircraft under another name."""
-    document = _parsed(text)
-    document["name"] = name
-    return tomlkit.dumps(document)
-
-
 def _parsed(text: str) -> TOMLDocument:
     check_bounds(text, "vehicle file")
     try:

@@ -122,11 +122,6 @@ class Effect:
         """Whether the parameters are coefficients of the aerodynamic model."""
         return False
 
-    @property
-    def confusable_with(self) -> tuple[str, ...]:
-        """Names of the effects that a flight easily takes it for."""
-        return tuple(other for other, _ in self.separations)
-
     def manoeuvre_against(self, other: Effect) -> str:
         """The manoeuvre that distinguishes this effect from `other`."""
         own, theirs = dict(self.separations), dict(other.separations)

@@ -82,17 +82,6 @@ class Control:
         masks = [(np.asarray(us) < xs[0]) | (np.asarray(us) > xs[-1]) for us, xs in zip(pwm, self.pwm, strict=True)]
         return np.asarray(np.logical_or.reduce(masks))
 
-    def pwm_from_deflection(self, deflection: float) -> tuple[float, ...]:
-        """Pulse width in us of each servo for a deflection of this control alone (the smallest servo travel).
-
-        Where servos are shared with another control (elevons, V-tail) `servo_pwm` adds the deflections.
-        """
-        norm = sum(weight * weight for weight in self.mix)
-        return tuple(
-            _pwm_at(weight * deflection / norm, xs, ys)
-            for weight, xs, ys in zip(self.mix, self.pwm, self.deflection, strict=True)
-        )
-
     @property
     def limits(self) -> tuple[float, float]:
         """Smallest and largest deflection within every servo's points, rad (throttle: 0 to 1)."""

@@ -6,14 +6,13 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle.controls import Array, Control, mixing_matrix, read_controls, servo_pwm
+from sim_vehicle.vehicle.controls import Control, read_controls, servo_pwm
 from sim_vehicle.vehicle.mass_properties import MASS_KEYS, Geometry, MassProperties, read_geometry, read_mass
 from sim_vehicle.vehicle.plausibility import extreme, impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
@@ -92,11 +91,6 @@ class Vehicle:
             flight=Flight(nan),
             path=Path(),
         )
-
-    @cached_property
-    def servo_mixing(self) -> tuple[tuple[int, ...], Array]:
-        """Servo numbers (n,), and the (n, m) matrix from the controls' deflections to the servos' own."""
-        return mixing_matrix(self.controls)
 
     def servo_pwm(self, deflections: dict[str, float]) -> dict[int, float]:
         """Pulse width in us of every servo for the deflections (rad, throttle 0 to 1) of all controls."""

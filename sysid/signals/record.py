@@ -308,13 +308,8 @@ def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
     return np.ascontiguousarray(fourier_smooth(values, interval_s, cutoff_hz).values)
 
 
-def make_record(data: FlightData, vehicle: Vehicle, start: int, stop: int) -> Record:
-    """Record of the samples start ... stop - 1 of a flight. Raises SignalError where an input is missing."""
-    return make_records(data, vehicle, [(start, stop)])[0]
-
-
 def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, int]]) -> list[Record]:
-    """Records of several spans start, stop of one flight, as `make_record` makes them."""
+    """Records of the samples start ... stop - 1 of each span; SignalError where an input is missing."""
     if "de" not in data and "da" not in data and "dr" not in data:
         raise SignalError(
             f"{data.name}: no control surface is known: name its servo under [controls] of the vehicle file"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dryden import dryden_spectrum
 from flight_bounds import (
     GPS,
     LATERAL_OUTPUTS,
@@ -27,7 +28,7 @@ from sim_vehicle.effects import parse_effect
 from sim_vehicle.flight.flight_loop import fly
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.sensor_suite import SensorSuite
-from sim_vehicle.flight.wind import dryden_gusts, dryden_spectrum
+from sim_vehicle.flight.wind import dryden_gusts
 from sim_vehicle.manoeuvres.plan import Plan
 from sim_vehicle.manoeuvres.shapes import manoeuvre
 from sim_vehicle.model.model_file import read_model

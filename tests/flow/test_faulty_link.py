@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from wire_streams import wire_streams
 
 from gcs.recording.reader import Recording
 from sim_vehicle.cli.main import main
@@ -20,7 +21,7 @@ def recorded(path: Path, *arguments: str) -> Recording:
 
 def frames(recording: Recording) -> list[bytes]:
     """Header and payload of every MAVLink 2 frame, in order of arrival; the rest of the stream must be frames too."""
-    stream = b"".join(data for _, data in recording.wire_streams()["simulator"])
+    stream = b"".join(data for _, data in wire_streams(recording)["simulator"])
     found, at = [], 0
     while at < len(stream):
         assert stream[at] == 0xFD
@@ -52,7 +53,7 @@ def test_a_frame_that_comes_twice_makes_up_for_none(tmp_path: Path, good: Record
 
 def test_bytes_that_are_no_frame_are_kept_beside_the_frames(tmp_path: Path, good: Recording) -> None:
     bad = recorded(tmp_path / "f.mcap", "--fault", "garbage=0.05,corrupt=1e-4")
-    stream = b"".join(data for _, data in bad.wire_streams()["simulator"])
+    stream = b"".join(data for _, data in wire_streams(bad)["simulator"])
     alike = [frame for frame in frames(good) if frame[7] != 2 and frame in stream]
     counts = sum(bad.counts().values())
     assert 0.8 * sum(good.counts().values()) < counts < sum(good.counts().values())

@@ -11,7 +11,7 @@ from patience import PATIENCE_S
 from processes import free_port, run, service, start
 from traffic import wait_until
 
-from gcs.vehicles.document import renamed, with_points_inside
+from gcs.vehicles.document import with_points_inside
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
@@ -36,7 +36,7 @@ def lift(told: dict[str, Any]) -> float:
 def test_live_estimates_go_by_the_aircraft_that_a_flight_is_known_to_be(tmp_path: Path) -> None:
     craft = load_vehicle("iitb-mav")
     text = with_points_inside(craft.path.read_text(encoding="utf-8"), craft)
-    heavy = renamed(text, "heavy").replace("\nmass = 1.0", "\nmass = 2.0")
+    heavy = text.replace('name = "iitb-mav"', 'name = "heavy"').replace("\nmass = 1.0", "\nmass = 2.0")
     port = free_port()
     with (
         service(

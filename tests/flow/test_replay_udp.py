@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from processes import free_port, recording_station, run
 from same_result import assert_same_result, estimates
+from wire_streams import wire_streams
 
 from gcs.cli import main
 from gcs.recording.reader import MessageColumns, Recording
@@ -73,7 +74,7 @@ def test_every_message_arrives_as_it_was(original: Recording, received: Path) ->
 
 def test_the_bytes_of_the_wire_are_the_same(original: Recording, received: Path) -> None:
     def wire(recording: Recording) -> bytes:
-        (stream,) = recording.wire_streams().values()
+        (stream,) = wire_streams(recording).values()
         return b"".join(data for _, data in stream)
 
     assert wire(Recording(received)) == wire(original)

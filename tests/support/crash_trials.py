@@ -16,6 +16,7 @@ from mavlink_frames import Sender
 from mcap.reader import make_reader
 from processes import free_port
 from traffic import wait_until
+from wire_streams import wire_streams
 
 from gcs.catalogue.intake import recover
 from gcs.catalogue.store import Catalogue
@@ -220,7 +221,7 @@ def read_all(path: Path) -> dict[tuple[str, int], tuple[int, bytes]]:
     """Everything a recording tells, its messages as (topic, log time) -> (sequence, fields)."""
     recording = Recording(path)
     recording.metadata(), recording.attachments(), recording.lost(), recording.counts(), recording.damage
-    for pieces in recording.wire_streams().values():
+    for pieces in wire_streams(recording).values():
         for _ in pieces:
             pass
     return {

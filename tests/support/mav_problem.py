@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from one_record import make_record
 
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.packed_model import flatten
@@ -14,7 +15,7 @@ from sysid.output_error.estimator import OutputError
 from sysid.problem.free_parameters import coefficient, sensor_error
 from sysid.problem.predictor import Predictor
 from sysid.signals.flight import FlightData
-from sysid.signals.record import LONGITUDINAL, Record, make_record
+from sysid.signals.record import LONGITUDINAL, Record
 
 Array = NDArray[np.float64]
 

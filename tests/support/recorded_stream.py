@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from mavlink_frames import Sender
+from wire_streams import wire_streams
 
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.framing import Framer
@@ -38,4 +39,4 @@ class Stream:
 
 
 def stream_of(path: Path, link: str = "udp") -> bytes:
-    return b"".join(data for _, data in Recording(path).wire_streams()[link])
+    return b"".join(data for _, data in wire_streams(Recording(path))[link])

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from traffic import SECOND, batch
+from wire_streams import wire_streams
 
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
@@ -66,7 +67,7 @@ class Rig:
         return b"".join(
             data
             for flight in reversed(self.catalogue.flights(ground=True))
-            for name, pieces in self.recording(flight).wire_streams().items()
+            for name, pieces in wire_streams(self.recording(flight)).items()
             if name == link
             for _, data in pieces
         )

@@ -15,6 +15,7 @@ import numpy as np
 from mutated_streams import Stream
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from wire_streams import wire_streams
 
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.framing import UNKNOWN, Framer, Frames, scan
@@ -150,7 +151,7 @@ def record(data: NDArray[np.uint8], cuts: Iterable[int], path: Path, dialect: Di
     assert counts.unknown_frames == whole.unknown
     assert counts.messages == len(whole) - whole.unknown
     recording = Recording(path)
-    streams = {link: b"".join(piece for _, piece in pieces) for link, pieces in recording.wire_streams().items()}
+    streams = {link: b"".join(piece for _, piece in pieces) for link, pieces in wire_streams(recording).items()}
     assert streams == {"fuzz": raw}
     assert not recording.damage
 

@@ -16,7 +16,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from traffic import Vehicle, decode, wait_until
 
 from gcs.catalogue.store import Catalogue
-from gcs.clock.stamps import Stamps, build_clock
 from gcs.clock.timesync import RoundTrips, own_replies, request
 from gcs.inspection.clocks import clock_text, clocks
 from gcs.links.opening import open_link
@@ -174,19 +173,3 @@ def test_a_few_trips_of_which_one_was_quick_are_bounded_by_that_one() -> None:
     vehicle = sent + there - UTC
     trips = RoundTrips(sent + there + back, vehicle, sent)
     assert abs(trips.offset_ns(10**9) - UTC) / 1e9 <= trips.asymmetry_s
-
-
-def test_after_the_flight_round_trips_take_the_way_out_of_utc_and_leave_the_vehicles_time() -> None:
-    boot = np.arange(50 * 60, dtype=np.int64) * 20 * MS + 5 * 10**9
-    rng = np.random.default_rng(2)
-    log = boot + UTC + 30 * MS + np.rint(rng.exponential(5 * MS, boot.size)).astype(np.int64)
-    entry = Stamps("ATTITUDE", 1, log, boot, 2**32 * MS)
-    asked = np.array([request(int(UTC + boot[i])).ts1 for i in range(0, boot.size, 50)])
-    tc1 = asked - UTC + 30 * MS
-    plain, helped = build_clock([entry]), build_clock([entry], None, (asked + 60 * MS, tc1, asked))
-    np.testing.assert_array_equal(plain.seconds(entry), helped.seconds(entry))
-    assert plain.utc_start_ns == pytest.approx(UTC + 5 * 10**9 + 30 * MS, abs=MS)
-    assert helped.utc_start_ns == pytest.approx(UTC + 5 * 10**9, abs=MS)
-    assert helped.delay_ns == pytest.approx(30 * MS, abs=MS)
-    elsewhere = build_clock([entry], None, (asked + 60 * MS, tc1 + 900 * 10**9, asked))
-    assert elsewhere.delay_ns == 0  # a clock that is not the stamps' tells nothing of their way

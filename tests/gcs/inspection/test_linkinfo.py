@@ -12,6 +12,7 @@ from mavlink_frames import Sender
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from signed_frames import KEY, NOW, signed
 from traffic import Vehicle, batch, ground_station_heartbeat
+from wire_streams import wire_streams
 
 from gcs.catalogue.store import Catalogue
 from gcs.cli import main
@@ -243,5 +244,5 @@ def test_what_another_station_says_is_in_every_flight_and_makes_none(tmp_path: P
     for path in (tmp_path / "flights").glob("*.mcap"):
         recording = Recording(path)
         assert recording.counts()["/mavlink/240/190/COMMAND_LONG"] == 1
-        (stream,) = [pieces for link, pieces in recording.wire_streams().items() if link == station]
+        (stream,) = [pieces for link, pieces in wire_streams(recording).items() if link == station]
         assert b"".join(data for _, data in stream) == command + echo

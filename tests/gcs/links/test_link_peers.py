@@ -8,6 +8,7 @@ from pathlib import Path
 
 from patience import PATIENCE_S
 from traffic import Vehicle, wait_until
+from wire_streams import wire_streams
 
 from gcs.links.opening import Link, TcpServerLink, UdpLink, open_link
 from gcs.links.sources import MOST_PEERS, PEER_MEMORY_S, Sources
@@ -71,7 +72,7 @@ def test_frames_of_two_udp_peers_survive_when_their_datagrams_interleave_inside_
         capture.close(0)
         assert capture.messages == 200
         recording = Recording(path)
-        streams = {source: b"".join(data for _, data in pieces) for source, pieces in recording.wire_streams().items()}
+        streams = {source: b"".join(data for _, data in pieces) for source, pieces in wire_streams(recording).items()}
         assert streams == {link.name: sent[0], f"{link.name}#2": sent[1]}
         assert [entry["address"] for entry in link.sources.to_json()] == [
             f"127.0.0.1:{peer.getsockname()[1]}" for peer in peers

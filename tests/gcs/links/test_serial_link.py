@@ -9,6 +9,7 @@ import pytest
 from processes import free_port
 from pseudo_terminal import connected, lost, plugged
 from traffic import Vehicle, wait_until
+from wire_streams import wire_streams
 
 from gcs.errors import LinkError
 from gcs.links.opening import open_link, open_links
@@ -49,7 +50,7 @@ def test_nothing_that_the_wire_brought_is_lost_when_the_device_is_unplugged_and_
             assert link.counters.reconnects == plugging
     capture.close(1)
     recording = Recording(path)
-    (stream,) = recording.wire_streams().values()
+    (stream,) = wire_streams(recording).values()
     assert b"".join(data for _, data in stream) == sent
     (columns,) = recording.columns("ATTITUDE")
     assert len(columns) == 3 * 99

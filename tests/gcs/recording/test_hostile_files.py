@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
+from wire_streams import wire_streams
 
 from gcs.errors import RecordingError
 from gcs.recording import records
@@ -48,7 +49,7 @@ def crafted(
 
 
 def rebuilt(path: Path) -> bytes:
-    return b"".join(data for stream in Recording(path).wire_streams().values() for _, data in stream)
+    return b"".join(data for stream in wire_streams(Recording(path)).values() for _, data in stream)
 
 
 def test_a_well_made_file_of_the_same_kind_is_rebuilt(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from processes import messages_on_disk
 from pymavlink.generator.mavcrc import x25crc
 from traffic import wait_until
+from wire_streams import wire_streams
 
 from gcs.errors import RecordingError
 from gcs.mavlink.dialect import Dialect
@@ -179,7 +180,7 @@ def test_the_wire_is_rebuilt_byte_for_byte(tmp_path: Path, seed: int) -> None:
         pieces.append((START + at * 400_000, data[at : at + size]))
         at += size
     record(tmp_path / "a.mcap", pieces, chunk_seconds=0.5)
-    stream = list(Recording(tmp_path / "a.mcap").wire_streams()["udp"])
+    stream = list(wire_streams(Recording(tmp_path / "a.mcap"))["udp"])
     assert b"".join(part for _, part in stream) == data
     times = [time for time, _ in stream]
     assert times == sorted(set(times))
@@ -195,7 +196,7 @@ def test_several_links_are_kept_apart(tmp_path: Path) -> None:
                 buffer, frames = framers[link].feed(data[at : at + 300], final=at + 300 >= len(data))
                 writer.write(link, buffer, frames, START + at * 1_000_000)
         assert writer.counts.bytes == sum(map(len, streams.values()))
-    rebuilt = Recording(tmp_path / "a.mcap").wire_streams()
+    rebuilt = wire_streams(Recording(tmp_path / "a.mcap"))
     assert {link: b"".join(part for _, part in parts) for link, parts in rebuilt.items()} == streams
 
 
@@ -351,7 +352,7 @@ def test_a_file_cut_off_anywhere_opens_and_loses_at_most_its_last_second(tmp_pat
         assert recording.damage.truncated == (length < len(data) - 8)
         assert recording.damage.chunks == 0
         assert sum(recording.counts().values()) == 40 * complete
-        stream = b"".join(part for _, part in recording.wire_streams()["udp"])
+        stream = b"".join(part for _, part in wire_streams(recording)["udp"])
         assert stream == b"".join(message.frame for message in sent[: 40 * complete])
 
 
@@ -431,7 +432,7 @@ def test_large_batches_make_several_chunks(tmp_path: Path) -> None:
     recording = Recording(path)
     assert sum(recording.counts().values()) == 256 * 151
     assert recording.lost() == {("udp", 1, 1): 0}
-    assert b"".join(part for _, part in recording.wire_streams()["udp"]) == data
+    assert b"".join(part for _, part in wire_streams(recording)["udp"]) == data
 
 
 def test_recordings_larger_than_what_is_held_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -446,7 +447,7 @@ def test_recordings_larger_than_what_is_held_at_a_time(tmp_path: Path, monkeypat
     assert columns.log_time.tolist() == expected.log_time.tolist()
     assert parts.counts() == whole.counts()
     assert parts.lost() == whole.lost()
-    stream = b"".join(part for _, part in parts.wire_streams()["udp"])
+    stream = b"".join(part for _, part in wire_streams(parts)["udp"])
     assert stream == b"".join(message.frame for message in sent)
 
 
@@ -456,6 +457,6 @@ def test_the_simulator_may_record_with_it(tmp_path: Path) -> None:
     for time, data in pieces:
         sink.write(data, time)
     sink.close()
-    stream = Recording(tmp_path / "a.mcap").wire_streams()["simulator"]
+    stream = wire_streams(Recording(tmp_path / "a.mcap"))["simulator"]
     assert list(stream) == pieces
     assert len(sent) == len(pieces)

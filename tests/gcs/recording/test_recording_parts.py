@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from processes import messages_on_disk
 from recorded_stream import DIALECT, NAMES, SECOND, START, Stream, stream_of
 from traffic import wait_until
+from wire_streams import wire_streams
 
 from gcs.errors import DiskFullError, RecordingError, SettingsError
 from gcs.recording.joined import by_recording
@@ -219,7 +220,7 @@ def test_the_parts_of_a_recording_read_as_one(tmp_path: Path) -> None:
         Stream().feed(writer, 150)
     whole, joined = Recording(tmp_path / "whole.mcap"), Recording(paths)
     assert joined.path == paths[0]
-    assert b"".join(data for _, data in joined.wire_streams()["udp"]) == stream.bytes
+    assert b"".join(data for _, data in wire_streams(joined)["udp"]) == stream.bytes
     assert joined.counts() == whole.counts()
     assert set(joined.lost().values()) == {0}
     assert (joined.start_ns, joined.end_ns) == (whole.start_ns, whole.end_ns)

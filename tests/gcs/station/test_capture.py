@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from traffic import SECOND, Vehicle, batch
+from wire_streams import wire_streams
 
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
@@ -13,7 +14,7 @@ DIALECT = Dialect.load()
 
 
 def stream_of(paths: list[Path], link: str) -> bytes:
-    return b"".join(data for path in paths for _, data in Recording(path).wire_streams().get(link, []))
+    return b"".join(data for path in paths for _, data in wire_streams(Recording(path)).get(link, []))
 
 
 def test_the_half_frame_of_a_link_that_fell_silent_is_recorded_after_a_second(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from patience import PATIENCE_S
 from processes import free_port, start
 from recorder_rig import LINK, Rig
 from traffic import Vehicle, wait_until
+from wire_streams import wire_streams
 
 from gcs.recording.reader import Recording
 
@@ -65,7 +66,7 @@ def test_below_the_reserve_a_flight_ends_and_the_next_begins_when_there_is_room(
     sent = rig.sent[LINK]
     kept = rig.stream()
     assert len(kept) == len(sent) - rig.recorder.state.unrecorded_bytes
-    last = sum(len(data) for _, data in rig.recording(second).wire_streams()[LINK])
+    last = sum(len(data) for _, data in wire_streams(rig.recording(second))[LINK])
     assert kept == sent[: len(kept) - last] + sent[-last:]
     errors = [record for record in caplog.records if record.levelname == "ERROR"]
     assert len(errors) == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from traffic import SECOND, Vehicle, batch, wait_until
+from wire_streams import wire_streams
 
 from gcs.analysis.postflight import read_flights
 from gcs.catalogue.store import Catalogue
@@ -131,7 +132,7 @@ def test_a_long_flight_is_several_files_and_one_flight(tmp_path: Path) -> None:
         assert next(file.name for file in Recording(path).attachments()) == "iitb-mav.toml"
         assert set(Recording(path).lost().values()) == {0}
     whole = Recording(paths)
-    assert b"".join(data for _, data in whole.wire_streams()[URL]) == sent
+    assert b"".join(data for _, data in wire_streams(whole)[URL]) == sent
     assert set(whole.lost().values()) == {0}
     assert whole.metadata()["statistics"]["parts"] == str(flight.parts)
     (signals,) = read_flights(paths, load_vehicle("iitb-mav"))

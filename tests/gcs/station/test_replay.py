@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from patience import PATIENCE_S
 from traffic import SECOND, Vehicle, batch
+from wire_streams import wire_streams
 
 from gcs.errors import LinkError, RecordingError
 from gcs.links.opening import UdpLink, open_link
@@ -70,11 +71,11 @@ def test_the_timeline_merges_links_in_time_and_keeps_every_byte(recording: Path)
     source = Recording(recording)
     both = list(timeline(source))
     assert [at for at, _ in both] == sorted(at for at, _ in both)
-    for link, stream in source.wire_streams().items():
+    for link, stream in wire_streams(source).items():
         alone = b"".join(data for _, data in timeline(source, link))
         assert alone == b"".join(data for _, data in stream)
     assert sum(len(data) for _, data in both) == sum(
-        len(data) for stream in source.wire_streams().values() for _, data in stream
+        len(data) for stream in wire_streams(source).values() for _, data in stream
     )
     with pytest.raises(RecordingError, match="ttyUSB9"):
         list(timeline(source, "ttyUSB9"))
@@ -90,7 +91,7 @@ def drain(sock: socket.socket, size: int) -> bytes:
 
 def test_a_file_over_tcp_arrives_byte_for_byte(recording: Path) -> None:
     link = "udpin:0.0.0.0:14550"
-    expected = b"".join(data for _, data in Recording(recording).wire_streams()[link])
+    expected = b"".join(data for _, data in wire_streams(Recording(recording))[link])
     with socket.create_server(("127.0.0.1", 0)) as server:
         received: list[bytes] = []
 

@@ -10,6 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from recorder_rig import LINK, START, Rig
 from traffic import SECOND, Vehicle, batch, ground_station_heartbeat
+from wire_streams import wire_streams
 
 from gcs.links.datagrams import Batch
 
@@ -262,7 +263,7 @@ def test_a_clock_set_back_ends_the_flight_and_the_next_has_times_of_its_own(rig:
     assert np.ptp(np.concatenate(log_times)) > SECOND
     assert min(times[0] for times in log_times) < began + SECOND // 5
     for link in rig.sent:
-        pieces = [rig.recording(flight).wire_streams()[link] for flight in (first, second)]
+        pieces = [wire_streams(rig.recording(flight))[link] for flight in (first, second)]
         assert b"".join(data for part in pieces for _, data in part) == rig.sent[link]
 
 

@@ -337,7 +337,7 @@ def test_an_effect_of_the_air_is_left_to_the_air() -> None:
 def test_what_an_effect_is_confused_with_is_in_the_catalogue_and_a_manoeuvre_tells_them_apart(name: str) -> None:
     effect = EFFECTS[name]
     assert name in CONFUSIONS
-    assert set(effect.confusable_with) == set(CONFUSIONS[name]) <= set(NAMES) - {name}
+    assert set(dict(effect.separations)) == set(CONFUSIONS[name]) <= set(NAMES) - {name}
     for other in NAMES:
         assert effect.manoeuvre_against(EFFECTS[other])
 
@@ -346,7 +346,7 @@ def test_the_manoeuvre_against_an_effect_is_the_pairs_own_seen_from_either_side(
     wash, tail, stall = EFFECTS["propwash_elevator"], EFFECTS["elastic_tail"], EFFECTS["stall"]
     assert wash.manoeuvre_against(tail) == tail.manoeuvre_against(wash) == dict(wash.separations)["elastic_tail"]
     lag, roll = EFFECTS["actuator_lag"], EFFECTS["roll_damping"]
-    assert "roll_damping" not in lag.confusable_with
+    assert "roll_damping" not in dict(lag.separations)
     assert lag.manoeuvre_against(roll) == dict(roll.separations)["actuator_lag"]
     assert stall.manoeuvre_against(wash) == stall.separated_by
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from dryden import dryden_spectrum
 from scipy import integrate, signal
 
-from sim_vehicle.flight.wind import WindField, dryden_gusts, dryden_spectrum
+from sim_vehicle.flight.wind import WindField, dryden_gusts
 
 SIGMA, LENGTH, AIRSPEED, DT = 0.7, 20.0, 15.0, 0.02
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from mav_problem import longitudinal_record, vehicle
 from numpy.typing import NDArray
+from one_record import make_record
 
 from sim_vehicle.effects import EFFECTS, slot
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sysid.problem.free_parameters import coefficient, effect_parameter, sensor_error
 from sysid.problem.predictor import Predictor
-from sysid.signals.record import OUTPUTS, Record, make_record
+from sysid.signals.record import OUTPUTS, Record
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 Array = NDArray[np.float64]

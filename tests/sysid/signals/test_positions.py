@@ -12,11 +12,12 @@ from field_sensors import sense
 from field_stock import textbook
 from field_truth import projection
 from jsbsim_flight import linear_aircraft
+from one_record import make_record
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
 from sysid.signals.flight import FlightData
-from sysid.signals.record import make_record, position_doubt
+from sysid.signals.record import position_doubt
 
 INTERVAL = 0.02
 TIME = INTERVAL * np.arange(300)

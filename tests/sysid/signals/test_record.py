@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from one_record import make_record
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SignalError
 from sysid.signals.flight import FlightData
-from sysid.signals.record import OUTPUTS, make_record
+from sysid.signals.record import OUTPUTS
 from sysid.signals.thrust_source import thrust_source
 
 Array = NDArray[np.float64]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_record import make_record
 from simulated import fly_mav
 
 from gcs.analysis.results import identification_text
@@ -19,7 +20,6 @@ from sysid.errors import SignalError
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightData, FlightSignals
-from sysid.signals.record import make_record
 from sysid.signals.thrust_source import thrust_source
 
 # The published APC 12 x 6E of the University of Minnesota's Ultra Stick 25e, on the paper's aircraft at 7000 rpm.
