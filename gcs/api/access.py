@@ -11,7 +11,7 @@ from gcs.access.roles import Identity
 from gcs.access.shares import PREFIX
 from gcs.access.token_file import without_hash
 from gcs.api.access_schemas import AuditLine, Login, Me, Share, ShareRequest, TokenEntry
-from gcs.api.schemas import Problem
+from gcs.api.schemas.problem import Problem
 from gcs.api.security import COOKIE, LOCAL, SHARE_COOKIE, Access, RefusedError, address_of
 from gcs.api.service import Serving
 from gcs.errors import SettingsError

@@ -10,24 +10,11 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
-from gcs.api.schemas import (
-    ChosenVehicle,
-    FlightItem,
-    FlightNotesChange,
-    FlightPage,
-    FlightSummary,
-    JobView,
-    Planned,
-    PlannedCoefficient,
-    Problem,
-    Series,
-    SignalsView,
-    SpectraView,
-    Spectrogram,
-    SpectrogramsView,
-    Spectrum,
-    Uploaded,
-)
+from gcs.api.schemas.design import Planned, PlannedCoefficient
+from gcs.api.schemas.flights import ChosenVehicle, FlightItem, FlightNotesChange, FlightPage, FlightSummary, Uploaded
+from gcs.api.schemas.jobs import JobView
+from gcs.api.schemas.problem import Problem
+from gcs.api.schemas.signals import Series, SignalsView, SpectraView, Spectrogram, SpectrogramsView, Spectrum
 from gcs.api.service import Service, Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue.aircraft_rule import STATION

@@ -9,7 +9,9 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, Response
 from pydantic import ValidationError
 
-from gcs.api.schemas import JobChanges, JobRequest, JobView, ModelItem, PlanUpload, Problem
+from gcs.api.schemas.design import PlanUpload
+from gcs.api.schemas.jobs import JobChanges, JobRequest, JobView, ModelItem
+from gcs.api.schemas.problem import Problem
 from gcs.api.service import Serving
 from gcs.errors import JobError
 from gcs.exports.archive import archived

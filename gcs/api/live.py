@@ -13,7 +13,8 @@ from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from gcs.api.schemas import Live, Minute, NoteMade, NoteText, Problem
+from gcs.api.schemas.live import Live, Minute, NoteMade, NoteText
+from gcs.api.schemas.problem import Problem
 from gcs.api.service import Service, Serving
 from gcs.errors import ServiceError
 from gcs.live.feed import Samples

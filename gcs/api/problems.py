@@ -12,7 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from gcs.api.schemas import JobChanges
+from gcs.api.schemas.jobs import JobChanges
 from gcs.errors import (
     BusyError,
     CatalogueError,

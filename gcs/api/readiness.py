@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from gcs.api.problems import problem_response
-from gcs.api.schemas import NotReady, Ready, ReadyLink
+from gcs.api.schemas.station import NotReady, Ready, ReadyLink
 from gcs.api.service import Service, Serving
 from gcs.errors import CatalogueFileError
 from gcs.station.station import LinkState

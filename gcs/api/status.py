@@ -8,7 +8,9 @@ import time
 from fastapi import APIRouter, HTTPException
 from fastapi.responses import Response
 
-from gcs.api.schemas import Forwarding, Health, LinkStatus, Map, MapAnswer, Problem
+from gcs.api.schemas.links import LinkStatus
+from gcs.api.schemas.problem import Problem
+from gcs.api.schemas.station import Forwarding, Health, Map, MapAnswer
 from gcs.api.service import Serving, Watched
 from gcs.version import VERSION
 

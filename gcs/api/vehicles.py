@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from gcs.api.schemas import Problem
+from gcs.api.schemas.problem import Problem
 from gcs.api.service import Serving
 from gcs.api.vehicle_schemas import (
     EstimateView,

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import httpx
 from pydantic import ValidationError
 
-from gcs.api.schemas import Problem
+from gcs.api.schemas.problem import Problem
 from gcs.client.steps import Request
 from gcs.errors import SettingsError, StationError
 from gcs.settings import usable_token

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gcs.api.schemas import FlightItem, JobView, ModelItem
+from gcs.api.schemas.flights import FlightItem
+from gcs.api.schemas.jobs import JobView, ModelItem
 from gcs.text.one_line import one_line
 from gcs.text.utctext import utc_text
 

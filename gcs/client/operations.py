@@ -8,17 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
-from gcs.api.schemas import (
-    FlightItem,
-    FlightPage,
-    FlightSummary,
-    Health,
-    JobView,
-    LinkStatus,
-    Live,
-    ModelItem,
-    Uploaded,
-)
+from gcs.api.schemas.flights import FlightItem, FlightPage, FlightSummary, Uploaded
+from gcs.api.schemas.jobs import JobView, ModelItem
+from gcs.api.schemas.links import LinkStatus
+from gcs.api.schemas.live import Live
+from gcs.api.schemas.station import Health
 from gcs.client.steps import Pause, Request, Steps, answer, done
 from gcs.client.transfer import OnProgress, Upload
 from gcs.errors import StationError

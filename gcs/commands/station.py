@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gcs.api.schemas import JobView
+    from gcs.api.schemas.jobs import JobView
     from gcs.client.station import Station
 
 NAME = "station"

@@ -13,7 +13,8 @@ from doc_commands import ROOT
 from patience import PATIENCE_S
 from traffic import SECOND
 
-from gcs.api.schemas import FlightSummary, Health
+from gcs.api.schemas.flights import FlightSummary
+from gcs.api.schemas.station import Health
 from gcs.client import AsyncStation, Station, StationError, operations
 from gcs.recording.reader import Recording
 
