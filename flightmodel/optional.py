@@ -7,15 +7,20 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from flightmodel.errors import FlightModelError
 from sysid.errors import SignalError
 
-if TYPE_CHECKING:
-    from flightmodel.flight import Flight
-
 Progress = Callable[[float, str], None]
+
+
+class OfColumns(Protocol):
+    """What was made from a table: it knows which columns became no signal."""
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Names of those columns."""
 
 
 def library(name: str, what_for: str) -> Any:
@@ -35,7 +40,7 @@ def is_watched() -> bool:
 
 
 @contextmanager
-def analysing(flights: Sequence[Flight]) -> Iterator[None]:
+def analysing(flights: Sequence[OfColumns]) -> Iterator[None]:
     """Around an analysis: says where time goes that is spent once, and of what is missing which columns were not used.
 
     numpy's remarks on trials that run away help nobody.
