@@ -21,10 +21,11 @@ help:  ## this list
 demo: setup  ## a flight of the simulator, identified: the main job in one command
 	$(BIN)/gcs demo
 
-check: setup  ## lint, format and types
+check: setup  ## lint, format, types and dead code
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/vulture
 
 # In the order of the folders: those with few tests, whole flows, take longest and so come first.
 # Three workers on two cores: flights watched live wait for their own seconds, not for a processor.

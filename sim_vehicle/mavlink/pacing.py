@@ -22,7 +22,6 @@ class Pacer:
         self._clock = clock
         self._sleep = sleep
         self._start: float | None = None
-        self.latest_s = 0.0  # how late the latest tick was, s of the clock
 
     def wait_until(self, flight_s: float) -> None:
         """Return when `flight_s` seconds of flight have passed since the first call; at once if that is past."""
@@ -32,7 +31,6 @@ class Pacer:
         left = self._start + flight_s / self._speed - now
         if left > 0.0:
             self._sleep(left)
-        self.latest_s = max(-left, 0.0)
 
     def left_until(self, flight_s: float) -> float:
         """Seconds of the clock until `flight_s`, negative where that is past; 0 before the flight has begun."""

@@ -47,12 +47,3 @@ def test_a_stall_is_caught_up_without_sleeping() -> None:
     assert clock.slept == []
     pacer.wait_until(0.12)
     assert clock.now - 1000.0 == pytest.approx(0.12)
-
-
-def test_lateness_is_told() -> None:
-    clock = Clock()
-    pacer = Pacer(1.0, clock, clock.sleep)
-    pacer.wait_until(0.0)
-    clock.now += 0.5
-    pacer.wait_until(0.1)
-    assert pacer.latest_s == pytest.approx(0.4)
