@@ -18,7 +18,8 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,7 @@ class _Batch:
     def work(self, pool: Executor, queue: deque[Order], width: int) -> list[Order]:
         """Do what is queued, as far as the workers last; those that were under way when one was lost."""
         waiting: dict[Future[Result], Order] = {}
+        others = active_children()  # a pool starts its processes with the first order
         try:
             while queue or waiting:
                 while queue and len(waiting) < width:
@@ -122,7 +124,7 @@ class _Batch:
         except BaseException:
             for future in waiting:
                 future.cancel()
-            _end(pool)
+            _end(pool, others)
             raise
         finally:
             pool.shutdown(wait=False)
@@ -154,10 +156,12 @@ def _without(why: str) -> Result:
     return {"error": why, "start_ns": 0, "cost_s": 0.0}
 
 
-def _end(pool: Executor) -> None:
-    """End the processes that work, if they are of this machine."""
-    for process in list((getattr(pool, "_processes", None) or {}).values()):
-        process.terminate()
+def _end(pool: Executor, others: Sequence[BaseProcess]) -> None:
+    """End the processes that work, if they are of this machine. others: were there before them, and stay."""
+    if isinstance(pool, ProcessPoolExecutor):
+        for process in active_children():
+            if process not in others:
+                process.terminate()
 
 
 def _kept(path: Path) -> Result | None:
