@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import date
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
@@ -65,7 +65,7 @@ def _item(service: Service, flight: Flight) -> FlightItem:
     return _items(service, [flight])[0]
 
 
-def _fields(flight: Flight, notes: FlightNotes, outcome: FlightOutcome) -> dict[str, Any]:
+def _fields(flight: Flight, notes: FlightNotes, outcome: FlightOutcome) -> dict[str, object]:
     return {
         "title": notes.title,
         "comment": notes.comment,

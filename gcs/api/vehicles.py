@@ -71,29 +71,29 @@ def _reading(text: str, vehicle: Vehicle) -> VehicleReading:
     )  # fmt: skip
 
 
-def _fields(one: Shelved) -> dict[str, Any]:
-    return {
-        "id": one.id,
-        "name": one.vehicle.name,
-        "version": one.version,
-        "changed": utc_text(one.changed_ns),
-        "editable": one.id != STATION,
-        "mass_kg": one.vehicle.mass.mass,
-        "span_m": one.vehicle.geometry.b,
-        "warnings": list(one.vehicle.warnings),
-    }
+def _item(one: Shelved) -> VehicleItem:
+    return VehicleItem(
+        id=one.id,
+        name=one.vehicle.name,
+        version=one.version,
+        changed=utc_text(one.changed_ns),
+        editable=one.id != STATION,
+        mass_kg=one.vehicle.mass.mass,
+        span_m=one.vehicle.geometry.b,
+        warnings=list(one.vehicle.warnings),
+    )
 
 
 @router.get("")
 def vehicles(service: Serving) -> list[VehicleItem]:
     """Every aircraft, the one that the service was started with first."""
-    return [VehicleItem(**_fields(one)) for one in service.jobs.choice.shelf.all()]
+    return [_item(one) for one in service.jobs.choice.shelf.all()]
 
 
 @router.post("", status_code=201, responses=_REFUSED)
 def add(service: Serving, draft: VehicleDraft) -> VehicleItem:
     """A new aircraft; its id is made of its name. What it is like, POST /api/vehicles/check says beforehand."""
-    return VehicleItem(**_fields(service.jobs.choice.shelf.add(_text(draft))))
+    return _item(service.jobs.choice.shelf.add(_text(draft)))
 
 
 @router.post("/check", responses=_REFUSED)
@@ -128,7 +128,7 @@ def vehicle(service: Serving, vehicle_id: str) -> VehicleView:
     shelf = service.jobs.choice.shelf
     found = shelf.get(vehicle_id)
     return VehicleView(
-        **_fields(found),
+        **_item(found).model_dump(),
         versions=[1] if found.id == STATION else shelf.versions(found.id),
         reading=_reading(found.text, found.vehicle),
     )
@@ -139,7 +139,7 @@ def change(service: Serving, vehicle_id: str, draft: VehicleDraft) -> VehicleIte
     """A new version of an aircraft. Flights keep the one that they were identified with."""
     shelf = service.jobs.choice.shelf
     text = _text(draft, shelf.get(vehicle_id).text)
-    return VehicleItem(**_fields(shelf.change(vehicle_id, text)))
+    return _item(shelf.change(vehicle_id, text))
 
 
 @router.delete("/{vehicle_id}", status_code=204, responses=_MISSING)
@@ -151,7 +151,7 @@ def delete(service: Serving, vehicle_id: str) -> None:
 @router.post("/{vehicle_id}/restore", responses=_MISSING)
 def restore(service: Serving, vehicle_id: str) -> VehicleItem:
     """Put an aircraft that was deleted into the list again."""
-    return VehicleItem(**_fields(service.jobs.choice.shelf.restore(vehicle_id)))
+    return _item(service.jobs.choice.shelf.restore(vehicle_id))
 
 
 @router.get("/{vehicle_id}/trends", responses=_MISSING)
