@@ -27,7 +27,7 @@ GREEDY = """
 import numpy, sys
 import gcs.jobs.viewworker as worker
 def greedy(*given):
-    kept = [numpy.ones(1 << 24) for _ in range(1 << 12)]
+    kept = [numpy.empty(1 << 24) for _ in range(1 << 12)]
 worker.summary = greedy
 sys.exit(worker.main())
 """

@@ -26,7 +26,7 @@ GREEDY = """
 import numpy, sys
 import gcs.jobs.intakeworker as worker
 def greedy(*given, **named):
-    kept = [numpy.ones(1 << 24) for _ in range(1 << 12)]
+    kept = [numpy.empty(1 << 24) for _ in range(1 << 12)]
 worker.import_file = greedy
 sys.exit(worker.main())
 """
