@@ -129,7 +129,7 @@ def test_a_model_is_judged_by_its_content_or_its_id(station: Station, flown: dic
     wrong = json.loads(json.dumps(MODEL))
     wrong["coefficients"]["Cm_alpha"]["value"] *= 1.2
     for model, verdicts in ((MODEL, ("none", "parameter_error")), (wrong, ("parameter_error",))):
-        job = station.run_job(flown["id"], kind="discrepancy", model=model)
+        job = station.run_job(flown["id"], kind="discrepancy", model=model, method="map")
         assert (job["state"], job["error"]) == ("done", None)
         result = station.get(f"/api/flights/{flown['id']}/discrepancy")
         assert result["schema"] == "discrepancy/1"

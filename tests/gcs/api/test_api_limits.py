@@ -156,7 +156,7 @@ def test_uploads_have_so_many_places_and_leave_threads_to_others(bench: Bench, c
     assert bench.catalogue.flights() == []
     assert not list(bench.settings.data.glob("upload-*"))
     # A place that is left is free.
-    service.uploads = Uploads(bench.settings, bench.catalogue)
+    service.uploads = Uploads(bench.settings, bench.catalogue, (sys.executable, "-c", "print('no answer')"))
     for _ in range(9):
         assert problem(send(0), 422)
 

@@ -127,8 +127,10 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.Captu
     file.write_text(json.dumps(result()))
     assert main(["report", str(file)]) == 2
     assert "give -o REPORT.html, --paper FOLDER, or both" in capsys.readouterr().err
+    small = result()  # with few figures, of which the history is drawn before what is lacking
+    del small["model"]["correlation"], small["series"]["residuals"]["CL"]
     for key in ("predicted", "gain_std_db", "frequency_hz"):
-        lacking = json.loads(json.dumps(result()).replace(f'"{key}"', '"other"'))
+        lacking = json.loads(json.dumps(small).replace(f'"{key}"', '"other"'))
         file.write_text(json.dumps(lacking))
         assert main(["report", str(file), "--paper", str(tmp_path / "half")]) == 1
         assert "does not hold what its schema says" in capsys.readouterr().err

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import distributed
 import pyarrow.parquet
 import pytest
 from dask_cluster import cluster
@@ -28,6 +29,7 @@ pytestmark = pytest.mark.whole_flight
 
 # What differs from run to run of the same job.
 BESIDE = ("cost_s", "made")
+CLIENT = distributed.Client
 
 
 @pytest.fixture(scope="module")
@@ -92,9 +94,10 @@ def test_a_model_is_held_against_every_flight(
 ) -> None:
     (tmp_path / "damped").mkdir()
     for seed in (5, 6):
-        sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "25", "--effect", "pitch_damping:Cm_q=-9",
+        sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "12", "--effect", "pitch_damping:Cm_q=-9",
                      "--seed", str(seed), "--record", str(tmp_path / "damped" / f"flight{seed}.mcap")])  # fmt: skip
-    assert batch(tmp_path / "damped", tmp_path / "out", "--discrepancy", "iitb-mav", "--workers", "2") == 0
+    against = ("--discrepancy", "iitb-mav", "--method", "map")  # the quickest
+    assert batch(tmp_path / "damped", tmp_path / "out", *against, "--workers", "2") == 0
     said = capsys.readouterr().out
     assert "iitb-mav: missing effect by pitch_damping: 2 of 2 flights" in said
     assert "2 of 2 flights compared" in said
@@ -194,8 +197,15 @@ def test_recordings_come_from_an_address(flights: Path, tmp_path: Path, local: P
     [(("--workers", "0"), "1 or more"), (("--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers there")],
 )
 def test_what_cannot_work_is_said_in_one_line(
-    options: tuple[str, ...], words: str, flights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: tuple[str, ...],
+    words: str,
+    flights: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    # Who does not listen is asked for a second instead of ten.
+    monkeypatch.setattr(distributed, "Client", lambda address, timeout: CLIENT(address, timeout="1s"))
     assert batch(flights, tmp_path, *options) == 2
     said = capsys.readouterr().err
     assert words in said
