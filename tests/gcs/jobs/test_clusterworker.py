@@ -89,8 +89,8 @@ def test_a_station_sends_its_jobs_to_a_cluster_and_gets_what_it_would_find_itsel
 def test_a_job_that_nobody_waits_for_any_more_ends(
     tmp_path: Path, log: Path, workers: tuple[str, list[subprocess.Popen[bytes]]]
 ) -> None:
-    # The worker believes a silence of 5 s, not of 20; a station that waits speaks every 2 s. The order of a module, unlike
-    # that of a program, is carried out by the module that the worker itself has.
+    # The worker believes a silence of 5 s, not of 20; a station that waits speaks every 2 s. What is asked for by a
+    # module, not by a program, is carried out by the module that the worker itself has.
     program = "import sys; from gcs.jobs import clusterworker; sys.exit(clusterworker.main())"
     with Client(workers[0], timeout="60s") as client:  # type: ignore[no-untyped-call]
         client.run(lambda: setattr(import_module("gcs.jobs.clusterworker"), "_GONE_S", 5.0))
