@@ -9,9 +9,4 @@ from pathlib import Path
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Services and their workers stand back behind what else runs: while other tests have both processors, a test would wait
-# long for its own workers. From the least urgent of all nothing can stand back any further.
-if hasattr(os, "nice"):
-    os.nice(19)
-
 sys.path.insert(0, str(Path(__file__).parent / "support"))
