@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import textwrap
@@ -259,6 +260,8 @@ def main() -> int:
     parser.add_argument("--venv", default=".venv", help="environment that it runs in (default .venv)")
     given = parser.parse_args()
     if not given.name:
+        # A reader that has seen enough of the list, as `head`, ends it.
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
         print("\n\n".join(listing(kind) for kind in ([given.kind] if given.kind else KINDS)))
         return 0
     run = KINDS[given.kind].get(given.name)

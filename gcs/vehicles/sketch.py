@@ -18,6 +18,8 @@ _PAPER_M = (0.297, 0.210)
 _NOSE, _TAIL, _WIDTH = 0.22, 0.50, 0.08
 _TAIL_SPAN, _TAIL_CHORD, _BEFORE = 0.36, 0.11, 0.28
 _WIDTH_PX = 640.0
+# Of a letter of the labels, about.
+_LETTER_PX = 7.0
 _STEPS = (1.0, 2.0, 5.0)
 _KNOWN, _GUESSED = 'class="known"', 'class="guessed"'
 _STYLE = (
@@ -48,8 +50,12 @@ class _Drawing:
         self.words(x, y, label, 6.0, -6.0)
 
     def words(self, x: float, y: float, text: str, right_px: float = 0.0, down_px: float = 0.0) -> None:
-        at = self._scale * x + right_px, self._scale * y + down_px
-        self._parts.append(f'<text x="{at[0]:.1f}" y="{at[1]:.1f}">{escape(text)}</text>')
+        across, down = self._scale * x + right_px, self._scale * y + down_px
+        anchor = ""
+        if across + _LETTER_PX * len(text) > _WIDTH_PX / 2.0:
+            # At the right edge it ends before its place.
+            across, anchor = self._scale * x - right_px, ' text-anchor="end"'
+        self._parts.append(f'<text x="{across:.1f}" y="{down:.1f}"{anchor}>{escape(text)}</text>')
 
     def svg(self, left: float, top: float, height: float, label: str) -> str:
         left, top, height = (self._scale * value for value in (left, top, height))

@@ -45,13 +45,14 @@ class Explained:
     """What can be explained of a disagreement.
 
     gains: effect that was named -> twice the log likelihood that is lost without it. whole: what all names gain
-    together, those that were taken back since included. left: by axis or output. alone: whether none was taken back.
+    together, those that were taken back since included. left: by axis or output. taken_back: names that the first may
+    have left of itself.
     """
 
     gains: Mapping[str, float]
     whole: float = 0.0
     left: Mapping[str, LeftOver] = field(default_factory=dict)
-    alone: bool = True
+    taken_back: Sequence[str] = ()
 
     @property
     def total(self) -> float:
@@ -71,7 +72,7 @@ class Explained:
     @property
     def complete(self) -> bool:
         """Whether nothing is left beyond chance, by the names that stay."""
-        return not self.left and self.alone
+        return not self.left and not self.taken_back
 
     @property
     def is_right(self) -> bool:
@@ -119,6 +120,7 @@ def is_too_little_beside(first: float, gain: float) -> bool:
     return gain < COMPANION_SHARE * first
 
 
-def may_be_left_of(first: float, gain: float) -> bool:
-    """Whether an effect that was named gains no more than the first one, by what that gains, may leave of itself."""
-    return gain < OWN_SHARE * first
+def left_of_the_first(gains: Mapping[str, float], whole: float) -> list[str]:
+    """Names that gain no more than the first one may leave of itself. gains, whole: as of `Explained`."""
+    first = min(max(gains.values(), default=0.0), whole)
+    return [name for name, gain in gains.items() if gain < OWN_SHARE * first]

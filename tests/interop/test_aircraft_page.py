@@ -184,6 +184,7 @@ def test_an_aircraft_that_changed_is_said_to_have(browser: Browser, node: NodeRe
             coefficients = {
                 "CL_alpha": {"value": 4.5 + chance, "std": 0.01},
                 "Cm_de": {"value": (-1.0 if number < 4 else -0.9) + chance, "std": 0.01},
+                "Cn_r": {"value": (-0.1 if number != 2 else -0.3) + chance, "std": 0.01},
             }
             model = {"schema": "model/1", "name": "Thor", "coefficients": coefficients, "effects": []}
             catalogue.finish_job(job, {"schema": "identification/1", "model": model})
@@ -197,6 +198,9 @@ def test_an_aircraft_that_changed_is_said_to_have(browser: Browser, node: NodeRe
         visitor.wait_for_text("figcaption", "It changed from −1.0000 ± 0.0050 to −0.9000 ± 0.0050 with flight")
         visitor.page.get_by_label("Coefficient").select_option("CL_alpha")
         visitor.wait_for_text("figcaption", "No change beyond chance")
+        visitor.wait_for_text(".remark.note", "differ beyond their intervals, without one lasting change: Cn_r")
+        visitor.page.get_by_label("Coefficient").select_option("Cn_r")
+        visitor.wait_for_text("figcaption", "The flights differ beyond their intervals")
         visitor.page.click("summary:text('Which way does it go?')")
         visitor.wait_for_text("details", "The sign of a deflection is yours")
         visitor.check("trends")

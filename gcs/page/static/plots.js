@@ -35,7 +35,7 @@ const load = address => new Promise((resolve, reject) => {
 /**
  * An empty Bokeh plot, its axes named.
  * options: height (px), x, y (axis labels), xRange (a Range1d shared with others), yRange ([low, high] or names),
- * xLog, yLog, names (categories along x), select (drag with a mouse zooms in time).
+ * xLog, yLog, counted (whole numbers along x), names (categories along x), select (drag with a mouse zooms in time).
  */
 export async function plot(options) {
   const Bokeh = await bokeh()
@@ -47,6 +47,10 @@ export async function plot(options) {
     ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 74,
   })
   for (const axis of [...figure.xaxes, ...figure.yaxes]) Object.assign(axis, AXIS)
+  if (options.counted) {
+    const ticker = new Bokeh.BasicTicker({ min_interval: 1, num_minor_ticks: 0 })
+    for (const one of [...figure.xaxes, ...figure.xgrids]) one.ticker = ticker
+  }
   figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = '#bbb' })
   figure.outline_line_color = BLACK
   return figure

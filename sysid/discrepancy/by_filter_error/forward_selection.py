@@ -14,7 +14,7 @@ from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly, unmodelled_memory_gain
-from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, may_be_left_of
+from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import (
     Significance,
     by_information_criterion,
@@ -65,6 +65,11 @@ class Search:
         # Beside an effect that is there the fitted parameters are the better ones.
         given = {} if self.named else self.given
         return FittedModel(self.model, list(self.coefficients), list(self.effects), self.result, given)
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Effect -> what is lost without it."""
+        return {one.effect: one.significance.gain for one in self.named}
 
     @property
     def unmodelled_memory_gain(self) -> float:
@@ -204,8 +209,7 @@ def settle_names(search: Search) -> None:
         # Timing and a bench's errors that were chosen anew with it are its own.
         (one,) = search.named
         search.named = [replace(one, significance=_significance(one, search.whole))]
-    most = min(max((one.significance.gain for one in search.named), default=0.0), search.whole)
-    for effect in [one.effect for one in search.named if may_be_left_of(most, one.significance.gain)]:
+    for effect in left_of_the_first(search.gains, search.whole):
         # What stays is estimated anew each time.
         one = next(one for one in search.named if one.effect == effect)
         without = _without(search, one)

@@ -40,8 +40,7 @@ def verdict_of(used: Flights, base: Baseline, search: Search) -> Judgement:
         reasons.append(
             f"turbulence of {gusts.horizontal:.2f} m/s, {gusts.vertical:.2f} up and down, is counted as process noise"
         )
-    gains = {one.effect: one.significance.gain for one in search.named}
-    explained = Explained(gains, search.whole, search.left, not search.taken_back)
+    explained = Explained(search.gains, search.whole, search.left, search.taken_back)
     reasons += explained.reasons()
     wrong = impossible(search.named)
     reasons += wrong

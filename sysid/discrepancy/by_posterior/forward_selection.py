@@ -21,7 +21,7 @@ from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly
-from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside
+from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
 from sysid.discrepancy.smooth_terms import smooth_terms
 from sysid.discrepancy.wording import chance_text
@@ -34,7 +34,9 @@ class Found:
 
     given: values of the model's coefficients and parameters of effects before anything was fitted. aliases: whether
     effects that coefficients all but imitate are looked at. left: axis -> what smooth terms of it would still gain.
-    seen: by group its fit, and what it was promised by each candidate.
+    gains: effect that was named -> what is lost without it, twice a log likelihood. whole: what all names gain
+    together. taken_back: some of them, that the first may explain. seen: by group its fit, and what it was promised by
+    each candidate.
     """
 
     problem: Problem
@@ -46,17 +48,28 @@ class Found:
     named: list[Named] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     left: dict[str, LeftOver] = field(default_factory=dict)
+    gains: dict[str, float] = field(default_factory=dict)
+    whole: float = 0.0
+    taken_back: list[str] = field(default_factory=list)
     seen: dict[str, tuple[GroupFit, dict[str, tuple[Promise, SecondLook | None]]]] = field(default_factory=dict)
 
 
 def search(found: Found, most: int, progress: Progress) -> None:
     """Name effects, one after the other, until none is significant; then what is left without a name."""
+    began = _deviance(found.groups)
     while len(found.named) < most:
         if not _extend(found, partial(_part_of, progress, len(found.named), most + 1.0)):
             break
     _eliminate(found)
     progress(1.0 - 1.0 / (most + 1.0), "what is left without a name")
     _look_at_the_rest(found)
+    found.whole = began - _deviance(found.groups)
+    _settle(found)
+
+
+def _deviance(groups: Mapping[str, GroupFit]) -> float:
+    """Twice the negative log likelihood of all groups, noise estimated at each fit."""
+    return 2.0 * sum(fit.posterior.profile_cost(fit.theta) for fit in groups.values())
 
 
 def _part_of(progress: Progress, done: int, of: float, share: float, text: str) -> None:
@@ -210,8 +223,7 @@ def _fitted(
             if other is None:
                 return None
             groups[group] = other
-    deviance = sum(found.groups[g].posterior.profile_cost(found.groups[g].theta) for g in groups)
-    gain = 2.0 * (deviance - sum(fit.posterior.profile_cost(fit.theta) for fit in groups.values()))
+    gain = _deviance(found.groups) - _deviance(groups)
     evidence = 2.0 * sum(fit.evidence - found.groups[group].evidence for group, fit in groups.items())
     return Trial(candidate, own, groups, known, min(gain, borne_out(candidate, known)), evidence)
 
@@ -231,6 +243,25 @@ def _eliminate(found: Found) -> None:
         if cost > 2.0 * RULES.evidence:
             return
         _leave_out(found, named, groups, "not needed beside the others")
+
+
+def _settle(found: Found) -> None:
+    """Take back what the first name may have left of itself; what each of the others costs is known then."""
+    found.gains = {one.effect: found.whole for one in found.named}
+    if len(found.named) == 1:
+        return
+    now = _deviance(found.groups)
+    for one in found.named:
+        if (groups := _without(found, one)) is not None:
+            found.gains[one.effect] = _deviance(groups) - now
+    for effect in left_of_the_first(found.gains, found.whole):
+        # What stays is estimated anew each time.
+        one = next(one for one in found.named if one.effect == effect)
+        groups = _without(found, one)
+        if groups is not None:
+            gain = found.gains.pop(effect)
+            found.taken_back.append(effect)
+            _leave_out(found, one, groups, f"but it gains {gain:.0f}, no more than the first may leave of itself")
 
 
 def _without(found: Found, named: Named) -> dict[str, GroupFit] | None:

@@ -35,8 +35,7 @@ _BESIDE = {
 def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> Judgement:
     """Judgement, and what it rests on in words."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
-    gains = {one.effect: one.came_with for one in found.named}
-    explained = Explained(gains, sum(gains.values()), found.left)
+    explained = Explained(found.gains, found.whole, found.left, found.taken_back)
     reasons += explained.reasons()
     wrong = impossible(found.named)
     reasons += wrong

@@ -31,6 +31,17 @@ def test_wing_and_paper_are_drawn_to_one_scale() -> None:
     assert "alpha vane" in picture
 
 
+def test_a_label_at_the_edge_ends_within_the_picture() -> None:
+    """The alpha vane of this aircraft is at the right wing tip."""
+    root = ElementTree.fromstring(sketch(load_vehicle("iitb-mav")))
+    left, _, width, _ = map(float, root.get("viewBox", "").split())
+    texts = {one.text: one for one in root.iter(f"{SVG}text")}
+    right, other = texts["alpha vane"], texts["beta vane"]
+    assert right.get("text-anchor") == "end"
+    assert 0.4 * width < float(right.get("x", "nan")) < left + width
+    assert other.get("text-anchor") is None
+
+
 def test_a_span_in_the_wrong_unit_is_seen_beside_the_paper() -> None:
     small = sketch(
         read_text(with_answers("", Answers("x", {"mass_kg": 0.5, "span_m": 150.0, "area_m2": 30.0, "chord_m": 0.2})))

@@ -5,14 +5,14 @@ import pytest
 from sim_vehicle.effects import EFFECTS
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.identified_effect import Named, impossible
-from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside, may_be_left_of
+from sysid.discrepancy.naming_rule import Explained, LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import Significance
 
 
-def explained(gains: dict[str, float], *left: float, whole: float = 0.0, alone: bool = True) -> Explained:
+def explained(gains: dict[str, float], *left: float, whole: float = 0.0) -> Explained:
     axes = ("CL", "CD", "Cm", "Cl", "Cn", "CY")
     found = {axis: LeftOver("smooth terms", gain) for axis, gain in zip(axes, left, strict=False)}
-    return Explained(gains, whole or sum(gains.values()), found, alone)
+    return Explained(gains, whole or sum(gains.values()), found)
 
 
 @pytest.mark.parametrize(
@@ -80,9 +80,11 @@ def test_beside_what_is_left_a_name_stands_alone() -> None:
 
 def test_what_the_first_name_may_leave_of_itself_is_no_companion() -> None:
     assert is_too_little_beside(9034967.0, 54.0)
-    assert may_be_left_of(18398.0, 4627.0)
+    # What a fit without the first costs is no measure where that is more than all names explain.
+    assert left_of_the_first({"stall": 111896.0, "polar_offset": 4627.0}, 18398.0) == ["polar_offset"]
     assert not is_too_little_beside(18398.0, 4627.0)
-    assert not may_be_left_of(900.0, 500.0)
+    assert left_of_the_first({"cg_shift": 155509.0, "pitch_curvature": 227.0}, 582.0) == []
+    assert left_of_the_first({}, 0.0) == []
 
 
 @pytest.mark.parametrize(
